@@ -75,7 +75,7 @@ def file_of(name: str) -> str:
 
 
 def run_benchmark(folder: Path, name: str, long: bool) -> list[dict[str, Any]]:
-    """The figures of one run of a benchmark.
+    """Return the figures of one run of a benchmark.
 
     Raises:
         PeerError: it failed; the message ends with its last lines.
@@ -92,7 +92,7 @@ def run_benchmark(folder: Path, name: str, long: bool) -> list[dict[str, Any]]:
 
 
 def measure(folder: Path, name: str, long: bool) -> list[Figure]:
-    """The figures of a benchmark; one that misses a limit is run again, to tell noise from loss."""
+    """Return a benchmark's figures; one beyond a limit is measured again, to rule out noise."""
     runs = [run_benchmark(folder, name, long)]
     while len(runs) < MOST_RUNS and not all(figure["kept"] for run in runs for figure in run):
         runs.append(run_benchmark(folder, name, long))
@@ -100,7 +100,7 @@ def measure(folder: Path, name: str, long: bool) -> list[Figure]:
 
 
 def row(figure: Figure, notes: bool) -> str:
-    """A figure as one line of at most 80 columns; what was missed, and notes, on lines below."""
+    """Return a figure as a line of at most 80 columns; misses and notes stand on lines below."""
     told = figure.told
     name = told["name"].split(": ", 1)[-1]
     ours = f"{told['ours']:.4g} {told['unit']}"

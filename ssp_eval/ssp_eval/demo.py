@@ -61,7 +61,7 @@ class Progress:
 
     @classmethod
     def of(cls, folder: Path, plan: str) -> Progress:
-        """Reads the marker of a folder; anew where there is none that can be gone on with."""
+        """Read the marker of a folder, or begin anew where it can't be continued."""
         value = _marker(folder / MARKER)
         steps = value.get("steps")
         if value.get("plan") != plan or value.get("complete") or not isinstance(steps, dict):
@@ -69,7 +69,7 @@ class Progress:
         return cls(folder, plan, {str(name): str(command) for name, command in steps.items()})
 
     def finish(self, step: Step) -> None:
-        """Notes a step as finished."""
+        """Note a step as finished."""
         self.steps[step.name] = step.digest
         self.write()
 
@@ -83,7 +83,7 @@ class Progress:
         return kept
 
     def write(self) -> None:
-        """Leaves the marker."""
+        """Leave the marker."""
         value = {"schema": SCHEMA, "plan": self.plan, "steps": self.steps}
         write_json(
             self.folder / MARKER,
@@ -93,11 +93,12 @@ class Progress:
 
 @contextmanager
 def own_folder(out: Path, plan: str) -> Iterator[Progress]:
-    """The folder, or the next free number beside it while another demonstration works there.
+    """Yield the folder, or the next free number beside it while another demonstration works there.
 
     An earlier demonstration of the same plan that is incomplete is gone on with.
 
     Args:
+        out: the folder that the user named.
         plan: see Progress.
 
     Raises:
@@ -125,7 +126,7 @@ def own_folder(out: Path, plan: str) -> Iterator[Progress]:
 
 
 def _lock_file(folder: Path) -> Path:
-    """A lock that lies beside nobody's files."""
+    """Return the path of a folder's lock, outside all folders of users."""
     locks = Path(tempfile.gettempdir()) / "ssp-demos"
     if not locks.is_dir():
         locks.mkdir(exist_ok=True)
@@ -134,7 +135,7 @@ def _lock_file(folder: Path) -> Path:
 
 
 def _check_own(folder: Path) -> None:
-    """Makes the folder, or checks that it holds what an earlier demonstration left, and no more.
+    """Make the folder, or check that it holds what an earlier demonstration left, and no more.
 
     Raises:
         InputError: it can't be made, or holds something that no demonstration made.
@@ -213,7 +214,7 @@ def follow(
     on_end: Callable[[Step], None],
     kept: Collection[str] = (),
 ) -> list[Gap]:
-    """Runs all steps. One that fails costs those that need it, and no other.
+    """Run all steps; one that fails costs only those that need it.
 
     Each step is a process group of its own, so that Ctrl-C reaches it once and through here: it is
     told, and given the time to abort its session and to close its bag.
@@ -221,6 +222,7 @@ def follow(
     Args:
         steps: each needs only ones before it.
         logs: folder that gets command and output of each step.
+        on_start: takes each step that begins, and its number, from 1.
         on_end: takes each step that was done.
         kept: names of steps that were done before.
 
@@ -267,7 +269,7 @@ def follow(
 def _next(
     waiting: Sequence[Step], running: Sequence[_Running], done: set[str], failed: set[str]
 ) -> Step | None:
-    """The first step that may start now; sessions first, since they take longest."""
+    """Return the first step that may start now; sessions first, since they take longest."""
     if len(running) >= AT_ONCE:
         return None
     over = done | failed
@@ -306,7 +308,7 @@ def _gap(one: _Running) -> Gap | None:
 
 
 def _end_all(running: Sequence[_Running]) -> None:
-    """Asks the steps to end and waits for them; one that doesn't is killed."""
+    """Ask the steps to end and wait for them; one that doesn't is killed."""
     with on_stop_signals(lambda _: None):
         for one in running:
             one.process.send_signal(signal.SIGINT)
@@ -400,7 +402,7 @@ def imperfect_controls(folder: Path) -> list[str]:
 
 
 def _conclude(progress: Progress, gaps: Sequence[Gap], below: Sequence[str], as_json: bool) -> None:
-    """Says what was made, what is missing, and which control isn't what it should be."""
+    """Say what was made, what is missing, and which control isn't what it should be."""
     for line in below:
         console.report_error(line)
     missing = {gap.step.name for gap in gaps}

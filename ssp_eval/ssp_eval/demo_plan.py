@@ -73,7 +73,7 @@ def clip_path(out: Path, scenario: str) -> Path:
 
 
 def event_path(out: Path, scenario: str) -> Path:
-    """The K* that is bound to the clip, from which all three domains are made."""
+    """Return the K* that is bound to the clip, from which all three domains are made."""
     return clip_path(out, scenario).with_suffix(".event.yaml")
 
 
@@ -117,7 +117,7 @@ def plan_steps(out: Path, scenarios: Sequence[str]) -> list[Step]:
 
 
 def _of_scenario(out: Path, scenario: str) -> list[Step]:
-    """The clip, the recordings of the three domains, their labels and their audit."""
+    """Return the clip, the recordings of the three domains, their labels and their audit."""
     clip, event = clip_path(out, scenario), str(event_path(out, scenario))
     task = str(out / "tasks" / f"{scenario}-track")
     synthetic, simulation, physical = (str(run_folder(out, scenario, d)) for d in _DOMAINS)
@@ -184,7 +184,7 @@ def _of_scenario(out: Path, scenario: str) -> list[Step]:
 
 
 def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:
-    """Asks the bridges about every recording, scores the answers, reports and packs it all."""
+    """Ask the bridges about every recording, score the answers, report and pack it all."""
     package = str(package_folder(out))
     return [
         Step(

@@ -13,14 +13,15 @@ from ssp_core.errors import InputError
 
 
 def number(value: float) -> str:
-    """A coordinate with at most two decimals."""
+    """Return a coordinate with at most two decimals."""
     return f"{value:.2f}".rstrip("0").rstrip(".")
 
 
 def element(name: str, content: str = "", **attributes: float | str) -> str:
-    """One element; ``class_`` is class, other underscores become hyphens.
+    """Return one element; ``class_`` is class, other underscores become hyphens.
 
     Args:
+        name: of the element.
         content: inner SVG, already escaped.
         attributes: numbers are shortened, strings escaped.
     """
@@ -33,7 +34,7 @@ def element(name: str, content: str = "", **attributes: float | str) -> str:
 
 
 def text(x: float, y: float, content: str, **attributes: float | str) -> str:
-    """A text element at its baseline."""
+    """Return a text element at its baseline."""
     return element("text", escape(content) or " ", x=x, y=y, **attributes)
 
 
@@ -43,7 +44,7 @@ def title(content: str) -> str:
 
 
 def points(pairs: list[tuple[float, float]]) -> str:
-    """The value of a ``points`` attribute."""
+    """Return the value of a ``points`` attribute."""
     return " ".join(f"{number(x)},{number(y)}" for x, y in pairs)
 
 
@@ -52,7 +53,7 @@ _QUALITY = 72
 
 
 def data_uri(path: Path) -> str:
-    """A frame at most 640 px wide, as a data URI.
+    """Return a frame at most 640 px wide, as a data URI.
 
     Raises:
         InputError: it isn't there or is no picture.

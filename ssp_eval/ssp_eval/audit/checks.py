@@ -1,6 +1,4 @@
-"""The findings that keep a recording out by themselves (METHOD 4.4): one table of small
-functions.
-"""
+"""The findings that keep a recording out by themselves (METHOD 4.4): a table of small functions."""
 
 from __future__ import annotations
 
@@ -114,7 +112,7 @@ def _review(one: Subject) -> Iterator[Finding]:
 
 
 def _gate(one: Subject) -> Iterator[Finding]:
-    """The five reasons of the source gate (METHOD 1), as persons saw them."""
+    """Yield the five reasons of the source gate (METHOD 1), as the observations state them."""
     if one.agreement is not None:
         for reason in one.agreement.answers.rejections():
             text = f"{GATE_REASONS[reason]}, as {one.agreement.by} saw"
@@ -326,6 +324,7 @@ def phase_findings(phases: Phases, closest: str) -> list[Finding]:
     """List the key phases that can't be located, with reasons.
 
     Args:
+        phases: the recording's phases in clip time.
         closest: how near it came to a conflict, for people; empty where nobody measured it.
     """
     findings = []

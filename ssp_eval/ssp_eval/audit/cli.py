@@ -92,7 +92,7 @@ def audit(
     as_json: bool,
     force: bool,
 ) -> int:
-    """Holds three recordings of one event against its K* and against each other (METHOD 4).
+    """Hold three recordings of one event against its K* and against each other (METHOD 4).
 
     SYN, SIM and PHY are bag directories, or run folders that hold bag/. What their states show is
     measured; observation files and labels.json are looked for beside each bag. Exit status 0 when
@@ -124,7 +124,7 @@ def audit(
 
 
 def show(found: Audit) -> None:
-    """The audit as a table, and every reason under it."""
+    """Print the audit as a table, and every reason under it."""
     table = Table(box=None, pad_edge=False)
     names = ("domain", "recording", "status", "evidence", "KPR", "EPD", "visible", "labels")
     for name in (*names, "primary reason"):
@@ -182,7 +182,7 @@ def _notes(r: RecordingEntry) -> Iterator[str]:
 
 
 def response_lines(pair: PairEntry) -> list[str]:
-    """The verdict on one pair of responses, why it is so, and what explains a difference."""
+    """Return the verdict on one pair of responses, why it is so, and what explains a difference."""
     text = f"response of {pair.comparison} against {pair.reference}: {pair.verdict}"
     if pair.rating is not None:
         text += f", ISO/TS 18571 {pair.rating.overall:.2f} ({pair.rating.grade})"
@@ -195,7 +195,7 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _visible(r: RecordingEntry) -> str:
-    """The smallest share of anything that must be visible."""
+    """Return the smallest share of an object or zone that must be visible."""
     sights = [*r.coverage.participants.values(), *([r.coverage.zone] if r.coverage.zone else [])]
     known = [sight.fraction for sight in sights if sight.fraction is not None]
     return f"{100 * min(known):.0f} %" if known else "–"

@@ -106,7 +106,7 @@ def _sources(facts: Provenance) -> dict[str, str]:
 
 
 def _is_simulated(facts: Provenance) -> bool:
-    """True for a session of ours with a model of motion as VUT, and in which nothing was played."""
+    """Return True for a session of ours whose VUT is a model of motion and that played nothing."""
     part = facts.participation
     if part is None:
         return False

@@ -162,9 +162,7 @@ class Review:
 
 
 def review_of(event: Event) -> Review:
-    """Tell whether every q(k) and the phases were reviewed, with evidence, and not changed
-    since.
-    """
+    """Tell whether q(k) and phases were reviewed, with evidence, and are unchanged since."""
     sealed = seals(event)
     evidence: dict[str, str] = {}
     gaps: dict[str, tuple[str, ...]] = {}
@@ -342,7 +340,7 @@ def _phase_differences(before: Sequence[Evidence], other: Evidence) -> list[Diff
 
 
 def _may_lack(field: str, part: str) -> bool:
-    """True for a part that comes from the road, which a source with states needn't have."""
+    """Return True for a part that comes from the road, which a source with states needn't have."""
     return field == TOPOLOGY or part.endswith(" starts in")
 
 
@@ -354,7 +352,7 @@ def observed(agreement: Agreement) -> Evidence:
 
 
 def is_source_clip(recording: Recording, event: Event | None) -> bool:
-    """True for the very clip that the K* was taken from: its hash is the K*'s source hash."""
+    """Return True for the clip that the K* was taken from: its hash is the K*'s source hash."""
     imported = recording.provenance.imported
     return (
         event is not None

@@ -83,7 +83,9 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
     """Examine what a recording shows by METHOD 4.3, and what is wrong with it by itself.
 
     Args:
+        recording: as read_recording returns it.
         event: the K* of the audit, None: there is none at hand.
+        version: version of the K*; None: there is no K*.
 
     Raises:
         InputError: its states can't be used at all, or it was changed since it was read.
@@ -158,7 +160,7 @@ def _subject(recording: Recording, event: Event | None, version: str | None) -> 
 def _measured(
     recording: Recording, event: Event | None, is_source: bool
 ) -> tuple[Crop | None, Measured | None]:
-    """The clip by the states, and what they say within it; None where there are no states."""
+    """Return the clip by the states, and their measurements within it; None without states."""
     who, (start_s, end_s) = recording.provenance.participants, _covered(recording)
     if who is None or start_s is None or end_s is None or end_s <= start_s or not recording.series:
         return None, None
@@ -188,9 +190,7 @@ def _measured(
 
 
 def _covered(recording: Recording) -> tuple[float | None, float | None]:
-    """Return where a recording with states begins and ends; a video without states isn't
-    measured.
-    """
+    """Return where a recording with states begins and ends; (None, None) without states."""
     start_s, end_s = recording.start_s, recording.end_s
     if start_s is None or end_s is None or not recording.series:
         return start_s, end_s
@@ -202,7 +202,7 @@ def _covered(recording: Recording) -> tuple[float | None, float | None]:
 
 
 def _source_crop(recording: Recording, event: Event | None) -> Crop:
-    """The source clip was cropped when its K* was made; the import holds that crop."""
+    """Return the crop of a source clip, which was made with its K* and which the import holds."""
     at = {} if event is None else source_times(event)
     if {"start", "end"} <= set(at):
         length_s = at["end"].mid - at["start"].mid
@@ -215,7 +215,7 @@ def _source_crop(recording: Recording, event: Event | None) -> Crop:
 def _crop(
     recording: Recording, event: Event | None, is_source: bool, starts: Mapping[str, float]
 ) -> Crop | None:
-    """The clip of a recording without states."""
+    """Return the clip of a recording without states."""
     first_s, last_s = recording.start_s, recording.end_s
     if first_s is None or last_s is None or last_s <= first_s:
         return None

@@ -41,11 +41,12 @@ def find_switches(
     start_s: float,
     end_s: float,
 ) -> list[Switch]:
-    """Everything that contradicts one id for one object.
+    """Find everything that contradicts one id for one object.
 
     Args:
         sightings: in time order per source.
         participants: ids of the VUT and the OTs, who are there from start to end.
+        traffic: ids of other objects, which may come and go.
         start_s: clip time from which on participants must be there.
         end_s: clip time up to which they must be there.
 
@@ -105,7 +106,7 @@ def _gone(
     span_s: tuple[float, float],
     tell: Tell,
 ) -> None:
-    """Reports a participant that is silent for too long within the clip."""
+    """Report the first time at which a participant is silent for too long within the clip."""
     times = [s.t_s for s in sightings if s.source == source and s.object_id == who]
     where = "" if source == WORLD else "its own states: "
     before, end_s = span_s

@@ -55,7 +55,7 @@ NO_RENDERER = "none is known"
 
 
 def disclosures(one: Examined) -> dict[str, str]:
-    """Renderer, local speed, tracking error, disturbance, camera, look; and what the log adds."""
+    """Return renderer, local speed, tracking error, disturbance, camera, look, log's additions."""
     recording, run = one.recording, one.recording.provenance.run
     found: dict[str, str] = {RENDERER: recording.provenance.renderer or NO_RENDERER}
     found["seal"] = recording.provenance.seal
@@ -98,9 +98,7 @@ def disclosures(one: Examined) -> dict[str, str]:
 
 
 def shared_renderers(found: Sequence[Mapping[str, str]], domains: Sequence[str]) -> list[str]:
-    """Name for each recording the other domains that were drawn by the same renderer; empty:
-    none.
-    """
+    """Name for each recording the other domains drawn by the same renderer; empty: none."""
     drawn = [one[RENDERER] for one in found]
     return [
         ", ".join(
@@ -146,7 +144,7 @@ def _local_speed(one: Examined) -> dict[str, str]:
 
 
 def order_remark(records: Iterable[Record]) -> dict[str, str]:
-    """A remark on entries that are older by their own words than one that stands above them.
+    """Return a remark on log entries that are dated before an entry above them.
 
     A log is only appended to, so such a time was typed wrongly, or a clock was. The compiler's
     entries carry a fixed time (docs/log.md) and are not judged.
@@ -183,7 +181,7 @@ class Judged:
 
 
 def check_domains(recordings: Sequence[Head | Recording]) -> None:
-    """The three recordings must be Synthetic, Simulation and Physical, in this order.
+    """Check that the three recordings are Synthetic, Simulation and Physical, in this order.
 
     Raises:
         InputError: one is of another domain.
@@ -198,7 +196,7 @@ def check_domains(recordings: Sequence[Head | Recording]) -> None:
 
 
 def find_event(recordings: Sequence[Head | Recording]) -> Event | None:
-    """The K* that a recording carries: the simulation's, else the others'; None: none does."""
+    """Return the K* in a recording: the simulation's, else another's; None: none has one."""
     by_domain = {r.provenance.domain: r.attached.event for r in recordings}
     found = [by_domain.get(domain) for domain in ("simulation", "physical", "synthetic")]
     return next((event for event in found if event is not None), None)
@@ -210,7 +208,7 @@ def judge(
     limits: ResponseLimits | None = None,
     on_measured: Callable[[], None] = lambda: None,
 ) -> Judged:
-    """Audits three recordings that were read.
+    """Audit three recordings that were read.
 
     Args:
         recordings: Synthetic, Simulation, Physical.
@@ -237,10 +235,12 @@ def judge_files(
     limits: ResponseLimits | None = None,
     on_step: Callable[[], None] = lambda: None,
 ) -> Judged:
-    """Audits three recordings as ``judge``, and holds the states of one of them at a time.
+    """Audit three recordings as ``judge`` does, with the states of one of them in memory at a time.
 
     Args:
         paths: bag directories or run folders of Synthetic, Simulation, Physical.
+        event: the K*; None: that of a recording, see find_event.
+        limits: of the VUT's response; None: those that ship with the package.
         on_step: is called six times: when what a recording is was read, and when it was examined.
     """
     heads = []
@@ -318,7 +318,7 @@ def _compare(
 
 
 def _disclosing(entry: RecordingEntry, more: Mapping[str, str]) -> RecordingEntry:
-    """The entry with further disclosures; empty ones are left out."""
+    """Return the entry with further disclosures; empty ones are left out."""
     told = {name: text for name, text in more.items() if text}
     return entry.model_copy(update={"disclosures": entry.disclosures | told})
 
@@ -356,8 +356,10 @@ def _without(properties: Mapping[str, Property], varying: frozenset[str]) -> dic
 def _as_wanted(
     synthetic: Mapping[str, Property], wanted: Mapping[str, Property]
 ) -> dict[str, Property]:
-    """q(Syn, k), of words that mean the same there those of the K*: the only lane of a road is its
-    rightmost and its leftmost, a lane of several isn't."""
+    """Return q(Syn, k) with those of its words that mean the same there replaced by the K*'s.
+
+    The only lane of a road is its rightmost and its leftmost; a lane of several isn't.
+    """
     found = {}
     for field, value in synthetic.items():
         known = wanted[field].words or {}
@@ -497,9 +499,7 @@ def _phases(one: Examined) -> PhasesEntry:
 
 
 def _kpr(compared: Compared, weights: Mapping[str, float]) -> float | None:
-    """Compute the KPR; None where Synthetic's own properties don't all exist, so there is none
-    to retain.
-    """
+    """Compute the KPR; None where Synthetic lacks a property: there is none to retain."""
     if any(compared.reference[field].words is None for field in FIELDS):
         return None
     try:

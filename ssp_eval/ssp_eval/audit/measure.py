@@ -66,8 +66,10 @@ class Scene:
 
 @dataclass(frozen=True)
 class Phases:
-    """Starts of the phases in clip time, None where one can't be located; the approach starts with
-    the clip."""
+    """Starts of the phases in clip time, s; None where one can't be located.
+
+    The approach starts with the clip.
+    """
 
     start_s: float
     end_s: float
@@ -89,9 +91,7 @@ class Phases:
 
     @property
     def critical_s(self) -> tuple[float, float] | None:
-        """Return the span from the trigger to the resolution, or to the clip's end where there
-        is none.
-        """
+        """Return the span from the trigger to the resolution, or else to the clip's end."""
         if self.trigger_s is None:
             return None
         return self.trigger_s, self.end_s if self.resolution_s is None else self.resolution_s
@@ -133,7 +133,7 @@ class _Pair:
 
 
 def measure(scene: Scene) -> Measured:
-    """Measures a recording.
+    """Measure a recording.
 
     Raises:
         ValueError: there is no state of the VUT, or no OT is ever there together with it.
@@ -184,7 +184,7 @@ def measure(scene: Scene) -> Measured:
 
 
 def _critical_pair(scene: Scene, vut: Sequence[ObjectState]) -> _Pair:
-    """The event of METHOD 1: the OT's whose conflict comes first, as the VUT sees it.
+    """Return the event of METHOD 1: the OT's whose conflict comes first, as the VUT sees it.
 
     Only where no OT has a conflict with the VUT the question is turned round: does the VUT do to an
     OT what the OT should have done to it?
@@ -339,7 +339,7 @@ def _first_arrival(meeting: Passing) -> float | None:
 
 
 def _outline(corridor: Corridor, zone: Zone) -> tuple[tuple[float, float], ...]:
-    """The zone's corners and edges in map, counter-clockwise, along a bend in steps of 2 m."""
+    """Return the zone's corners and edges in map, counter-clockwise, every 2 m along a bend."""
     steps = max(1, math.ceil((zone.end_m - zone.start_m) / 2.0))
     stations = [zone.start_m + (zone.end_m - zone.start_m) * k / steps for k in range(steps + 1)]
     right = [corridor.path.pose(s, -corridor.half_width_m) for s in stations]

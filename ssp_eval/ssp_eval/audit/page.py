@@ -75,7 +75,7 @@ def frame_at(frames_s: Sequence[float], t_s: float) -> int:
 
 
 def pictures(one: Examined) -> list[Picture]:
-    """The pictures of a recording, one per column.
+    """Return the pictures of a recording, one per column.
 
     Raises:
         InputError: a frame in the bag is no picture.
@@ -162,7 +162,7 @@ def _outline(view: View, state: ObjectState, name: str, kind: str) -> str:
 
 
 def _zone(view: View, outline: Sequence[tuple[float, float]]) -> str:
-    """The part of the zone that lies before the camera; edges are cut into short pieces."""
+    """Return the part of the zone that lies before the camera; edges are cut into short pieces."""
     ground = _dense(np.array(outline))
     seen = project(view, np.column_stack([ground, np.zeros(len(ground))]))
     ahead = seen.in_front & (seen.depth_m > _NEAR_M)
@@ -242,8 +242,10 @@ _FACTS = {
 
 
 def field_rows(audit: Audit) -> list[dict[str, Any]]:
-    """The table of properties: every field of KPR with its parts, and per recording the words of
-    each part and how they compare: same, other, or unknown."""
+    """Return the table of properties: every field of KPR with its parts.
+
+    Each part has per recording its words and how they compare: same, other, or unknown.
+    """
     rows = []
     for field in FIELDS:
         entries = [recording.properties[field] for recording in audit.recordings]
@@ -295,9 +297,10 @@ def _side_by_side(rows: Sequence[Mapping[str, str]]) -> list[tuple[str, list[str
 
 
 def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda _done, _of: None) -> str:
-    """The page as HTML.
+    """Return the page as HTML.
 
     Args:
+        judged: the audit, and the examined recordings that its pictures are drawn from.
         on_picture: told how many recordings have their pictures, and of how many.
 
     Raises:

@@ -44,7 +44,7 @@ class Lanes:
 
     @classmethod
     def of(cls, road: Road, vut: Iterable[ObjectState]) -> Lanes:
-        """The road as a recorded VUT drives on it; along the line where it never moves."""
+        """Return the road as a recorded VUT drives on it; along the line where it never moves."""
         lanes = cls(road)
         votes = 0.0
         for state in vut:
@@ -72,7 +72,7 @@ class Lanes:
         return min(inside)[1] if inside else None
 
     def is_same_direction(self, index: int) -> bool:
-        """True for a lane in the VUT's direction."""
+        """Return True for a lane in the VUT's direction."""
         return (self.lanes[index].direction == "forward") == self.forward
 
     @property
@@ -86,9 +86,7 @@ class Lanes:
         return len(self.lanes) - self.same_direction
 
     def lane_words(self, lane: int | None) -> tuple[str, ...]:
-        """Tell which of the lanes in the VUT's direction one is: any of rightmost, middle,
-        leftmost.
-        """
+        """Return a lane's places in the VUT's direction: any of rightmost, middle, leftmost."""
         own = [i for i in range(len(self.lanes)) if self.is_same_direction(i)]
         if not self.forward:
             own.reverse()

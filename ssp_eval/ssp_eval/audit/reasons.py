@@ -17,8 +17,9 @@ from ssp_core.run_file.values import Strict
 
 
 class Meaning(Strict):
-    """The meaning of a code: the finding in a few words, what is looked at, and codes that
-    follow from it where it is found.
+    """The meaning of a code: the finding in a few words, and the subject of its check.
+
+    It also names the codes that follow from it where it is found.
     """
 
     text: str
@@ -31,7 +32,7 @@ class _Table(Strict):
     codes: dict[str, Meaning]
 
     def expanded(self) -> dict[str, Meaning]:
-        """The codes with their groups resolved; nothing brings what stands above it."""
+        """Return the codes with their groups resolved; a code brings only codes below it."""
         rank = {code: index for index, code in enumerate(self.codes)}
         return {
             code: Meaning(

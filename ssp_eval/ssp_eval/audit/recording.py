@@ -83,7 +83,7 @@ class Attached:
 
 
 def read_attached(bag: BagReader) -> Attached:
-    """Reads task, K*, site and log of a recording; what is wrong with them becomes findings."""
+    """Read task, K*, site and log of a recording; what is wrong with them becomes findings."""
     findings: list[Finding] = []
     task = event = site = None
     records: tuple[Record, ...] = ()
@@ -105,8 +105,9 @@ def read_attached(bag: BagReader) -> Attached:
 
 
 def _told(error: InputError, bag: BagReader) -> str:
-    """Describe an error in the same words wherever the recording lies, so that an audit can be
-    repeated.
+    """Describe an error in the same words wherever the recording lies.
+
+    An audit can so be repeated.
     """
     folder = bag_folder(bag.path)
     text = str(error).replace(str(bag.path), folder.name)
@@ -290,7 +291,7 @@ class Recording:
         return RoadFacts(road, {name: word for name, word in words.items() if word != UNRESOLVED})
 
     def within(self, crop: Crop) -> Recording:
-        """The recording as if it had been cut to its clip."""
+        """Return the recording as if it had been cut to its clip."""
         frames = zip(self.frames_s, self.digests, strict=True)
         kept = [(t_s, digest) for t_s, digest in frames if crop.holds(t_s)]
         return replace(
@@ -302,7 +303,7 @@ class Recording:
         )
 
     def near(self, crop: Crop) -> Recording:
-        """The recording with the states in and BESIDE_S beside its clip alone.
+        """Return the recording with only the states within its clip and BESIDE_S beside it.
 
         An hour of states takes 75 MB, and an audit holds three recordings. A clip that is all of
         its recording shares them.
@@ -315,12 +316,12 @@ class Recording:
         )
 
     def _seen(self, holds: Callable[[float], bool]) -> Sequence[Sighting]:
-        """The sightings at times that hold; those of the recording where all do."""
+        """Return the sightings at times that hold; the recording's own sequence where all do."""
         found = Packed(Sighting, (one for one in self.sightings if holds(one.t_s)))
         return self.sightings if len(found) == len(self.sightings) else found
 
     def moments(self) -> Moments:
-        """The states at each frame, extrapolated from the newest ones."""
+        """Return the states at each frame, extrapolated from the newest ones."""
         times = times_of(self.series)
         found = StateSeries()
         for t_s in self.frames_s:
@@ -349,7 +350,7 @@ class Head:
 
 
 def read_head(path: str | Path) -> Head:
-    """Reads what a recording is: its origin, with its seal, and its attachments.
+    """Read the head of a recording: its origin, with its seal, and its attachments.
 
     Args:
         path: bag directory, or a run folder that holds ``bag/``.
@@ -365,7 +366,7 @@ def read_head(path: str | Path) -> Head:
 
 
 def read_recording(path: str | Path, head: Head | None = None) -> Recording:
-    """Reads a recording, and the observation files beside it.
+    """Read a recording, and the observation files beside it.
 
     Args:
         path: bag directory, or a run folder that holds ``bag/``.

@@ -174,9 +174,7 @@ def _seen_otherwise(
 
 
 def _reviewed(event: Event, needed: float) -> tuple[CoverageEntry, list[Finding]]:
-    """Judge the source clip: an OT is seen where a person reviewed the direction in which it is
-    seen.
-    """
+    """Judge the source clip: an OT is visible where a reviewer confirmed the direction to it."""
     review = review_of(event)
     seen: dict[str, float | None] = {}
     for who, participant in event.participants.items():

@@ -80,7 +80,7 @@ class Cause:
 
 
 def cause_of(condition: str) -> Cause | None:
-    """The cause of a condition's name; None: it is none that is compared here."""
+    """Return the cause of a condition's name; None: it is none that is compared here."""
     if condition in CONDITIONS:
         return Cause(PICTURES, condition)
     family, _, rest = condition.partition(".")

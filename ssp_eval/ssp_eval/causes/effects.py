@@ -128,8 +128,7 @@ class Effect:
 
     @property
     def _is_clear(self) -> bool:
-        """Tell whether there is an effect without noise, at more label times than chance would
-        choose.
+        """Tell whether there is an effect without noise, at more label times than by chance.
 
         Of an answer that comes from nothing that was shown, the one that differs is the factual
         one, the control's or the cause's with the same chance, since they take turns: m times in a
@@ -202,6 +201,7 @@ def compared_answers(cause: Cause, cells: Iterable[Asked]) -> tuple[str, list[li
     repeated question.
 
     Args:
+        cause: whose answers are compared with the factual ones.
         cells: of one model.
     """
     listed = sorted(cells, key=lambda c: (*c.place, c.condition))
@@ -335,8 +335,10 @@ def _whole(value_m: float) -> float:
 
 
 def _displacements(label: Compared) -> tuple[float, float, float, float] | None:
-    """Mean distances of the cause's, the control's and the repeat's trajectory from the factual
-    one, and its length, m; None where one is missing. What wasn't asked has the distance 0.
+    """Return the mean distances of three trajectories from the factual one, and its length, m.
+
+    The three are those of the cause, the control and the repeat. None where one is missing. What
+    wasn't asked has the distance 0.
     """
     answers = (label.factual, label.cause, *label.noise)
     paths = [answer.trajectory for answer in answers if answer.trajectory is not None]
@@ -384,7 +386,7 @@ def _corrected(effects: Sequence[Effect]) -> list[Effect]:
 
 
 def largest(effects: Iterable[Effect]) -> Effect | None:
-    """The clearest of some effects: the least p_holm, then the largest size."""
+    """Return the clearest of some effects: the least p_holm, then the largest size."""
     return min(
         effects,
         key=lambda e: (1.0 if e.p_holm is None else e.p_holm, -(e.size or -math.inf), e.output),

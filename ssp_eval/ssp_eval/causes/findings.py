@@ -113,11 +113,12 @@ def compared(answers: Iterable[Asked]) -> Moved | None:
 
 
 def finding(model: str, effects: Sequence[Effect]) -> Finding:
-    """The finding of one model.
+    """Return the finding of one model.
 
     What distinguishes one from the others stands in ``docs/twins.md``.
 
     Args:
+        model: its name.
         effects: of all causes.
     """
     of_object = [e for e in effects if e.cause.of_object]
@@ -163,9 +164,7 @@ def _unmoved(effects: Iterable[Effect]) -> bool:
 
 
 def _is_minor(by_text: Sequence[Effect], of_object: Sequence[Effect]) -> bool:
-    """Tell whether, by its interval, the turned text moves the trajectory far less than the
-    object does.
-    """
+    """Tell whether, by its interval, turned text moves the trajectory far less than the object."""
     most = max((e.size or 0.0 for e in _moved(_of(of_object, True))), default=0.0)
     highs = [e.interval.high for e in by_text if e.verdict in _SAID]
     return bool(highs) and all(high is not None and high <= MINOR * most for high in highs)
@@ -227,7 +226,7 @@ def _is_unsteady(effects: Iterable[Effect]) -> bool:
 def _by_the_object(
     of_object: Sequence[Effect], by_text: Sequence[Effect]
 ) -> tuple[Word, tuple[str, ...]]:
-    """Moved by the object: whether its text is the reason of its trajectory."""
+    """Return the word for a model moved by the object, by whether its text is the reason."""
     if _moved(by_text):
         text = "Its own text with a fact turned moves its trajectory: the text is a reason of it."
         return Word.OBJECT, (text,)

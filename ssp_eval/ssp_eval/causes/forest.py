@@ -120,7 +120,7 @@ def _said(cause: Cause, text: Effect | None) -> str:
 
 
 def _step(span: float) -> float:
-    """A round step that divides a span into no more than six."""
+    """Return a round step that divides a span into no more than six parts."""
     step = 0.1
     for factor in (2.0, 2.5, 2.0) * 6:
         if span / step <= 6.0:

@@ -147,9 +147,7 @@ def _end(effect: Effect) -> tuple[Value, ...]:
 
 
 def agreement_table(cells: Iterable[Asked]) -> Table:
-    """Tabulate how often text and trajectory state the same actions, factual and under each
-    cause.
-    """
+    """Tabulate how often text and trajectory state the same actions, factual and by cause."""
     groups: dict[tuple[str, str], list[Answer | None]] = {}
     words: dict[str, str] = {}
     for cell in cells:

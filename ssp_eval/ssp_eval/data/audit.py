@@ -40,16 +40,14 @@ class Property:
     how: str
 
     def without(self, parts: Collection[str]) -> Property:
-        """The same without these parts: what may differ between domains isn't compared."""
+        """Return the property without these parts, which may differ between domains."""
         if self.words is None or not parts:
             return self
         return Property({k: v for k, v in self.words.items() if k not in parts}, self.how)
 
     @property
     def text(self) -> str:
-        """Describe the property for people: ``straight, 2 to 4 …``, without repeating the
-        obvious.
-        """
+        """Describe the property for people, without its obvious parts: ``straight, 2 to 4 …``."""
         if self.words is None:
             return "not determined"
         return "; ".join(f"{part} {_either(words)}" for part, words in self.words.items())
@@ -62,7 +60,7 @@ def _either(words: tuple[str, ...]) -> str:
 
 
 def differences(found: Property, reference: Property) -> dict[str, tuple[str, str]] | None:
-    """The parts in which two values of one field differ, as (found, reference).
+    """Return the parts in which two values of one field differ, as (found, reference).
 
     Two words for a part agree when they share one. An empty answer means that the fields are equal;
     None means that one of them isn't determined, so that nobody can say.
@@ -84,14 +82,15 @@ def is_equal(found: Property, reference: Property) -> bool:
 
 
 def phase_fraction(t_s: float, start_s: float, end_s: float) -> float:
-    """φ(d, e) = (t(d, e) − t(d, start)) / (t(d, end) − t(d, start)), METHOD 4.
+    """Compute φ(d, e) = (t(d, e) − t(d, start)) / (t(d, end) − t(d, start)), METHOD 4.
 
     Args:
         t_s: time of the event, any clock.
+        start_s: start of the clip on the same clock.
         end_s: its end, later than its start.
 
     Returns:
-        In [0, 1] for a time inside the clip.
+        A fraction in [0, 1] for a time inside the clip.
 
     Raises:
         ValueError: the clip has no length, or a time isn't finite.
@@ -176,7 +175,7 @@ class PropertyEntry(Strict):
     differences: dict[str, tuple[str, str]] = Field({}, description="part: (found, wanted)")
 
     def property(self, varying: Collection[str]) -> Property:
-        """The value without the parts that may vary."""
+        """Return the value without the parts that may vary."""
         words = None if self.words is None else {k: tuple(v) for k, v in self.words.items()}
         return Property(words, self.how).without(varying)
 
@@ -242,8 +241,10 @@ class LabelSize(Strict):
 
 
 class LabelCount(Strict):
-    """Labels that lay beside the recording (METHOD 4.5). They decide nothing here, so that they may
-    be reviewed afterwards; whoever scores with them counts them anew."""
+    """Labels that lay beside the recording (METHOD 4.5).
+
+    They decide nothing here, so that they may be reviewed afterwards; scoring counts them anew.
+    """
 
     plan: Literal["phase", "clock"]
     per_phase: dict[PhaseWord, Annotated[int, Field(ge=0)]]
@@ -426,9 +427,7 @@ class Audit(Strict):
         return None
 
     def _against(self, entry: RecordingEntry) -> Iterator[str]:
-        """List the values of an entry that keep it out by METHOD 4.4, or can't come from the
-        others.
-        """
+        """Yield the values of an entry that keep it out by METHOD 4.4, or contradict the others."""
         synthetic = self.recordings[0]
         same = [other.domain for other in self.recordings if other.bag_sha256 == entry.bag_sha256]
         if same[0] != entry.domain:
@@ -464,7 +463,7 @@ class Audit(Strict):
                 yield f"{who} is visible for {sight.fraction:g}, needed are {sight.needed:g}"
 
     def _against_times(self, entry: RecordingEntry, synthetic: RecordingEntry) -> Iterator[str]:
-        """The same of phases, φ, EPD and KPR."""
+        """Yield the contradictions in phases, φ, EPD and KPR."""
         crop, phases = entry.crop, entry.phases
         times = [phases.trigger_s, phases.conflict_s, phases.resolution_s]
         located = [t_s for t_s in times if t_s is not None]
@@ -502,7 +501,7 @@ def _same(ours: Mapping[str, float], theirs: Mapping[str, float]) -> bool:
 
 
 def load_audit(path: str | Path) -> Audit:
-    """Reads an audit file, or that of a folder.
+    """Read an audit file, or that of a folder.
 
     Raises:
         InputError: it can't be read, is no valid audit, or gives a status that its own values

@@ -27,7 +27,7 @@ class Pose:
 
 
 def recorded_paths(requests: Iterable[Mapping[str, Any]]) -> list[list[Pose]]:
-    """The VUT's path over a cell's requests, in parts where histories don't reach each other.
+    """Return the VUT's path over a cell's requests, split where histories don't overlap.
 
     Args:
         requests: lines of requests.jsonl in time order; poses are by the time of their stamps, s.
@@ -56,7 +56,7 @@ def recorded_paths(requests: Iterable[Mapping[str, Any]]) -> list[list[Pose]]:
 
 
 def _moved(pose: Pose, origin: Pose, onto: Pose) -> Pose:
-    """A pose after the rigid motion that takes origin onto another pose."""
+    """Return a pose after the rigid motion that takes origin onto another pose."""
     turn = onto.yaw_rad - origin.yaw_rad
     dx, dy = pose.x_m - origin.x_m, pose.y_m - origin.y_m
     return Pose(
@@ -68,7 +68,7 @@ def _moved(pose: Pose, origin: Pose, onto: Pose) -> Pose:
 
 
 def pose_at(path: Sequence[Pose], t_s: float) -> Pose | None:
-    """The pose at a time, between samples by linear interpolation; None outside the path."""
+    """Return the pose at a time, between samples by linear interpolation; None outside the path."""
     if not path or not path[0].t_s - SAME_S <= t_s <= path[-1].t_s + SAME_S:
         return None
     after = min(bisect_right(path, t_s, key=lambda pose: pose.t_s), len(path) - 1)
@@ -94,7 +94,7 @@ class EgoPath:
     pieces: tuple[tuple[Pose, ...], ...]
 
     def pose(self, t_s: float) -> tuple[int, Pose2] | None:
-        """The piece that covers a time, and the pose then; None where it isn't known."""
+        """Return the piece that covers a time, and the pose at that time; None outside the path."""
         for index, piece in enumerate(self.pieces):
             if (found := pose_at(piece, t_s)) is not None:
                 return index, Pose2(found.x_m, found.y_m, found.yaw_rad)

@@ -43,7 +43,7 @@ def one_of(vocabulary: Sequence[str]) -> AfterValidator:
 
 
 def _position_of(value: Any) -> Any:
-    """A place as a file has it, ``{"phase": "conflict", "u": 0.5}``."""
+    """Return a place as a file has it, ``{"phase": "conflict", "u": 0.5}``."""
     if not isinstance(value, dict):
         return value
     key = _PHASE_VARIABLES.get(str(value.get("phase")), "s or u")
@@ -61,7 +61,7 @@ CLOSED = ConfigDict(extra="forbid")
 
 
 def once(words: tuple[str, ...]) -> tuple[str, ...]:
-    """The words in their order; repeated ones count once."""
+    """Return the words in their order; repeated ones count once."""
     return tuple(dict.fromkeys(words))
 
 
@@ -112,9 +112,10 @@ def template_json(
     places: Sequence[PhasePosition] = (),
     risk_time_s: float | None = None,
 ) -> dict[str, Any]:
-    """The content of a template.
+    """Return the content of a template.
 
     Args:
+        scenario: name of the event.
         domain: of METHOD 5.2.
         event_version: K* version, or a word that says that nobody knows it.
         times_s: clip times, rising.
@@ -249,7 +250,7 @@ class _LabelsFile(RootModel[Labels]):
 
 
 def load_labels(path: str | Path) -> Labels:
-    """The labels of a JSON file, or of a YAML file with the same keys.
+    """Return the labels of a JSON file, or of a YAML file with the same keys.
 
     Raises:
         InputError: the file can't be read or parsed, or parse_labels refuses it.
@@ -258,7 +259,7 @@ def load_labels(path: str | Path) -> Labels:
 
 
 def parse_labels_text(text: str, path: str | Path) -> Labels:
-    """The labels of a file that was read already, see load_labels."""
+    """Return the labels of a file that was read already, see load_labels."""
     return parse_labels(parse_value(text.removeprefix("\ufeff"), path), path)
 
 
@@ -306,7 +307,7 @@ def parse_labels(value: object, file: str | Path) -> Labels:
 
 
 def labels_to_json(labels: Labels) -> dict[str, Any]:
-    """The content of a labels file (METHOD 5.2), ready for json.dump or files.write_json.
+    """Return the content of a labels file (METHOD 5.2), ready for json.dump or files.write_json.
 
     A clock grid isn't named, since a file without a plan has one: what says the same has one hash.
     """

@@ -1,6 +1,4 @@
-"""The bag's own statements, of a run or an import, and the places of the files that belong to
-it.
-"""
+"""The bag's own statements, of a run or an import, and the places of files that belong to it."""
 
 from __future__ import annotations
 
@@ -57,9 +55,7 @@ class ImportedCamera(Strict):
 
 
 class DomainDeclaration(Strict):
-    """A person's declaration of a recording's domain, and when and where it was made (METHOD
-    4.4).
-    """
+    """A person's declaration of a recording's domain, with its date and place (METHOD 4.4)."""
 
     by: Words
     on: date = Field(description="when the recording was made")
@@ -284,9 +280,7 @@ class Provenance:
 
     @property
     def participants(self) -> Participants | None:
-        """Return the participants whose states the bag holds; None without states of object
-        targets.
-        """
+        """Return the participants with states in the bag; None without states of object targets."""
         if self.run is not None:
             return Participants(
                 self.run.vut.id,
@@ -357,11 +351,7 @@ class Provenance:
 
 
 def bag_folder(bag: Path) -> Path:
-    """The folder that a bag is, also where somebody named an MCAP file in it.
-
-    Args:
-        bag: the folder, an MCAP file in it, or one that lies by itself, which is its own answer.
-    """
+    """Return the folder of a bag or of an MCAP file in it; a file by itself is returned as is."""
     return bag.parent if (bag.parent / "metadata.yaml").is_file() and bag.is_file() else bag
 
 
@@ -369,6 +359,7 @@ def read_provenance(bag: BagReader, digest: str | None = None) -> Provenance:
     """Read the provenance from the bag's attachments and session states.
 
     Args:
+        bag: of a run or an import.
         digest: content_sha256 of it, for a caller who works it out meanwhile, and who takes the
             bag's seal as it was audited; None: both are worked out here.
 
@@ -542,7 +533,7 @@ AnyPath = TypeVar("AnyPath", Path, PurePosixPath)
 
 
 def find_bag(path: Path) -> Path:
-    """The bag that somebody named: itself, or ``bag/`` in a run folder.
+    """Return the bag of a path: the path itself, or ``bag/`` in a run folder.
 
     Raises:
         InputError: it is neither.
@@ -559,7 +550,7 @@ def find_bag(path: Path) -> Path:
 
 
 def find_labels(bag: Path) -> Path | None:
-    """The labels file of a bag: inside it, beside it as ``<bag>.labels.json``, or in its folder.
+    """Return a bag's labels file: inside it, beside it as ``<bag>.labels.json``, or in its folder.
 
     Args:
         bag: its folder, or an MCAP file in it.

@@ -173,7 +173,7 @@ def _with_nan(numbers: _Coordinates) -> tuple[float, ...]:
 
 
 def slots_of(line: SlotsLine) -> Slots:
-    """The slots; None where a line has null, or null for the value."""
+    """Return the slots; None where a line has null, or null for the value."""
     return Slots(**{name: _slot(said) for name, said in line.items()})
 
 
@@ -185,7 +185,7 @@ def _slot(said: Any) -> Slot | None:
 
 
 def load_records(path: str | Path) -> tuple[BehaviourRecord, ...]:
-    """The records of a JSON Lines file.
+    """Return the records of a JSON Lines file.
 
     Raises:
         InputError: see parse_records; or the file can't be read.
@@ -194,7 +194,7 @@ def load_records(path: str | Path) -> tuple[BehaviourRecord, ...]:
 
 
 def parse_records(text: str, file: str | Path) -> tuple[BehaviourRecord, ...]:
-    """The records of a JSON Lines text; none for an empty one (a model that stayed silent).
+    """Return the records of a JSON Lines text; none for an empty one (a model that stayed silent).
 
     Raises:
         InputError: the first thing that is wrong with the file, with line and field.
@@ -214,7 +214,7 @@ def parse_records(text: str, file: str | Path) -> tuple[BehaviourRecord, ...]:
 
 
 def parse_line(model: type[Model], line: str, file: str | Path, number: int) -> Model:
-    """A line of a JSON Lines file as its model; raises InputError with line and field."""
+    """Return a line of a JSON Lines file as its model; raise InputError with line and field."""
     try:
         return model.model_validate_json(line)
     except ValidationError:
@@ -233,7 +233,7 @@ def parse_line(model: type[Model], line: str, file: str | Path, number: int) -> 
 
 
 def record_to_json(record: BehaviourRecord) -> str:
-    """The record as one line of JSON (METHOD 5.3) without line end, which parse_records reads.
+    """Return the record as one line of JSON (METHOD 5.3) without line end, for parse_records.
 
     Numbers that are not finite are written as null, so that the line is standard JSON; they come
     back as NaN and the trajectory is as invalid as before.

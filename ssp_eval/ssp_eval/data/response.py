@@ -16,8 +16,9 @@ ResponseVerdict = Literal["alike", "unlike", "not assessable"]
 
 
 class Limit(Strict):
-    """The largest difference of two responses in one respect, its origin, and who checked it
-    against its source.
+    """The largest difference of two responses in one respect.
+
+    It has its origin, and the person who checked it against its source.
     """
 
     limit: NonNegative
@@ -75,8 +76,11 @@ class CauseEntry(Strict):
 
 
 class PairEntry(Strict):
-    """One pair of recordings. ``rating`` is aligned at the braking, ``on_common_clock`` at the
-    trigger, and ``without_gain`` is aligned with the comparison divided by its gain."""
+    """One pair of recordings, with its verdict.
+
+    ``rating`` is aligned at the braking, ``on_common_clock`` at the trigger, and ``without_gain``
+    is aligned with the comparison divided by its gain.
+    """
 
     reference: DomainWord
     comparison: DomainWord

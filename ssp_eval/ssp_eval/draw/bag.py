@@ -36,8 +36,11 @@ def write_drawn(
     """Write the new bag, which is whole or not there.
 
     Args:
+        recorded: the recording that is drawn anew.
         pictures: one of each frame, but for those that are left out.
         server: that drew them.
+        drawn: identity of the drawing, which the new bag carries.
+        target: folder of the new bag, which doesn't exist yet.
 
     Raises:
         InputError: the target exists, or the recording isn't what was sealed.

@@ -101,7 +101,7 @@ def draw(recording: Path, camera_text: str, map_file: Path | None, out: Path, as
 
 
 def _map_of(recorded: Recorded, given: Path | None) -> tuple[Path, Literal["the task", "--map"]]:
-    """The map's file, and who says that it is the recording's.
+    """Return the map's file, and the authority that it is the recording's.
 
     Raises:
         InputError: there is none, or another one was given than the run was compiled for.
@@ -136,7 +136,7 @@ def _map_of(recorded: Recorded, given: Path | None) -> tuple[Path, Literal["the 
 
 
 def _check_finished(out: Path, recorded: Recorded) -> None:
-    """Raises InputError for what is there and isn't this recording drawn anew."""
+    """Raise InputError where the existing bag isn't this recording drawn anew."""
     with BagReader(out) as bag:
         there = attached(bag, DRAWN_ATTACHMENT, Drawn)
     if there is None or there.of_sha256 != recorded.facts.bag_sha256:

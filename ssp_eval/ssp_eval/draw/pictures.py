@@ -84,7 +84,7 @@ class Pictures:
             write_json(file, drawing.model_dump(mode="json", by_alias=True))
 
     def has(self, stamp_ns: int) -> bool:
-        """True for a picture that was drawn."""
+        """Return True for a picture that was drawn."""
         return self._file(stamp_ns).is_file()
 
     def put(self, stamp_ns: int, jpeg: bytes) -> None:
@@ -92,7 +92,7 @@ class Pictures:
         write_bytes(self._file(stamp_ns), jpeg)
 
     def get(self, stamp_ns: int) -> bytes:
-        """A picture that was drawn."""
+        """Return a picture that was drawn."""
         return self._file(stamp_ns).read_bytes()
 
     def remove(self) -> None:

@@ -69,7 +69,7 @@ class Recorded:
 
 
 def read_recorded(bag: BagReader, facts: Provenance) -> Recorded:
-    """The recording that is drawn anew.
+    """Return the recording that is drawn anew.
 
     Raises:
         InputError: it is no session with states and frames, or was drawn anew or is a twin itself.
@@ -101,7 +101,7 @@ def read_recorded(bag: BagReader, facts: Provenance) -> Recorded:
 
 
 def _imported_camera(bag: BagReader, frames_ns: Sequence[int]) -> Camera | None:
-    """A pinhole camera like that of an import; CARLA's has square pixels and a central axis.
+    """Return a pinhole camera like that of an import; CARLA's has square pixels and a central axis.
 
     Raises:
         InputError: CARLA's camera can't be like it.
@@ -126,7 +126,7 @@ def _imported_camera(bag: BagReader, frames_ns: Sequence[int]) -> Camera | None:
 
 
 def scenes(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
-    """The stamp and the scene of each frame that has a state of the VUT, in order, each once."""
+    """Yield the stamp and the scene of each frame with a state of the VUT, in order, each once."""
     if TICK in recorded.bag.topics:
         return _of_world(recorded)
     return _of_reports(recorded)
@@ -177,7 +177,7 @@ class _Reports:
         self._states = [by_stamp[stamp_ns] for stamp_ns in self._stamps_ns]
 
     def at(self, stamp_ns: int) -> ObjectState | None:
-        """The newest report, carried on; None: there is none, or it is too old."""
+        """Return the newest report, carried on; None: there is none, or it is too old."""
         index = bisect_right(self._stamps_ns, stamp_ns) - 1
         if index < 0 or stamp_ns - self._stamps_ns[index] > _STATE_AGE_NS:
             return None

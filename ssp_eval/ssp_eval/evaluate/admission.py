@@ -56,7 +56,7 @@ class Admission:
     def held_against(
         self, verdict_sha256: str | None, observations: Mapping[str, str] | None = None
     ) -> Admission:
-        """The admission, if what the audit read beside the MCAP file is as it was then.
+        """Return the admission, if the files that the audit read beside the MCAP file are the same.
 
         A refusal stays: it needs another audit to be lifted. Whatever else it says isn't said of
         another verdict or observation: the recording is unaudited then.
@@ -82,7 +82,7 @@ class Admission:
         return replace(self, status=UNAUDITED, reasons=tuple(why)) if why else self
 
     def check_is_of(self, facts: Provenance) -> None:
-        """Refuses an audit that tells of another recording under this one's hash.
+        """Refuse an audit of another recording under this one's hash.
 
         Args:
             facts: of the bag that has the hash in the audit.
@@ -176,7 +176,7 @@ def said_of(audit: Audit, bag: str | None, verdict_sha256: str | None) -> set[st
 
 
 def keep_audits(out: Path, admissions: Iterable[Admission]) -> None:
-    """Leaves the audits that cells go by in the campaign, where the report checks them."""
+    """Leave the audits that cells go by in the campaign, where the report checks them."""
     kept = kept_audits(out)
     wanted = {a.audit_sha256: a.file for a in admissions if a.file is not None}
     for digest, file in wanted.items():
@@ -190,5 +190,5 @@ def keep_audits(out: Path, admissions: Iterable[Admission]) -> None:
 
 
 def kept_audits(out: Path) -> dict[str, Path]:
-    """The audits in a campaign's folder by hash."""
+    """Return the audits in a campaign's folder by hash."""
     return {sha256_file(file): file for file in sorted(out.glob(f"{AUDITS}/*/{AUDIT_FILE}"))}

@@ -71,7 +71,7 @@ class TopicClients(Closing):
         self._stack.close()
 
     def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
-        """The client of a model with its backend's options; bridges are kept while these stay.
+        """Return the client of a model; its bridge is kept while the backend's options stay.
 
         Raises:
             PeerError: the bridge doesn't start or isn't on the topics.
@@ -138,7 +138,7 @@ class TopicClients(Closing):
 
 
 def _in_time(model: ModelSpec, options: Mapping[str, Any], timeouts: Timeouts) -> dict[str, Any]:
-    """The options with the campaign's times, for a backend that waits for a service itself."""
+    """Return the options with the campaign's timeouts, for a backend that awaits a service."""
     times: dict[str, Any] = {}
     if model.attached:
         return dict(options)

@@ -74,7 +74,7 @@ class Plan:
     label_lines: tuple[str, ...] = field(default=(), compare=False)
 
     def line(self, leave_out: str = NO_CONTROLS) -> str:
-        """The plan for people."""
+        """Return the plan for people."""
         text = f"{_count(self.cells, 'cell')}, {_count(self.questions, 'question')}"
         if self.goes_on:
             text += " (those with a stored answer are counted and not asked again)"
@@ -107,6 +107,8 @@ def plan_of(
     """Plan the questions of a campaign.
 
     Args:
+        clips: the campaign's recordings with their labels.
+        models: as the campaign asks them.
         goes_on: the campaign has answers already, and they count.
     """
     compared = compare_by_scenario(
@@ -154,9 +156,7 @@ def _asked_for(model: ModelSpec) -> str:
 
 
 def models_of(labelled: LabelledClip, models: Sequence[ModelSpec]) -> list[ModelSpec]:
-    """List the models to ask about a recording: themselves, under its twins as well, and
-    repeated.
-    """
+    """List the models to ask about a recording: as such, under its twins, and repeated."""
     return with_repeats(with_twin_conditions(models, list(labelled.twins)))
 
 
@@ -169,7 +169,7 @@ def labelled_clip(
     labels_path: Path | None,
     admission: Admission = NO_AUDIT,
 ) -> LabelledClip:
-    """A clip with the labels that belong to it.
+    """Return a clip with the labels that belong to it.
 
     Raises:
         InputError: there are none, or they belong to another clip.
@@ -191,7 +191,7 @@ def labelled_clip(
 
 
 def _propose(clips: Sequence[Clip]) -> None:
-    """Proposes labels beside bags, those of a scenario by one plan (METHOD 5.2b).
+    """Propose labels beside bags, those of a scenario by one plan (METHOD 5.2b).
 
     Raises:
         InputError: a recording has no states or no event.
@@ -223,7 +223,7 @@ def _labelled(
 
 
 def _check_name(labels: Labels, file: Path) -> None:
-    """Refuses a scenario that is no part of a folder's name, such as one that leads out of it."""
+    """Refuse a scenario that is no part of a folder's name, such as one that leads out of it."""
     if not re.fullmatch(SAFE_NAME, labels.scenario):
         raise InputError(
             "is no name that a cell's folder can have",
@@ -250,7 +250,7 @@ def _check_belongs(clip: Clip, labels: Labels, path: Path) -> None:
 
 
 def _check_span(clip: Clip, labels: Labels, path: Path) -> None:
-    """Refuses labels at times of which the clip has no frame (METHOD 6.1 for how near one is)."""
+    """Refuse labels at times of which the clip has no frame (METHOD 6.1 for how near one is)."""
     for index, label in enumerate(labels.labels):
         if not (
             DEFAULT.at_least(label.t_s, clip.first_s)
@@ -266,7 +266,7 @@ def _check_span(clip: Clip, labels: Labels, path: Path) -> None:
 
 
 def check_distinct(clips: Sequence[LabelledClip]) -> None:
-    """Refuses two clips of one scenario and domain: they would be one cell.
+    """Refuse two clips of one scenario and domain: they would be one cell.
 
     Raises:
         InputError: naming both bags.
@@ -283,7 +283,7 @@ def check_distinct(clips: Sequence[LabelledClip]) -> None:
 
 
 def _check_once(clip: Clip, others: Sequence[Clip]) -> None:
-    """Refuses a recording that is given twice, be it under two paths.
+    """Refuse a recording that is given twice, be it under two paths.
 
     Raises:
         InputError: naming both.
@@ -300,7 +300,7 @@ def _check_once(clip: Clip, others: Sequence[Clip]) -> None:
 
 
 def _prepare(clip: Clip, labels_file: Path | None, rules: Preprocessing) -> None:
-    """Fetches the first questions as long as the bag is being hashed; none is asked yet.
+    """Fetch the first questions as long as the bag is being hashed; none is asked yet.
 
     What is wrong with labels or frames is said in its turn.
     """
@@ -320,9 +320,13 @@ def open_clips(
     rules: Preprocessing | None = None,
     twins: bool = False,
 ) -> list[LabelledClip]:
-    """The clips of a campaign with their labels, checked all together.
+    """Return the clips of a campaign with their labels, checked all together.
 
     Args:
+        stack: closes the clips.
+        bags: bag and its labels file (None: look beside it).
+        propose_labels: propose labels for each bag that has none.
+        admissions: what audits say, by hash of the bag; a bag that isn't there is unaudited.
         rules: of what is asked first; the time that hashing takes is used for it.
         twins: open those beside the recordings as well.
 
@@ -349,7 +353,7 @@ def open_clips(
 
 
 def _with_all_twins(stack: ExitStack, clips: Sequence[LabelledClip]) -> list[LabelledClip]:
-    """The clips with the twins beside them.
+    """Return the clips with the twins beside them.
 
     Raises:
         InputError: none has any, or they are of other recordings.
@@ -380,13 +384,19 @@ def run_campaign(
     on_record: Callable[[], None] = lambda: None,
     twins: bool = False,
 ) -> list[CellResult]:
-    """Evaluates every bag with every model.
+    """Evaluate every bag with every model.
 
     Args:
         bags: bag and its labels file (None: look beside it).
+        models: as they are asked, conditions included.
+        clients: give the way to each model.
+        out: campaign folder; it is locked meanwhile.
+        options: of all cells.
+        propose_labels: propose labels for each bag that has none.
         admissions: what audits say, by hash of the bag; a bag that isn't there is unaudited.
-        twins: ask about the twins beside the recordings as well.
         on_plan: told once how much there is to ask, before anything is asked.
+        on_record: called after each label time of a cell.
+        twins: ask about the twins beside the recordings as well.
 
     Raises:
         InputError: a bag, its labels or an option is wrong; nothing was asked then.

@@ -71,13 +71,15 @@ def ask_all(
     options: CellOptions,
     on_record: Progress,
 ) -> list[tuple[list[Asked], IgnoredAnswers]]:
-    """Asks about every label time that isn't answered in a cell's folder already.
+    """Ask about every label time that isn't answered in a cell's folder already.
 
     Args:
         places: cells of one recording.
         rows: by label time the order in which the cells are asked about it, as places of these.
         clients: gives the way to the model; not touched when every answer is stored already.
         out: campaign folder, which keeps the newest frame of each request.
+        options: of the cells.
+        on_record: called after each label time of a cell.
     """
     cells = [_Conversation(place, clients, options) for place in places]
     for label, row in zip(places[0].labelled.labels.labels, rows, strict=True):
@@ -108,9 +110,7 @@ class _Conversation:
         self._ignored = IgnoredAnswers()
 
     def question(self, label_t_s: float) -> Question | NoQuestion:
-        """Make the question about a label time, with the model's previous answer if it takes
-        one.
-        """
+        """Make the question about a label time, with the model's previous answer if it takes it."""
         question = question_under(self._place.labelled, self._place.model, label_t_s)
         if isinstance(question, NoQuestion):
             return question
@@ -121,7 +121,7 @@ class _Conversation:
         return replace(question, request=replace(question.request, previous=previous))
 
     def _previous(self) -> tuple[Response | None, str]:
-        """The last answer, or why there is none although something was asked."""
+        """Return the last answer, or the reason for having none although a question was asked."""
         last = next((one for one in reversed(self._asked) if one.request is not None), None)
         if not self._carries or last is None:
             return None, ""
@@ -130,7 +130,7 @@ class _Conversation:
         return last.record_from, ""
 
     def about(self, question: Question | NoQuestion) -> None:
-        """Asks the question, unless its answer is stored."""
+        """Ask the question, unless its answer is stored."""
         if isinstance(question, NoQuestion):
             nothing = Asked(question.label_t_s, None, None, None, question.reason, Loss.NO_QUESTION)
             self._asked.append(nothing)
@@ -171,7 +171,7 @@ class _Conversation:
         return replace(asked, response=reply.response, missing=why, loss=loss)
 
     def _reached(self) -> ModelClient | None:
-        """The way to the model; what can't be reached once is not tried again in this cell."""
+        """Return the way to the model; one not reached isn't tried again in this cell."""
         if self._client is None and not self._unreachable:
             labels_file = str(self._place.folder / LABELS_FILE)
             options = self._place.model.options_for(labels_file, self._place.labelled.clip.start_ns)
@@ -182,13 +182,13 @@ class _Conversation:
         return self._client
 
     def finish(self) -> tuple[list[Asked], IgnoredAnswers]:
-        """Leaves the stored answers and questions in order."""
+        """Leave the stored answers and questions in order."""
         self._store.finish(self._asked)
         return self._asked, self._ignored
 
 
 def _keep_frame(out: Path, frame: Frame) -> None:
-    """Keeps the newest frame of a request for the report, once for all models."""
+    """Keep the newest frame of a request for the report, once for all models."""
     path = frame_path(out, frame.sha256)
     if not path.exists():
         write_bytes(path, frame.jpeg)
@@ -201,11 +201,13 @@ BY_READER, BY_LLM = "slots by the learned reader", "slots by the LLM"
 def records_of(
     asked: Sequence[Asked], adapter: str, extractor: Extractor | None = None
 ) -> list[BehaviourRecord]:
-    """One record per answer: adapter, then text extraction (METHOD 5.3 to 5.5).
+    """Make one record per answer: adapter, then text extraction (METHOD 5.3 to 5.5).
 
     A label time without an answer leaves no record, which scoring counts as a missing output.
 
     Args:
+        asked: the cell's questions with their answers.
+        adapter: its name.
         extractor: of the slots; None: rules and reader.
 
     Raises:
@@ -226,10 +228,12 @@ def record_of(
     no_previous: str = "",
     extractor: Extractor | None = None,
 ) -> BehaviourRecord:
-    """The record of one raw answer; the same answer always gives the same record.
+    """Return the record of one raw answer; the same answer always gives the same record.
 
     Args:
         t_s: clip time of the newest frame that was sent.
+        response: the raw answer.
+        adapter: its name.
         request: that it answers; an adapter knows an echo of the prompt by it.
         no_previous: why the request held no previous answer though its interface carries one.
         extractor: of the slots; None: rules and reader.
@@ -274,7 +278,7 @@ def _sources(found: Extracted) -> list[str]:
 def fail_cell(
     labelled: LabelledClip, model: ModelSpec, out: Path, options: CellOptions, reason: str
 ) -> CellResult:
-    """Leaves the folder of a cell whose worker died; answers that are stored there stay."""
+    """Leave the folder of a cell whose worker died; answers that are stored there stay."""
     place = _place(labelled, model, out, options)
     for stale in (SCORE_FILE, RECORDS_FILE):
         (place.folder / stale).unlink(missing_ok=True)
@@ -294,7 +298,7 @@ def _place(labelled: LabelledClip, model: ModelSpec, out: Path, options: CellOpt
 
 
 def _write_labels(folder: Path, labels: Labels) -> None:
-    """Leaves the labels for a bridge that reads them, and no score that is of others.
+    """Leave the labels for a bridge that reads them, and no score that is of others.
 
     A run that is interrupted from here on would otherwise leave one beside them.
     """
@@ -314,7 +318,7 @@ def evaluate_again(
     options: CellOptions,
     on_record: Callable[[], None],
 ) -> list[CellResult]:
-    """Evaluates cells, and once more those whose bridge wasn't there: it may have come up late.
+    """Evaluate cells, and repeat those whose bridge was missing: it may have come up late.
 
     Raises:
         InputError: as of evaluate_cells.
@@ -335,11 +339,15 @@ def evaluate_cells(
     options: CellOptions,
     on_record: Callable[[], None],
 ) -> list[CellResult]:
-    """Evaluates one model under its conditions on one clip and leaves the cells' folders.
+    """Evaluate one model under its conditions on one clip and leave the cells' folders.
 
     Args:
+        labelled: the clip with its labels.
         models: of design.series_of; they take turns as design.stages_of says.
         clients: gives the way to the model; not touched when every answer is stored already.
+        out: campaign folder, in which the cells' folders lie.
+        options: of the cells.
+        on_record: called after each label time of a cell.
 
     Returns:
         One result per model, in their order.
@@ -374,7 +382,7 @@ def _refused(place: CellPlace, refusal: str, on_record: Callable[[], None]) -> C
 def _scored(
     place: CellPlace, asked: Sequence[Asked], ignored: IgnoredAnswers, options: CellOptions
 ) -> CellResult:
-    """Interprets and scores a cell's answers, and writes its files."""
+    """Interpret and score a cell's answers, and write its files."""
     folder = place.folder
     options.extractor.counts.clear()  # those of the cell before
     records = records_of(asked, place.adapter, options.extractor)

@@ -27,19 +27,19 @@ _MOST_REASONS = 20
 
 
 def short(reason: str) -> str:
-    """A reason of a length that people read."""
+    """Return a reason of a length that people read."""
     return reason if len(reason) <= MOST_REASON else reason[: MOST_REASON - 1] + "…"
 
 
 def short_list(reasons: Sequence[str]) -> list[str]:
-    """The first reasons, and how many more there are."""
+    """Return the first reasons, and how many more there are."""
     more = len(reasons) - _MOST_REASONS
     shown = [short(reason) for reason in reasons[:_MOST_REASONS]]
     return [*shown, f"and {more} more"] if more > 0 else shown
 
 
 def decodings(answers: Sequence[Response]) -> list[dict[str, Any]]:
-    """The different settings that answers were decoded with; what differs by answer is raw."""
+    """Return the distinct decoding settings of the answers; those that vary by answer are raw."""
     found = {}
     for answer in answers:
         settings = settings_of(answer)
@@ -107,7 +107,7 @@ class LabelledClip:
         return None
 
     def forget_twin(self, model: ModelSpec) -> None:
-        """Gives free what is kept of the twin's questions: nobody asks about it for a while."""
+        """Free the memory of a twin's questions, which aren't asked again for a while."""
         twin = self.twins.get(model.condition)
         if twin is not None:
             twin.clip.forget_questions()
@@ -184,7 +184,7 @@ class CellResult:
 
 
 def outages(losses: Mapping[str, int]) -> dict[str, int]:
-    """The losses that are owed to bridge, server or network, and not to the model."""
+    """Return the losses caused by bridge, server or network, and not by the model."""
     return {kind: count for kind, count in losses.items() if kind in OUTAGE}
 
 
@@ -198,7 +198,7 @@ def losses_text(losses: Mapping[str, int]) -> str:
 
 
 def holds_answers(out: Path) -> bool:
-    """True where a campaign's folder has raw answers, whatever became of its cells.
+    """Return True where a campaign's folder has raw answers, whatever became of its cells.
 
     Args:
         out: campaign folder; it need not be there.
@@ -267,10 +267,14 @@ def write_cell(
     ignored: IgnoredAnswers | None = None,
     score: dict[str, Any] | None = None,
 ) -> CellResult:
-    """Writes cell.json, the last of a cell's files.
+    """Write cell.json, the last of a cell's files.
 
     Args:
+        place: the cell's folder, recording and model.
+        status: ok, refused or failed.
         reasons: of a refusal or failure, the primary one first.
+        asked: questions with their answers.
+        ignored: answers that came late, twice or to no question; None: not counted.
         score: METHOD 6.14, None unless ok.
     """
     facts = _facts(place, status, reasons, asked, ignored)

@@ -49,7 +49,7 @@ from ssp_eval.score.thresholds import OTHER_THRESHOLDS, changes, load_thresholds
 def model_specs(
     bridges: Sequence[str], attached: Sequence[str], files: Sequence[Path] = ()
 ) -> list[ModelSpec]:
-    """The models of a campaign, without controls.
+    """Return the models of a campaign, without controls.
 
     Raises:
         click.UsageError: there are none, one stands twice, or some are attached and others not.
@@ -88,7 +88,7 @@ def blinded(models: Sequence[ModelSpec]) -> list[ModelSpec]:
 
 
 def reasoned(models: Sequence[ModelSpec]) -> list[ModelSpec]:
-    """The models, and those that can be given their own text back as often again; others are told.
+    """Return the models, and again those that take back their own text; tell which don't.
 
     Raises:
         click.UsageError: none can.
@@ -263,7 +263,7 @@ def evaluate(
     as_json: bool,
     **llm: Any,
 ) -> int:
-    """Replays BAGS through VLA bridges and scores the answers.
+    """Replay BAGS through VLA bridges and score the answers.
 
     Raw answers are stored in OUT before anything interprets them; asking is not repeated for what
     is stored. Errors don't count as answers: the same command, given again, asks for them again,

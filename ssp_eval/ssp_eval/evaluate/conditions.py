@@ -35,7 +35,7 @@ _BLACK, _GREY = 0, 128
 
 
 def repainted(request: Request, painted: Callable[[Frame], bytes]) -> Request:
-    """The request with other pictures at the same stamps.
+    """Return the request with other pictures at the same stamps.
 
     Raises:
         InputError: a frame is no picture.
@@ -45,7 +45,7 @@ def repainted(request: Request, painted: Callable[[Frame], bytes]) -> Request:
 
 
 def blackened(request: Request) -> Request:
-    """The request with black frames of the same sizes and stamps.
+    """Return the request with black frames of the same sizes and stamps.
 
     Raises:
         InputError: a frame is no picture.
@@ -54,10 +54,11 @@ def blackened(request: Request) -> Request:
 
 
 def shuffled(request: Request, seed: int = CONDITION_SEED) -> Request:
-    """The request with its pictures in another order, so that none keeps its time.
+    """Return the request with its pictures in another order, so that none keeps its time.
 
     Args:
         request: with two frames or more.
+        seed: of the order, together with the request's stamp.
 
     Raises:
         ValueError: a single frame has no order.
@@ -73,16 +74,18 @@ def shuffled(request: Request, seed: int = CONDITION_SEED) -> Request:
 
 
 def shown_another(request: Request, other: Frame) -> Request:
-    """The request with its newest picture replaced by that of another time; its stamp stays."""
+    """Return the request with its newest picture replaced by another frame's; its stamp stays."""
     newest = replace(request.frames[-1], jpeg=other.jpeg)
     return replace(request, frames=(*request.frames[:-1], newest))
 
 
 def derangement(count: int, seed: int, salt: int = 0) -> list[int]:
-    """A random order in which nothing keeps its place: one cycle (Sattolo's algorithm).
+    """Return a random order in which nothing keeps its place: one cycle (Sattolo's algorithm).
 
     Args:
         count: of the things, 2 or more.
+        seed: of the order.
+        salt: distinguishes draws with one seed.
     """
     rng = random.Random(sha256_json([seed, salt]))
     order = list(range(count))
@@ -95,7 +98,7 @@ def derangement(count: int, seed: int, salt: int = 0) -> list[int]:
 def other_label_time(
     times_s: Sequence[float], index: int, seed: int = CONDITION_SEED
 ) -> float | None:
-    """The label time whose picture is shown at another one; None where there is only one."""
+    """Return the label time whose picture is shown at another one; None where there is only one."""
     return None if len(times_s) < 2 else times_s[derangement(len(times_s), seed)[index]]
 
 
@@ -132,10 +135,10 @@ def _about_twin(question: Question, twin: TwinClip, rules: Preprocessing) -> Que
 
 
 def with_lost_frames(question: Question, clip: Clip, strength: int) -> Question:
-    """The question after some of the clip's frames were lost (corruptions.is_lost).
+    """Return the question after some of the clip's frames were lost (corruptions.is_lost).
 
-    In place of a lost one the last is shown that came; stamps stay, as those of a picture that
-    stands still.
+    In place of a lost frame the last one that came is shown; stamps stay, as those of a picture
+    that stands still.
     """
 
     def lost(stamp_ns: int) -> bool:
@@ -148,10 +151,11 @@ def with_lost_frames(question: Question, clip: Clip, strength: int) -> Question:
 def under(
     condition: str, question: Question, another: Question | NoQuestion | None
 ) -> Question | NoQuestion:
-    """A question under a condition that needs no other frames than those of questions.
+    """Return a question under a condition that needs no other frames than those of questions.
 
     Args:
         condition: one of models.CONDITIONS or of the pictures; empty: the question itself.
+        question: as it is without a condition.
         another: what would be asked at other_label_time; None where there is none. It is used
             where a request holds a single frame.
     """

@@ -43,22 +43,24 @@ def _light(values: NDArray[Any]) -> Light:
 
 
 def _grain(light: Light, sigma: float, rng: np.random.Generator) -> Light:
-    """Adds sensor noise: shot noise that grows with the root of the light, and some of its own.
+    """Add sensor noise: shot noise that grows with the root of the light, and some of its own.
 
     Args:
+        light: the picture, shares of full scale.
         sigma: at full light, share of full scale.
+        rng: random numbers of the frame.
     """
     drawn = rng.standard_normal(light.shape, np.float32)
     return _light(light + sigma * np.sqrt(0.15 + 0.85 * light) * drawn)
 
 
 def noise(light: Light, strength: int, stamp_ns: int) -> Light:
-    """A sensor at high gain."""
+    """Return the picture of a sensor at high gain."""
     return _grain(light, (0.07, 0.2)[strength - 1], _rng(stamp_ns, "noise"))
 
 
 def blur(light: Light, strength: int, _stamp_ns: int) -> Light:
-    """A lens out of focus: every point becomes a disc."""
+    """Return the picture of a lens out of focus: every point becomes a disc."""
     # Small pictures too are to lose something.
     radius_px = max(float(strength), light.shape[1] * (0.0025, 0.0075)[strength - 1])
     half = math.ceil(radius_px)
@@ -72,10 +74,10 @@ def blur(light: Light, strength: int, _stamp_ns: int) -> Light:
 
 
 def fog(light: Light, strength: int, _stamp_ns: int) -> Light:
-    """Mist that thickens towards the middle height, where a level camera sees the horizon.
+    """Return the picture with mist that thickens towards the middle height.
 
-    The distance is that of level ground below it, and of an object nothing is known: what stands
-    on the road is veiled as the ground behind it is.
+    A level camera sees the horizon there. The distance is that of level ground below it, and of an
+    object nothing is known: what stands on the road is veiled as the ground behind it is.
     """
     height = light.shape[0]
     below = (np.arange(height, dtype=np.float32) + 0.5) / height - 0.5
@@ -88,7 +90,7 @@ def fog(light: Light, strength: int, _stamp_ns: int) -> Light:
 
 
 def low_light(light: Light, strength: int, stamp_ns: int) -> Light:
-    """Late dusk at a fixed exposure: less light, bluer, and grain."""
+    """Return the picture of late dusk at a fixed exposure: less light, bluer, and grain."""
     gain = (0.2, 0.05)[strength - 1]
     tint = np.array([1.15, 1.0, 0.85], np.float32)
     dark = np.power(np.clip(np.power(light, _GAMMA) * gain * tint, 0.0, 1.0), 1.0 / _GAMMA)
@@ -96,7 +98,7 @@ def low_light(light: Light, strength: int, stamp_ns: int) -> Light:
 
 
 def glare(light: Light, strength: int, _stamp_ns: int) -> Light:
-    """A low sun in front: a white disc, its glow, and a veil over the whole picture.
+    """Return the picture with a low sun in front: a white disc, its glow, and a veil over all.
 
     It stands at the same place in every picture, above the middle and to the right.
     """
@@ -117,10 +119,12 @@ EFFECTS: dict[str, Effect] = {
 
 
 def corrupted(image: Picture, kind: str, strength: int, stamp_ns: int) -> Picture:
-    """A picture under one of EFFECTS.
+    """Return a picture under one of EFFECTS.
 
     Args:
         image: height × width × 3, BGR.
+        kind: one of EFFECTS.
+        strength: 1 or 2.
         stamp_ns: of the frame; noise differs from frame to frame.
     """
     light = image.astype(np.float32) / np.float32(255.0)
@@ -132,7 +136,7 @@ def corrupted(image: Picture, kind: str, strength: int, stamp_ns: int) -> Pictur
 # Requests of neighbouring label times share frames, and every model is asked with the same ones.
 @lru_cache(maxsize=64)
 def corrupted_jpeg(jpeg: bytes, kind: str, strength: int, stamp_ns: int) -> bytes:
-    """The same on JPEG, encoded at a fixed quality.
+    """Return a corrupted picture as JPEG, encoded at a fixed quality.
 
     Raises:
         InputError: it is no picture.
@@ -142,7 +146,7 @@ def corrupted_jpeg(jpeg: bytes, kind: str, strength: int, stamp_ns: int) -> byte
 
 @lru_cache(maxsize=64)
 def encoded_again(jpeg: bytes) -> bytes:
-    """The same picture, decoded and encoded as a corrupted one is.
+    """Return the same picture, decoded and encoded as a corrupted one is.
 
     Raises:
         InputError: it is no picture.
@@ -151,7 +155,7 @@ def encoded_again(jpeg: bytes) -> bytes:
 
 
 def plain_like(jpeg: bytes, grey: int) -> bytes:
-    """A picture of the same size that shows nothing: one grey all over, of 0 to 255.
+    """Return a picture of the same size that shows nothing: one grey all over, of 0 to 255.
 
     Raises:
         InputError: it is no picture.
@@ -172,6 +176,7 @@ def is_lost(since_start_ns: int, strength: int) -> bool:
 
     Args:
         since_start_ns: time of the frame on the clip's clock.
+        strength: 1 or 2.
     """
     drawn = sha256_json([CONDITION_SEED, DROPPED, since_start_ns // seconds_to_ns(_LOST_SPAN_S)])
     return int(drawn.removeprefix("sha256:")[:8], 16) < (0.4, 0.75)[strength - 1] * 2**32

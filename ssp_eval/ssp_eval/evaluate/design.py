@@ -32,7 +32,7 @@ class Stage:
 
 
 def series_of(models: Sequence[ModelSpec]) -> list[list[ModelSpec]]:
-    """The models in groups that are asked together.
+    """Return the models in groups that are asked together.
 
     One whose factual question is asked again is a group with all its conditions; of the others each
     condition is a group of its own.
@@ -48,7 +48,7 @@ def series_of(models: Sequence[ModelSpec]) -> list[list[ModelSpec]]:
 def stages_of(
     models: Sequence[ModelSpec], recording_sha256: str, label_times: int
 ) -> Iterator[Stage]:
-    """The stages of a group, in their order.
+    """Yield the stages of a group, in their order.
 
     The model itself comes first, with all conditions that its bridge answers as it is. Conditions
     that need a bridge with other options follow in an order that is drawn. The repeated question is
@@ -57,6 +57,7 @@ def stages_of(
 
     Args:
         models: one model under its conditions.
+        recording_sha256: hash of the recording.
         label_times: of the recording.
     """
     by_bridge: dict[str, list[ModelSpec]] = {}

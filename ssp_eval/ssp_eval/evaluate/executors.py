@@ -59,9 +59,7 @@ class Settings:
     extractor_sha256: str = ""
 
     def to_send(self) -> Settings:
-        """Return settings that can be sent to another process, which must have the same
-        extractor.
-        """
+        """Return settings for another process, which must use the same extractor."""
         digest = self.options.extractor.sha256
         rules = replace(self.options, extractor=Extractor())
         return replace(self, options=rules, extractor_sha256=digest)
@@ -111,7 +109,7 @@ class JobRunner(Closing):
         self._options = replace(settings.options, extractor=extractor)
 
     def run(self, job: Job, on_record: Callable[[], None] = lambda: None) -> list[CellResult]:
-        """Evaluates the cells of a job as a campaign of one process does.
+        """Evaluate the cells of a job as a campaign of one process does.
 
         Raises:
             InputError: the recording or its labels aren't those that the campaign began with.
@@ -127,7 +125,7 @@ class JobRunner(Closing):
             )
 
     def close(self) -> None:
-        """Ends the bridges."""
+        """End the bridges."""
         self._stack.close()
 
 
@@ -173,7 +171,7 @@ class _Pool:
     started: int = 0
 
     def start(self) -> _Worker:
-        """A worker in a process of its own; a fork would take locks of this one's threads along."""
+        """Return a worker in its own process; a fork would take along this one's threads' locks."""
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         name = f"worker_{self.started}"
@@ -186,7 +184,7 @@ class _Pool:
         return worker
 
     def give(self, worker: _Worker) -> None:
-        """The next job, of the model whose bridge the worker has where there is one."""
+        """Give a worker the next job, if possible of the model whose bridge it has."""
         if not self.waiting:
             return
         same = (job for job in self.waiting if job.models[0].name == worker.last_model)
@@ -197,7 +195,7 @@ class _Pool:
             worker.pipe.send(job)
 
     def end(self) -> None:
-        """Ends all workers, those that don't go by force."""
+        """End all workers, by force where they don't end by themselves."""
         for worker in self.workers:
             worker.pipe.close()
             worker.process.terminate()
@@ -215,10 +213,14 @@ def run_pool(
     on_dead: Callable[[Job, str], list[CellResult]],
     on_record: Callable[[], None] = lambda: None,
 ) -> list[CellResult]:
-    """Evaluates cells in several processes.
+    """Evaluate cells in several processes.
 
     Args:
+        jobs: each the cells of one recording and model.
+        settings: sent to each worker.
         workers: how many processes; not more are started than there are cells.
+        on_dead: makes the results of a job whose worker died, from its reason.
+        on_record: called after each label time of a cell.
 
     Returns:
         The results of the jobs, in their order.
@@ -283,7 +285,7 @@ def _how(code: int | None) -> str:
 
 
 def _work(settings: Settings, name: str, pipe: Connection[Any, Any]) -> None:
-    """The worker: takes jobs until its pipe is closed."""
+    """Take jobs until the pipe is closed; the body of a worker process."""
     die_with_parent()
     ignore_stop_signals()
     signal.signal(signal.SIGTERM, _leave)
@@ -309,7 +311,7 @@ def _work(settings: Settings, name: str, pipe: Connection[Any, Any]) -> None:
 
 
 def _leave(*_: object) -> None:
-    """Ends the worker in order, once: a second signal would cut short how it ends its bridges."""
+    """End the worker in order, once: a second signal would cut short how it ends its bridges."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     sys.exit(0)
 
@@ -321,7 +323,7 @@ _REMEDY = f"set {ADDRESS} to the address of one, or use --engine processes"
 
 
 def import_ray() -> Any:
-    """The module.
+    """Return the module ray.
 
     Raises:
         HostError: it isn't installed; with the remedy.
@@ -371,9 +373,10 @@ def _join(ray: Any, workers: int) -> None:
 
 
 def look_for(address: str, own_ip: Callable[[], str] = lambda: "") -> None:
-    """Looks in a few seconds whether somebody listens at an address.
+    """Check within a few seconds that an address accepts connections.
 
     Args:
+        address: HOST:PORT, with or without a scheme.
         own_ip: this machine's address, as the head of a cluster on it may have bound that alone.
 
     Raises:
@@ -396,7 +399,7 @@ def look_for(address: str, own_ip: Callable[[], str] = lambda: "") -> None:
 
 
 def first_line(error: BaseException) -> str:
-    """The first line of what an error says, or its kind."""
+    """Return the first line of what an error says, or its kind."""
     return next(iter(str(error).strip().splitlines()), type(error).__name__)
 
 
@@ -412,10 +415,10 @@ class _Actor:
         self._runner: JobRunner | None = None
 
     def hello(self) -> None:
-        """Answers as soon as the cluster has room for the actor."""
+        """Answer as soon as the cluster has room for the actor."""
 
     def run(self, job: Job) -> tuple[list[CellResult], int]:
-        """The cells, and how many label times they had."""
+        """Return the cells, and how many label times they had."""
         if self._runner is None:
             # Here, not at the start: what it raises then is this call's error.
             self._runner = JobRunner(self._settings, self._name)
@@ -428,7 +431,7 @@ class _Actor:
         return self._runner.run(job, on_record), count
 
     def close(self) -> None:
-        """Ends the bridges."""
+        """End the bridges."""
         if self._runner is not None:
             self._runner.close()
 
@@ -440,11 +443,13 @@ def run_ray(
     on_dead: Callable[[Job, str], list[CellResult]],
     on_record: Callable[[], None] = lambda: None,
 ) -> list[CellResult]:
-    """Run jobs as pool.run_pool does, on the cluster that RAY_ADDRESS names, or on one started
-    here.
+    """Run jobs as run_pool does, on the cluster that RAY_ADDRESS names, or on one started here.
 
     Args:
+        jobs: each the cells of one recording and model.
+        settings: sent to each actor.
         workers: how many actors, one processor each; a cluster with fewer has fewer at a time.
+        on_dead: makes the results of a job whose actor died, from its reason.
         on_record: called once per label time, when its cell is done.
 
     Raises:
@@ -516,7 +521,7 @@ def _run(
 
 
 def _end(ray: Any, there: Sequence[Any], actors: Sequence[Any]) -> None:
-    """Lets the actors that are there end their bridges; then all are removed."""
+    """Let the actors that are there end their bridges; then all are removed."""
     # A cluster that is gone has nothing to end, and must not hide why it is gone.
     with suppress(ray.exceptions.RayError, ConnectionError):
         closing = [actor.close.remote() for actor in there]

@@ -20,14 +20,18 @@ class ModelClient(Protocol):
         """Answers that came and weren't used."""
 
     def ask(self, request: Request) -> ModelReply:
-        """The reply; a model that fails costs this reply and raises nothing."""
+        """Return the reply; a model that fails costs this reply and raises nothing."""
 
 
 class ModelClients(Protocol):
     """Gives the client of a cell, starting what has to be started."""
 
     def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
-        """Raises PeerError: the model's bridge doesn't start or can't be reached."""
+        """Return the client of a model.
+
+        Raises:
+            PeerError: the model's bridge doesn't start or can't be reached.
+        """
 
 
 class InProcessClient:
@@ -68,5 +72,5 @@ class ClientsWithAnswerers:
         self._models, self._ours = models, InProcessClients()
 
     def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
-        """The client of a model; see Clients."""
+        """Return the client of a model; see Clients."""
         return (self._ours if model.answerer else self._models).client(model, options)

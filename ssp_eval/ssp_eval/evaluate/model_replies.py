@@ -41,9 +41,7 @@ _OF_CODE = {
 
 
 def loss_of(response: Response) -> tuple[Loss | None, str]:
-    """Say why a response makes no record, as a loss and for people; (None, "") where it makes
-    one.
-    """
+    """Return the loss of a response without a record, and its reason; (None, "") with a record."""
     code = response.error_code
     if not code:
         return None, ""
@@ -54,8 +52,7 @@ def loss_of(response: Response) -> tuple[Loss | None, str]:
 
 @dataclass(frozen=True)
 class ModelReply:
-    """The outcome of one request: a response (which may hold an error), or the reason for having
-    none.
+    """The outcome of one request: a response (which may hold an error), or why there is none.
 
     Args:
         response: None where none came or it can't be used.
@@ -76,7 +73,7 @@ class IgnoredAnswers:
     unknown: int = 0
 
     def plus(self, now: IgnoredAnswers, before: IgnoredAnswers) -> IgnoredAnswers:
-        """These, and those that came between two counts."""
+        """Return these counts plus the answers that came between two counts."""
         return IgnoredAnswers(
             self.late + now.late - before.late,
             self.duplicate + now.duplicate - before.duplicate,

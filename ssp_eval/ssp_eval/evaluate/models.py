@@ -160,7 +160,7 @@ class ModelSpec:
         return replace(self.spoken.preprocessing, **self.preprocessing)
 
     def read_by(self, override: str = "") -> str:
-        """The adapter with its mode, as it stands in results.
+        """Return the adapter with its mode, as it stands in results.
 
         Args:
             override: adapter of the whole campaign; empty: the model's own.
@@ -171,7 +171,7 @@ class ModelSpec:
         return ":".join(check_adapter(override or self.adapter or self.spoken.adapter))
 
     def options_for(self, labels_file: str, clip_start_ns: int) -> dict[str, Any]:
-        """The backend's options for one cell, or what stands for them in a key."""
+        """Return the backend's options for one cell, or what stands for them in a key."""
         return _filled(self.options, {LABELS_FILE: labels_file, CLIP_START_NS: clip_start_ns})
 
 
@@ -195,7 +195,7 @@ _REMEDY = "put it into an environment variable and name that with the option api
 
 
 def refuse_secrets(value: Any, file: str | None = None, field: str = "") -> None:
-    """Refuses what is or looks like a key, wherever it stands; the message doesn't repeat it.
+    """Refuse what is or looks like a key, wherever it stands; the message doesn't repeat it.
 
     Raises:
         InputError: with the field, and where a key may stand instead.
@@ -259,7 +259,7 @@ _PREPROCESSING = tuple(set(asdict(Preprocessing())) & set(ModelEntry.model_field
 
 
 def load_models(path: Path) -> list[ModelSpec]:
-    """The models of a models file, in its order.
+    """Return the models of a models file, in its order.
 
     Raises:
         InputError: with file, field, value and what would be right.
@@ -280,7 +280,7 @@ def load_models(path: Path) -> list[ModelSpec]:
 
 
 def bridge_spec(text: str) -> ModelSpec:
-    """The model of ``NAME`` or ``NAME={"backend": …, "adapter": …, "timeout_s": …, options}``.
+    """Return a model of ``NAME`` or ``NAME={"backend": …, "adapter": …, "timeout_s": …, options}``.
 
     Raises:
         InputError: what follows the name is no JSON object, or a value in it is wrong.
@@ -292,7 +292,7 @@ def bridge_spec(text: str) -> ModelSpec:
 
 
 def attached_spec(text: str) -> ModelSpec:
-    """The model of ``NAME`` or ``NAME={"interface": …, "adapter": …, "timeout_s": …}``.
+    """Return a model from ``NAME`` or ``NAME={"interface": …, "adapter": …, "timeout_s": …}``.
 
     Raises:
         InputError: what follows the name is no JSON object of keys of a model.
@@ -302,7 +302,7 @@ def attached_spec(text: str) -> ModelSpec:
 
 
 def _parts(option: str, text: str, example: str) -> tuple[str, dict[str, Any]]:
-    """The name and the values of ``NAME`` or ``NAME={…}``."""
+    """Return the name and the values of ``NAME`` or ``NAME={…}``."""
     name, _, given = text.partition("=")
     remedy = f"write {option} '{name}={example}', for a shell in single quotes as it stands here"
     return name, parse_options(given, f"{option} {name}", remedy)
@@ -321,7 +321,7 @@ def _from_command(name: str, value: dict[str, Any]) -> ModelSpec:
 
 
 def _check_keys(entry: Any, file: str | None, field: str) -> None:
-    """Refuses unknown keys first: an option in the wrong place is the commonest mistake."""
+    """Refuse unknown keys first: an option in the wrong place is the commonest mistake."""
     for key in entry if isinstance(entry, dict) else ():
         if key not in ModelEntry.model_fields:
             raise InputError(
@@ -334,7 +334,7 @@ def _check_keys(entry: Any, file: str | None, field: str) -> None:
 
 
 def _with_remedy(error: InputError) -> InputError:
-    """The same refusal with what would be right, as the field's description says it."""
+    """Return the refusal with a remedy from the field's description."""
     field = error.field or ""
     last = re.split(r"[.\[]", field)[-1]
     of: type[Strict] = ModelEntry if field.startswith("models.") else ModelsFile
@@ -372,7 +372,7 @@ def _spec(name: str, entry: ModelEntry) -> ModelSpec:
 
 
 def check_model(spec: ModelSpec, file: str | None = None, field: str = "") -> None:
-    """Refuses what can be told without making the backend: names, interface, adapter.
+    """Refuse what can be told without making the backend: names, interface, adapter.
 
     Raises:
         InputError: with the field.
@@ -425,7 +425,7 @@ def check_model(spec: ModelSpec, file: str | None = None, field: str = "") -> No
 
 
 def as_attached(specs: list[ModelSpec]) -> list[ModelSpec]:
-    """The same models as bridges that run already: backend and options are theirs."""
+    """Return the same models as bridges that run already: backend and options are theirs."""
     return [
         replace(spec, attached=True, interface=spec.spoken.name, backend="", options={})
         for spec in specs
@@ -433,12 +433,13 @@ def as_attached(specs: list[ModelSpec]) -> list[ModelSpec]:
 
 
 def with_controls(specs: list[ModelSpec], driving: Collection[str] = ()) -> list[ModelSpec]:
-    """The models, each followed by itself under every condition, and the harness's own answerers.
+    """Return the models, each followed by itself under every condition, and our own answerers.
 
     Models that check the harness already get no conditions: they look at no frame, or repeat what
     was said about others. None is added that is there under its name.
 
     Args:
+        specs: the campaign's models.
         driving: names under which the campaign has models already; an answerer with one of them is
             asked like the others and stays a model.
     """
@@ -449,7 +450,7 @@ def with_controls(specs: list[ModelSpec], driving: Collection[str] = ()) -> list
 
 
 def with_pictures(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
-    """The models, each followed by itself under every corruption of the pictures.
+    """Return the models, each followed by itself under every corruption of the pictures.
 
     Models that check the harness get none, for the reasons of with_controls.
     """
@@ -481,7 +482,7 @@ def with_blind(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
 
 
 def with_reasoning(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
-    """The models, each that can be given its own text back followed by itself with each fact."""
+    """Return the models; one that takes its own text back is followed by itself with each fact."""
     names = [REASONING + fact for fact in FACTS]
     found = once_more(specs, names, {s.backend_name for s in specs if not is_chat(s)})
     return [
@@ -492,19 +493,20 @@ def with_reasoning(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
 
 
 def with_twin_conditions(specs: Sequence[ModelSpec], twins: Sequence[str]) -> list[ModelSpec]:
-    """The models, each followed by itself under the twins of one recording.
+    """Return the models, each followed by itself under the twins of one recording.
 
     Answerers of ours that see no frame are asked too: what they say must not move but with the ego
     history. One that answers from labels, from a file or not at all isn't.
 
     Args:
+        specs: the campaign's models.
         twins: their conditions.
     """
     return once_more(specs, twins, CONTROLS)
 
 
 def with_repeats(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
-    """The models, each that is asked with a cause changed followed by itself, asked again."""
+    """Return the models; one asked with a changed cause is followed by itself, asked again."""
     found: list[ModelSpec] = []
     for _, group in groupby(specs, lambda spec: spec.name):
         own, *others = group
@@ -517,11 +519,13 @@ def with_repeats(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
 def once_more(
     specs: Sequence[ModelSpec], conditions: Sequence[str], but: Collection[str]
 ) -> list[ModelSpec]:
-    """The models, each followed by itself under conditions, after those that it has already.
+    """Return the models, each followed by itself under conditions, behind those it already has.
 
     A blind model gets none, since no picture reaches it, and stands behind all others.
 
     Args:
+        specs: models; the entries of one name stand together.
+        conditions: their names.
         but: names of backends whose models get none.
     """
     found = []
@@ -538,7 +542,7 @@ def once_more(
 
 
 def check_bridge(model: ModelSpec) -> None:
-    """Refuses a bridge that can't be started here, before anything is asked.
+    """Refuse a bridge that can't be started here, before anything is asked.
 
     A backend or function of one's own isn't loaded here: it may be a model that fills a graphics
     card.

@@ -32,7 +32,7 @@ from ssp_vla_bridge.messages import ErrorCode, Response, response_from_json, res
 
 
 def check_unchanged(cell: Path) -> None:
-    """Refuses stored answers that aren't as the last finished run left them.
+    """Refuse stored answers that aren't as the last finished run left them.
 
     Args:
         cell: the cell's folder; it need not be there.
@@ -72,7 +72,7 @@ class RawStore:
         self._found = dict(self._stored)
 
     def _read(self, path: Path) -> dict[str, Response]:
-        """The answers of a file by key; an error is none, unless it is the model's last word."""
+        """Return a file's answers by key; an error is none unless it is the model's last word."""
         found = {}
         for number, value in self._lines(path):
             response = response_from_json(value, file=str(path), line=number)
@@ -96,15 +96,15 @@ class RawStore:
                 raise InputError(f"is no JSON: {error}", file=path, line=number) from error
 
     def find(self, key: str) -> Response | None:
-        """The stored answer to the same question."""
+        """Return the stored answer to the same question."""
         return self._found.get(key)
 
     def forget(self) -> None:
-        """Makes everything be asked again; what is on disk stays until ``finish``."""
+        """Forget all answers, so that all is asked again; the file stays until ``finish``."""
         self._found.clear()
 
     def append(self, response: Response) -> None:
-        """Stores a raw answer, on disk when this returns.
+        """Store a raw answer, which is on disk when this returns.
 
         Raises:
             HostError: the disk doesn't take it.
@@ -127,7 +127,7 @@ class RawStore:
             raise HostError(f"{self._path}: can't be written: {error.strerror}") from error
 
     def finish(self, asked: Sequence[Asked]) -> None:
-        """Leaves exactly one line per answered label time, in order, and what was asked.
+        """Leave exactly one line per answered label time, in order, and what was asked.
 
         Answers that were stored before and aren't among these are kept beside them, unless the same
         was asked anew.

@@ -73,6 +73,7 @@ def asked_again(value: Mapping[str, Any], previous: Response | None) -> Request:
     """Rebuild a stored question for an adapter: all but the pictures themselves.
 
     Args:
+        value: a line of requests.jsonl.
         previous: the answer that the line names as the one before.
 
     Raises:
@@ -157,12 +158,12 @@ class AnswerKeys:
 
 
 def new_request_id(key: str) -> str:
-    """An id that tells what was asked, and is never used twice."""
+    """Return an id that tells what was asked, and is never used twice."""
     return f"{key}-{secrets.token_hex(4)}"
 
 
 def key_of(request_id: str) -> str:
-    """The key in an id of new_request_id."""
+    """Return the key in an id of new_request_id."""
     return request_id.partition("-")[0]
 
 
@@ -208,11 +209,12 @@ def _content(path: Path) -> list[str]:
 
 
 def _source(module: str, options: Mapping[str, Any]) -> str:
-    """Hash of the file that a module is, looked for where its bridge will; empty: none found.
+    """Hash the file of a module, looked for where its bridge will; empty: none is found.
 
     The module isn't imported: it may load a model.
 
     Args:
+        module: dotted name.
         options: of the backend python, whose ``folder`` comes first.
     """
     parts = module.split(".")

@@ -207,7 +207,7 @@ class RequestFacts(_Part):
 
 
 def load_facts(file: Path) -> CellFacts:
-    """Reads a cell.json.
+    """Read a cell.json.
 
     Raises:
         InputError: it is no JSON, or a field is missing or wrong; with its path.
@@ -238,8 +238,9 @@ class CellData:
 
     @property
     def requests(self) -> tuple[dict[str, Any], ...]:
-        """Read the questions, one per label time; read anew each time, because as values they
-        take most of what the cells of a large campaign would take of memory.
+        """Read the questions, one per label time, anew at each access.
+
+        As values they would take most of the memory of a large campaign's cells.
         """
         return tuple(json.loads(line) for line in self.asked)
 
@@ -313,7 +314,7 @@ def load_cells(out: Path, on_cell: Callable[[], None] = lambda: None) -> list[Ce
 
 
 def cell_files(out: Path) -> list[Path]:
-    """The cell.json of each cell of a campaign.
+    """Return the cell.json of each cell of a campaign.
 
     Raises:
         InputError: it is no campaign folder.
@@ -425,7 +426,7 @@ def _read_cell(file: Path, audits: KeptAudits) -> CellData:
 
 
 def _refused(folder: Path, facts: CellFacts, why: str) -> CellData:
-    """A cell of which nothing is believed but its name."""
+    """Return a cell of which only the name is used."""
     facts = facts.model_copy(update={"status": "refused", "reasons": [why]})
     unknown = Labels(facts.scenario, facts.domain, facts.event_version, None, False, ())
     return CellData(folder, facts, unknown, (), (), None, (), changed=why)
@@ -452,7 +453,7 @@ def _unreadable(folder: Path) -> CellFacts:
 
 
 def _scored(cell: CellData, score: CellScore) -> CellData:
-    """A cell with its score and what a reader must know of it."""
+    """Return a cell with its score and what a reader must know of it."""
     facts, records, folder = cell.facts, cell.records, cell.folder
     notes = []
     stored = read_mapping(folder / SCORE_FILE)

@@ -43,7 +43,7 @@ _SHOWN = COMPONENTS[:4]
 def asking(
     no_controls: str = NO_CONTROLS,
 ) -> Iterator[tuple[Callable[[Plan], None], Callable[[], None]]]:
-    """A progress bar on standard error: what is to be told the plan, and each label time.
+    """Yield a progress bar on standard error: functions that take the plan, and each label time.
 
     Args:
         no_controls: what leaves the controls out, for the line that tells what is asked.
@@ -62,7 +62,7 @@ def asking(
 
 @contextmanager
 def kept_on_interrupt(out: Path) -> Iterator[None]:
-    """Tells somebody who interrupts a campaign that its answers are kept."""
+    """Tell a user who interrupts a campaign that its answers are kept."""
     try:
         yield
     except KeyboardInterrupt:
@@ -72,7 +72,7 @@ def kept_on_interrupt(out: Path) -> Iterator[None]:
 
 
 def show(results: Sequence[CellResult], out: Path) -> None:
-    """The table at the end of a campaign, and a line for each cell that lacks something."""
+    """Print the table at the end of a campaign, and a line for each cell that lacks something."""
     table = Table(box=None, pad_edge=False)
     for name in ("scenario", "domain", "model", "status", "audit"):
         table.add_column(name, no_wrap=True)
@@ -121,7 +121,7 @@ def _numbers(result: CellResult) -> list[str]:
 
 
 def result_to_json(result: CellResult) -> dict[str, Any]:
-    """A cell as ``--json`` prints it."""
+    """Return a cell as ``--json`` prints it."""
     return {
         "cell": result.folder.name,
         "scenario": result.scenario,
@@ -151,10 +151,13 @@ def evaluate_bags(
     no_controls: str = NO_CONTROLS,
     twins: bool = False,
 ) -> list[CellResult]:
-    """Evaluates every bag with every model, one cell after the other.
+    """Evaluate every bag with every model, one cell after the other.
 
     Args:
         bags: bag and its labels file (None: look beside it).
+        models: as they are asked, conditions included.
+        settings: folder, timeouts and options of the campaign.
+        propose_labels: propose labels for each bag that has none.
         admissions: what audits say, by hash of the bag.
         no_controls: what leaves the controls out, for the line that tells what is asked.
         twins: ask about the twins beside the recordings as well.
@@ -210,7 +213,7 @@ def run_parallel(
     on_record: Callable[[], None] = lambda: None,
     twins: bool = False,
 ) -> list[CellResult]:
-    """Evaluates every bag with every model, several cells at a time.
+    """Evaluate every bag with every model, several cells at a time.
 
     Raises:
         InputError: a bag, its labels or an option is wrong, or a bridge is attached.

@@ -25,7 +25,7 @@ class RequestTracker:
         self._given_up: set[str] = set()
 
     def open(self, request: Request) -> None:
-        """A request is about to be sent.
+        """Open a request that is about to be sent.
 
         Raises:
             ValueError: another one is open still.
@@ -36,7 +36,7 @@ class RequestTracker:
         self._reply = None
 
     def offer(self, response: Response) -> None:
-        """An answer came; it is used, or counted as late, duplicate or unknown."""
+        """Take an answer: use it, or count it as late, duplicate or unknown."""
         asked = self._open
         if asked is not None and response.request_id == asked.request_id:
             self._answered.add(asked.request_id)
@@ -54,7 +54,7 @@ class RequestTracker:
             self.ignored.unknown += 1
 
     def offer_unreadable(self, request_id: str, reason: str) -> None:
-        """An answer came that can't be read; it costs its own request only."""
+        """Take an answer that can't be read; it costs its own request only."""
         if self._open is not None and request_id == self._open.request_id:
             self._answered.add(request_id)
             self._open = None
@@ -63,7 +63,7 @@ class RequestTracker:
             self.ignored.unknown += 1
 
     def take(self) -> ModelReply | None:
-        """The reply to the last request, once; None while there is none."""
+        """Return the reply to the last request, once; None while there is none."""
         reply, self._reply = self._reply, None
         return reply
 
@@ -88,23 +88,23 @@ class TopicLink(Protocol):
     """The topics of one model, as the evaluator's node has them."""
 
     def send(self, request: Request) -> None:
-        """Publishes a request."""
+        """Publish a request."""
 
     def matched(self) -> bool:
-        """True while a bridge that wasn't forgotten is on both topics."""
+        """Return True while a bridge is on both topics that wasn't forgotten."""
 
     def forget(self) -> None:
-        """The bridge that is on the topics now has ended, whatever discovery still says."""
+        """Forget the bridge on the topics: it has ended, whatever discovery still reports."""
 
 
 class Transport(Protocol):
     """A node that talks to bridges; spun only while somebody waits."""
 
     def link(self, model: str, exchange: RequestTracker) -> TopicLink:
-        """The topics of a model; its answers go to the exchange."""
+        """Return the topics of a model; its answers go to the exchange."""
 
     def spin(self, timeout_s: float) -> None:
-        """Handles what came, for at most this long."""
+        """Handle incoming messages, for at most this long."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class TopicClient:
         return self._exchange.ignored
 
     def connect(self, patient: bool = True) -> None:
-        """Starts the bridge where it is ours, and waits until it is on the topics.
+        """Start the bridge where it is ours, and wait until it is on the topics.
 
         Args:
             patient: wait also for one that was waited for in vain before.
@@ -187,7 +187,7 @@ class TopicClient:
         self._connected, self._waited_in_vain = True, False
 
     def stop(self) -> None:
-        """Ends the bridge if it was started here; the next request starts it again."""
+        """End the bridge if it was started here; the next request starts it again."""
         if self.process is None:
             return
         self.process.expected_to_stop = True
@@ -200,7 +200,7 @@ class TopicClient:
         self._link.forget()
 
     def ask(self, request: Request) -> ModelReply:
-        """The reply to one request; whatever the bridge does costs this reply only.
+        """Return the reply to one request; whatever the bridge does costs this reply only.
 
         A model that doesn't come back from one request would cost all those after it, too. So when
         two in a row have no answer in time, a bridge that was started here is started again and

@@ -19,12 +19,13 @@ _REMEDY = "make the twins of {} anew with `ssp twins`"
 def with_twins(
     stack: ExitStack, labelled: LabelledClip, conditions: Collection[str] = ()
 ) -> LabelledClip:
-    """The recording with the twins that lie beside it, by condition.
+    """Return the recording with the twins that lie beside it, by condition.
 
-    A twin whose audit doesn't hold isn't asked about, and somebody is told so.
+    A twin whose audit doesn't hold isn't asked about, and a note says so.
 
     Args:
         stack: that closes the twins' bags.
+        labelled: the recording with its labels.
         conditions: of the twins that are wanted; empty: all of them.
 
     Raises:

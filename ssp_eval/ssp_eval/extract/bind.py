@@ -36,7 +36,7 @@ class Binder(Clause):
     """One pass over the hits of a text, sentence by sentence."""
 
     def run(self, ranges: list[tuple[int, int]]) -> World:
-        """Reads all sentences."""
+        """Read all sentences."""
         self.world.frames = len(set(_frames(self.words))) > 1
         self.world.sentences = len(ranges)
         for number, (start, stop) in enumerate(ranges):
@@ -169,9 +169,7 @@ class Binder(Clause):
     # --- road users
 
     def _is_ego(self, index: int, hit: Hit, known: Actor | None) -> bool:
-        """Tell whether "the car" is the VUT: there is no other, or the text says what it should
-        do.
-        """
+        """Tell whether "the car" is the VUT: no other is named, or the text tells it what to do."""
         if hit.form != "the" or self.words[hit.first : hit.stop] not in (["car"], ["vehicle"]):
             return False
         article, before = self.words[hit.first - 1], self.words[hit.first - 2]
@@ -242,16 +240,18 @@ class Binder(Clause):
         self.pending, self.states, self.reacting = [], [], False
 
     def _deny(self, hit: Hit) -> None:
-        """Note a kind of road users that is absent; where several kinds are, cars among them,
-        nobody is there.
+        """Note a kind of road users that is absent.
+
+        Where several kinds are, cars among them, no road user is there.
         """
         self.denied.add(hit.value)
         if "car" in self.denied and len(self.denied) > 1:
             self.world.nobody.append(self._said("", hit))
 
     def _opens_clause(self, index: int, hit: Hit) -> bool:
-        """Tell whether a road user opens a clause of its own behind one of the VUT, which may have
-        no conjunction: I notice a cyclist is crossing.
+        """Tell whether a road user opens a clause of its own behind one of the VUT.
+
+        It may have no conjunction: I notice a cyclist is crossing.
         """
         after, beyond = self._after(index), self._after(index, 2)
         if self.subject is not EGO or after.value != "is" or after.first != hit.stop:
@@ -420,7 +420,7 @@ class Binder(Clause):
         self.busy = True
 
     def _adjective(self, index: int, hit: Hit, other: str) -> bool:
-        """The stopped taxi, an overtaking motorbike: the verb is its noun's attribute."""
+        """Tell whether a verb is its noun's attribute: the stopped taxi, an overtaking bus."""
         following = self.hits[index + 1 : index + 3]
         if following and following[0].form == "lead":
             following = following[1:]

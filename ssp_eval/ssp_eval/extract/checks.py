@@ -7,7 +7,7 @@ from ssp_eval.extract.tokens import HUMP
 
 
 def check(text: str, name: str, slot: Slot) -> Slot | None:
-    """The slot if its label is legal and its spans are whole words of the text, else None.
+    """Return the slot if its label is legal and its spans are whole words of the text, else None.
 
     Args:
         text: the model's text.

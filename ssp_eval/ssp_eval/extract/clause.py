@@ -86,7 +86,7 @@ class Clause:
         return self.hits[index + ahead] if index + ahead < self.stop else NOTHING
 
     def _back(self, index: int, most: int) -> list[Hit]:
-        """The hits before one in its sentence, the nearest first."""
+        """Return the hits before one in its sentence, the nearest first."""
         return self.hits[max(index - most, self.start) : index][::-1]
 
     def _said(self, value: str, hit: Hit) -> Statement:
@@ -125,9 +125,7 @@ class Clause:
         )
 
     def _hindered(self, index: int, hit: Hit) -> bool:
-        """Tell whether somebody blocks the manoeuvre: a bus that is blocking a merge to the
-        left.
-        """
+        """Tell whether a road user blocks the manoeuvre: a bus is blocking a merge to the left."""
         for before in self._back(index, min(8, index - self.clause)):
             if before.kind == "matters":
                 return True
@@ -173,7 +171,7 @@ class Clause:
         return False
 
     def _goals(self, index: int) -> list[Hit]:
-        """The places and directions that belong to a verb."""
+        """Return the places and directions that belong to a verb."""
         found = []
         for hit in self._back(index, 3):
             if hit.kind == "from":
@@ -193,7 +191,7 @@ class Clause:
         return found
 
     def _with_cue(self, value: str, index: int, cues: tuple[str, ...]) -> Statement:
-        """A statement whose words begin with what makes it one: could swerve, no risk."""
+        """Return a statement that begins with its cue: could swerve, no risk."""
         hit = self.hits[index]
         for before in self.hits[max(self.clause, index - 4) : index]:
             if before.kind == "cue" and before.value in cues and hit.first - before.stop < 4:
@@ -209,7 +207,7 @@ class Clause:
         return any(f" {end}" in f" {around}" for end in _ANY_MORE)
 
     def _is_a(self, index: int, hit: Hit) -> Actor | None:
-        """The vehicle that matters is a truck: the one who was called a vehicle."""
+        """Name an actor that was only called a vehicle: the vehicle that matters is a truck."""
         before, actor = self._before(index), self.subject
         if hit.form not in ("a", "the") or before.value != "is" or hit.first - before.stop > 3:
             return None
@@ -281,9 +279,7 @@ class Clause:
         return False
 
     def _has_ended(self, index: int) -> bool:
-        """Tell whether the named conflict is over: the conflict with the van ahead has now
-        cleared.
-        """
+        """Tell whether the named conflict is over: the conflict with the van has now cleared."""
         ends = self.known.sets["ended"]
         for at in range(index + 1, min(index + ENDS_WITHIN, self.stop)):
             hit = self.hits[at]

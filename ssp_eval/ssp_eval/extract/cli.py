@@ -175,7 +175,7 @@ class _Input(Strict):
 
 
 def _read(file: str) -> Iterator[tuple[str | int, str]]:
-    """The ids and texts of a file, one line at a time; blank lines are passed over."""
+    """Yield the ids and texts of a file, one line at a time; blank lines are passed over."""
     lines: dict[str | int, int] = {}
     number = 0
     try:

@@ -39,12 +39,12 @@ def decide(world: World) -> dict[str, Found]:
 
 
 def critical_of(world: World) -> Actor | None:
-    """The critical road user of a text, if it has one."""
+    """Return the critical road user of a text, if it has one."""
     return _critical(_objects(world))
 
 
 def _unmixed(found: Found | None, critical: Actor, world: World) -> Found | None:
-    """Drops what may be said of another, where the text is about many."""
+    """Drop what may be said of another, where the text is about many."""
     others = [a for a in world.actors if a is not critical and (a.mentions or a.first)]
     if found is None or not others or world.sentences <= MAX_SENTENCES:
         return found
@@ -70,9 +70,7 @@ def _has(actor: Actor) -> bool:
 
 
 def _strong(actor: Actor) -> bool:
-    """Tell whether somebody counts beside others: more than a word that may have been for
-    another.
-    """
+    """Tell whether a road user counts beside others, by more than a word that may mean another."""
     return bool(
         actor.critical
         or actor.reaction == 2
@@ -99,9 +97,7 @@ def _marked(actor: Actor) -> bool:
 
 
 def _objects(world: World) -> list[Actor]:
-    """List the present actors that matter: those marked as such, or all where the text marks
-    none.
-    """
+    """List the actors that matter: those marked as such, or all where none is marked."""
     present = [
         actor
         for actor in world.actors
@@ -120,7 +116,7 @@ def _objects(world: World) -> list[Actor]:
 
 
 def _critical(objects: list[Actor]) -> Actor | None:
-    """The conflict partner, else what the plan reacts to, else the first critical object."""
+    """Return the conflict partner, else what the plan reacts to, else the first critical object."""
     if not objects:
         return None
     return max(
@@ -140,7 +136,7 @@ def _critical(objects: list[Actor]) -> Actor | None:
 
 
 def _position(actor: Actor, frames: bool) -> Found | None:
-    """The last sentence's place, put together from its parts: ahead + on the right."""
+    """Return the last sentence's place, put together from its parts: ahead + on the right."""
     places = [place for place in actor.places if place.value != "beside"]
     if not places and actor.hints and not actor.places and not actor.parked:
         return actor.hints[-1].value, (actor.hints[-1],)
@@ -162,7 +158,7 @@ def _position(actor: Actor, frames: bool) -> Found | None:
 
 
 def _motion(actor: Actor) -> Found | None:
-    """The last motion that is complete: some need company or a side."""
+    """Return the last motion that is complete: some need company or a side."""
     values: dict[str, Statement] = {}
     over = not actor.ongoing and any(said.value == "resolved" for said in actor.conflicts)
     for said in actor.motions:
@@ -214,7 +210,7 @@ def _conflict(actor: Actor | None, world: World) -> Found | None:
 
 
 def _action(world: World, slot: str) -> Found | None:
-    """The final plan's first step; slowing down and then stopping is a stop."""
+    """Return the final plan's first step; slowing down and then stopping is a stop."""
     units = {one.said.sentence for one in world.commitments}
     revision = max((unit for unit in world.revised if unit in units), default=0)
     plan = [c for c in world.commitments if c.slot == slot and c.said.sentence >= revision]

@@ -49,8 +49,7 @@ class Reading:
 
 
 def extract(text: str) -> Slots:
-    """Extract the text's assertions about the present, in the closed vocabularies (METHOD 5.5 a,
-    c).
+    """Extract the text's assertions about the present in the closed vocabularies (METHOD 5.5 a, c).
 
     Precision comes before recall: where the rules aren't sure a slot is None. Linear in the length
     of the text; raises on no string.

@@ -31,7 +31,7 @@ _MOST = 2_000
 
 
 def foreign_language(text: str) -> str | None:
-    """The language (ISO 639-1) of a text that isn't English; None where it is or may be.
+    """Return the language (ISO 639-1) of a text that isn't English; None where it is or may be.
 
     Args:
         text: a model's text.

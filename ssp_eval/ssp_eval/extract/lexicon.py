@@ -62,7 +62,7 @@ class _State:
         self.entry = min(ends, key=lambda node: node.order).entry if ends else None
 
     def step(self, word: str) -> _State | None:
-        """The state after one more word, None if no phrase goes on so."""
+        """Return the state after one more word, None if no phrase goes on so."""
         try:
             return self.after[word]
         except KeyError:
@@ -152,7 +152,7 @@ class Lexicon:
                 self._put(phrase, Entry(kind, value.replace("{side}", side), name), form)
 
     def _put(self, item: str, entry: Entry, form: int = -1) -> None:
-        """Adds a path for a notation to the automaton, with shared ends for its alternatives."""
+        """Add a path for a notation to the automaton, with shared ends for its alternatives."""
         frontier = [self._root]
         for part in item.split():
             end = _Node()
@@ -201,7 +201,7 @@ class Lexicon:
             yield " ".join(word for word in chosen if word)
 
     def longest(self, words: list[str], at: int) -> tuple[Entry | None, int]:
-        """The longest phrase that begins at a word, and the word after it.
+        """Return the longest phrase that begins at a word, and the word after it.
 
         Fillers inside a phrase are passed over, and ``#`` stands for a number.
         """
@@ -235,7 +235,7 @@ def _items(listed: str | list[str]) -> list[str]:
 
 @cache
 def lexicon() -> Lexicon:
-    """The lexicon of this package, read once."""
+    """Return the lexicon of this package, read once."""
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     read = (yaml.load((FOLDER / name).read_text("utf-8"), loader) for name in FILES)
     return Lexicon(*read)

@@ -86,7 +86,7 @@ NOTHING = Hit("", "", "", -1, -1)  # before a sentence and behind it
 
 
 def find(words: list[str]) -> list[Hit]:
-    """The hits of a text in order, not overlapping."""
+    """Return the hits of a text in order, not overlapping."""
     return _Reader(words).run()
 
 
@@ -101,7 +101,7 @@ class _Reader:
         self.column = 0
 
     def run(self) -> list[Hit]:
-        """Reads all words."""
+        """Read all words."""
         at = self._bare(0) or 0
         while at < self.count:
             at = self._mark(at) if self.words[at] in MARKS else self._phrase(at)
@@ -147,7 +147,7 @@ class _Reader:
         return stop
 
     def _change(self, at: int) -> int | None:
-        """Takes a change of speed in numbers: 50 > 35, from 50 to 35."""
+        """Take a change of speed in numbers: 50 > 35, from 50 to 35."""
         words = self.words
         opens = words[at] == "from"
         at_first = at + opens
@@ -207,7 +207,7 @@ class _Reader:
         self._put("user", name, form, at, stop)
 
     def _riding(self, at: int, stop: int) -> None:
-        """A boy on a bicycle is a cyclist."""
+        """Make the rider of a bicycle a cyclist: a boy on a bicycle."""
         for index in range(len(self.hits) - 1, max(len(self.hits) - 3, -1), -1):
             hit = self.hits[index]
             if hit.kind == "user" and at - hit.stop < 4:
@@ -238,7 +238,7 @@ class _Reader:
         return (None if self.header else self._bare(at + 1)) or at + 1
 
     def _label(self, mark: int) -> tuple[int, str | None]:
-        """The field that the words before a colon name, and where they begin."""
+        """Return the field that the words before a colon name, and where they begin."""
         first = mark
         while first > 0 and self.words[first - 1] == '"':
             first -= 1
@@ -271,7 +271,7 @@ class _Reader:
         return opens and slot is not None and "|" not in value and self._slot(value) is None
 
     def _header_at(self, at: int) -> list[str]:
-        """The fields of a table's columns, if the row that begins here is its head."""
+        """Return the fields of a table's columns, if the row that begins here is its head."""
         cells: list[list[str]] = [[]]
         for word in self.words[at + 1 : self.words.index("\n", at)]:
             if word == "|":
@@ -293,7 +293,7 @@ class _Reader:
         return self._value(mark + 1, slot)
 
     def _value(self, at: int, slot: str) -> int:
-        """Adds what a field says in one of its own words; the word after that."""
+        """Add a value that stands in the field's own words; return the next word's index."""
         words = self.words
         if slot == "relevance":
             word = next((one for one in words[at : at + 2] if one.isalpha()), "")
@@ -331,7 +331,7 @@ class _Reader:
         return at
 
     def _bare(self, at: int) -> int | None:
-        """Takes a value that stands alone between marks, as in ['STRAIGHT', 'MAINTAIN']."""
+        """Take a value that stands alone between marks, as in ['STRAIGHT', 'MAINTAIN']."""
         for stop in (at + 2, at + 1):
             phrase = " ".join(self.words[at:stop])
             paired = stop == self.count and self._pairs(at)

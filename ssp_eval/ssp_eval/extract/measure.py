@@ -68,12 +68,12 @@ class Example:
 
 
 def load_corpus(path: str | Path) -> tuple[Example, ...]:
-    """The examples of a corpus file; raises InputError as parse_corpus."""
+    """Return the examples of a corpus file; raise InputError as parse_corpus."""
     return parse_corpus(read_text(path), path)
 
 
 def parse_corpus(text: str, file: str | Path) -> tuple[Example, ...]:
-    """The examples of a text of JSON lines; blank lines are passed over.
+    """Return the examples of a text of JSON lines; blank lines are passed over.
 
     Raises:
         InputError: the first thing that is wrong, with line and field, or there is no example.
@@ -250,7 +250,7 @@ class Measure:
 
 
 def measure(examples: Iterable[Example], extract: Callable[[str], Slots]) -> Measure:
-    """Extracts from each text, which is all that the extractor sees, and compares."""
+    """Extract from each text, which is all that the extractor sees, and compare."""
     rows = [
         Row(example.key, example.style, name, getattr(example.slots, name), given)
         for example in examples
@@ -260,7 +260,7 @@ def measure(examples: Iterable[Example], extract: Callable[[str], Slots]) -> Mea
 
 
 def shown(slot: Slot | None) -> str:
-    """A slot's value as one word or several; objects in the vocabulary's order."""
+    """Return a slot's value as one word or several; objects in the vocabulary's order."""
     if slot is None:
         return EMPTY
     if isinstance(slot.value, str):

@@ -217,6 +217,7 @@ def asserted(text: str, values_of: Values) -> str:
     """Blank the parts of a text that it names without asserting them; the length stays.
 
     Args:
+        text: a model's text.
         values_of: what the rules read in a piece of text: values by slot.
     """
     for step in (_questions, _vectors, _fields, _boxes, _tokens, _other_options, _bare_labels):
@@ -508,7 +509,7 @@ def _picked(match: re.Match[str]) -> frozenset[str]:
 
 
 def _lists(text: str) -> Iterator[list[_Option]]:
-    """Runs of marks A, B, … or 1, 2, …, each with the text up to the next one."""
+    """Yield each run of marks A, B, … or 1, 2, …, with the text up to the next mark."""
     marks = [_Mark(m.start(), m.end(), m["mark"], m["close"]) for m in _ITEM.finditer(text)]
     if not text.isascii():
         marks += [

@@ -36,7 +36,7 @@ REACH = 24  # hits that a backward look covers, so that the whole stays linear
 
 
 def scopes(words: list[str], hits: list[Hit], ranges: list[tuple[int, int]]) -> list[Scope]:
-    """The flags of every hit."""
+    """Return the flags of every hit."""
     flags = [Scope(0)] * len(hits)
     for start, stop in ranges:
         _Sentence(words, hits, flags, start, stop).run()
@@ -55,7 +55,7 @@ class _Sentence:
         self.verb_at = start
 
     def run(self) -> None:
-        """Sets the flags of the sentence's hits."""
+        """Set the flags of the sentence's hits."""
         for index in range(self.start, self.stop):
             hit = self.hits[index]
             if hit.kind == "mark":
@@ -171,7 +171,7 @@ class _Sentence:
             self.local &= ~Scope.PAST
 
     def _answers(self, index: int) -> bool:
-        """Cyclists: none. | lead vehicle | none |"""
+        """Tell whether a word answers a field or list: Cyclists: none. | lead vehicle | none |."""
         hit = self.hits[index]
         before = self.words[hit.first - 1] if hit.first else ""
         is_none = self.words[hit.first] == "none"
@@ -179,7 +179,7 @@ class _Sentence:
         return ends and (before in (":", "|") or (before == "," and is_none))
 
     def _parenthetic(self, index: int) -> bool:
-        """The SUV, however, is turning."""
+        """Tell whether a word stands between commas: the SUV, however, is turning."""
         hit = self.hits[index]
         around = self.words[hit.first - 1 : hit.first], self.words[hit.stop : hit.stop + 1]
         return around == ([","], [","])
@@ -219,7 +219,7 @@ class _Sentence:
 def _echoes(
     words: list[str], hits: list[Hit], flags: list[Scope], ranges: list[tuple[int, int]]
 ) -> None:
-    """Marks questions, quotations and struck out or rejected items."""
+    """Mark questions, quotations and struck out or rejected items."""
     for start, stop in ranges:
         if hits[stop - 1].value == "?":
             for index in range(start, stop):

@@ -13,7 +13,7 @@ _STEPS = 3  # hits behind the noun among which its verb stands
 
 
 def with_own_vehicle(words: list[str], hits: list[Hit]) -> list[Hit]:
-    """The hits, where the VUT's own noun has become the VUT.
+    """Return the hits, where the VUT's own noun has become the VUT.
 
     A text may call the VUT "the vehicle" or "the car". It does so if no other road user has that
     noun, and the noun is the subject of what only the VUT is said to do.
@@ -32,7 +32,7 @@ def with_own_vehicle(words: list[str], hits: list[Hit]) -> list[Hit]:
 
 
 def _names(hit: Hit, words: list[str]) -> str:
-    """The noun of "the vehicle" or "the car", else nothing."""
+    """Return the noun of "the vehicle" or "the car", else nothing."""
     if (
         hit.kind != "user"
         or hit.stop - hit.first != 1

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 
 def _base(letter: str) -> str:
-    """The plain letter of one with an accent, else nothing: coupé is coupe."""
+    """Return the plain letter of one with an accent, else nothing: coupé is coupe."""
     first = unicodedata.normalize("NFD", letter)[0]
     return first if first.isascii() and first != letter else ""
 
@@ -117,12 +117,12 @@ class Tokens:
         return [match.end() for match in self.found]
 
     def span(self, first: int, stop: int) -> tuple[int, int]:
-        """The characters from word ``first`` up to but without word ``stop``."""
+        """Return the characters from word ``first`` up to but without word ``stop``."""
         return self.found[first].start(), self.found[stop - 1].end()
 
 
 def plain(text: str) -> str:
-    """The text in lower case with plain quotes and dashes, character for character."""
+    """Return the text in lower case with plain quotes and dashes, character for character."""
     if not text.isascii():
         text = text.translate(_PLAIN)
         lower = text.lower()
@@ -133,7 +133,7 @@ def plain(text: str) -> str:
 
 
 def tokenise(text: str) -> Tokens:
-    """The words of a text with their offsets."""
+    """Return the words of a text with their offsets."""
     lower = _without_struck(plain(text))
     ends = [0, *(hump.start() for hump in HUMP.finditer(text)), len(lower)]
     found = [match for pair in pairwise(ends) for match in _TOKEN.finditer(lower, *pair)]
@@ -165,7 +165,7 @@ def tokenise(text: str) -> Tokens:
 
 
 def _sides(words: list[str]) -> None:
-    """Writes out the sides of notes: on L, R lane, front-l."""
+    """Write out the sides of notes: on L, R lane, front-l."""
     for index, word in enumerate(words):
         if word in _SIDES:
             before = words[index - 1] if index else ""
@@ -207,7 +207,7 @@ def _fold(word: str) -> str:
 
 
 def _mark(word: str) -> str:
-    """The mark that a token without letters or digits at its start stands for."""
+    """Return the mark that a token without letters or digits at its start stands for."""
     first = word[0]
     if first in _SINGLE:
         return first

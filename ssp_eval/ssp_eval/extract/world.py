@@ -93,7 +93,7 @@ class Plan:
         self.sequence: set[str] | None = None  # slots of a list of meta actions that are given
 
     def act(self, hit: Hit, flags: Scope, unit: int, strong: bool = False) -> bool:
-        """Takes an action of the VUT; whether it is a commitment of the present.
+        """Take an action of the VUT; tell whether it is a commitment of the present.
 
         Args:
             hit: a verb, a noun of action or a field's value.
@@ -121,14 +121,12 @@ class Plan:
         return True
 
     def _last(self, unit: int) -> Commitment | None:
-        """The last commitment, where it stands in the same sentence."""
+        """Return the last commitment, where it stands in the same sentence."""
         last = self.world.commitments[-1] if self.world.commitments else None
         return last if last is not None and last.said.sentence == unit else None
 
     def _is_purpose(self, hit: Hit, unit: int) -> bool:
-        """Tell whether an action is only the purpose of the one before: accelerate to merge
-        left.
-        """
+        """Tell whether an action is only the purpose of the one before: accelerate to merge."""
         last = self._last(unit)
         return (
             hit.form == "base"

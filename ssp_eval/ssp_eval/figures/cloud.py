@@ -35,7 +35,7 @@ _CLEARANCE_IN = 0.012
 
 
 def around(centre: Point, width: float, height: float) -> Bbox:
-    """The rectangle of this size with its middle there."""
+    """Return the rectangle of this size with its middle there."""
     return Bbox.from_bounds(centre[0] - width / 2, centre[1] - height / 2, width, height)
 
 
@@ -110,7 +110,7 @@ def _sign(value: float) -> float:
 
 
 def ambiguous(point: Point, points: Sequence[Point], label: Bbox) -> bool:
-    """True where a label lies about as near to another point as to its own."""
+    """Return True where a label lies about as near to another point as to its own."""
     own = _apart(point, label)
     return any(other != point and _apart(other, label) < own + 0.06 for other in points)
 
@@ -122,11 +122,13 @@ def _apart(point: Point, box: Bbox) -> float:
 
 
 def spread(places: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """The places moved apart to at least this gap, as little as that takes, within low and high.
+    """Return the places moved apart to at least this gap, as little as possible, within limits.
 
     Args:
         places: any order; the result has the same.
         gap: between neighbours; smaller where there is no room for it.
+        low: least place of the result.
+        high: largest place of the result.
     """
     if not places:
         return []
@@ -168,14 +170,16 @@ def cloud(
     thick: Collection[str] = (),
     note: str = "",
 ) -> tuple[Sheet, dict[str, str]] | None:
-    """A square plot of named points.
+    """Return a square plot of named points.
 
     Args:
         points: by model, in the axes' units; numbers follow this order.
         looks: by kind, in the order of the legend; one kind alone needs none.
+        kinds: by model, its key in ``looks``.
         set_up: gives the axes limits, names and what lies under the points; returns the corners of
             a line, upright and level in turn, that labels keep off.
         thick: models whose marks get a thick border.
+        note: a line at the bottom of the sheet; empty: none.
 
     Returns:
         The sheet and the models' names as shown; None where labels would lie on one another.
@@ -212,7 +216,7 @@ def cloud(
 def _sheet(
     names: Mapping[str, str], looks: Mapping[str, Look], numbered: bool, note: str
 ) -> tuple[Sheet, Axes]:
-    """A sheet of one column, or a wider one with room for a list beside the plot."""
+    """Return a sheet of one column, or a wider one with room for a list beside the plot."""
     width_in = COLUMN_IN
     if numbered:
         columns = -(-len(names) // _per_column())
@@ -280,12 +284,12 @@ def _list(page: Axes, top_in: float, names: Mapping[str, str]) -> None:
 
 
 def numbers_used(sheet: Sheet) -> bool:
-    """True where numbers stand for names, which the caption must say."""
+    """Return True where numbers stand for names, which the caption must say."""
     return sheet.width_in > COLUMN_IN
 
 
 def share_limits(values: Sequence[float]) -> tuple[float, float]:
-    """Ends of an axis that shows scores as large as can be, in whole tenths within 0 to 1."""
+    """Return the ends of an axis that shows scores as large as can be, in tenths within 0 to 1."""
     low = max(0.0, math.floor(min(values) * 10 - 0.5) / 10)
     high = min(1.0, math.ceil(max(values) * 10 + 0.5) / 10)
     while high - low < 0.4 - 1e-9:
@@ -296,7 +300,7 @@ def share_limits(values: Sequence[float]) -> tuple[float, float]:
 def share_axis_near(
     axes: Axes, side: Literal["x", "y"], name: str, values: Sequence[float]
 ) -> None:
-    """An axis of a score, on the part of 0 to 1 where the values lie."""
+    """Set up an axis of a score, on the part of 0 to 1 where the values lie."""
     low, high = share_limits(values)
     step = 0.1 if high - low <= 0.6 + 1e-9 else 0.2
     ticks = [round(low + step * k, 1) for k in range(int((high - low) / step + 1e-9) + 1)]
@@ -313,7 +317,7 @@ def share_axis_near(
 
 
 def steps_of(front: Sequence[Point], low: Point) -> list[Point]:
-    """The border of what a front leaves open: right and above of it lies no point.
+    """Return the border of the area without points, right of and above a front.
 
     Args:
         front: from left to right.

@@ -31,7 +31,7 @@ NONE_ADMITTED = "no cell is admitted to domain means"
 
 
 def domains(scores: Scores) -> Iterator[Drawing | LeftOut]:
-    """The three figures about domains."""
+    """Yield the three figures about domains."""
     if "domain" in scores.over:
         yield LeftOut("domains", "the rows are means over domains")
         return

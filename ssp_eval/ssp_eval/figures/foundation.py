@@ -52,7 +52,7 @@ from ssp_eval.statistics.table import counted
 
 
 def architectures(scores: Scores) -> Drawing | LeftOut:
-    """A dumbbell per score of the two architectures that most models have."""
+    """Return a dumbbell per score of the two architectures that most models have."""
     name = "foundation_architectures"
     members: dict[str, list[str]] = {}
     for model in scores.by_model:
@@ -111,7 +111,7 @@ _NUMBERS = "Numbers stand for the models in the list, which is in the order of I
 
 
 def foundation(scores: Scores) -> Iterator[Drawing | LeftOut]:
-    """The four figures about foundation models."""
+    """Yield the four figures about foundation models."""
     yield _semantics_trajectory(scores)
     yield _parameters(scores)
     yield architectures(scores)
@@ -123,7 +123,7 @@ def _architecture(scores: Scores, model: str) -> str:
 
 
 def _kinds(scores: Scores, models: Sequence[str]) -> tuple[dict[str, Look], dict[str, str]]:
-    """Looks by architecture, those without one last and in grey; and the kind of each model."""
+    """Return the look by architecture, none and grey last, and the kind of each model."""
     kinds = {model: _architecture(scores, model) for model in models}
     known = sorted({row.architecture for row in scores.facts.values() if row.architecture})
     looks = {name: LOOKS[k % len(LOOKS)] for k, name in enumerate(known)}

@@ -59,9 +59,10 @@ class _Line:
 
 
 def matrix(scores: Scores, whole: bool = False) -> Iterator[Drawing | LeftOut]:
-    """The matrix of the models, and that of the controls, on as many pages as their cells need.
+    """Yield the matrix of the models, and that of the controls, on the pages that they need.
 
     Args:
+        scores: of the rows.
         whole: draw it also where it has more than MOST_PAGES pages.
     """
     if not scores.shown:

@@ -47,9 +47,10 @@ _LIMITS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
 
 
 def differences(scores: Scores, reference: str | None) -> Iterator[Drawing | LeftOut]:
-    """Mean scores of each model less those of a reference, over the cells that both have.
+    """Yield the mean scores of models less a reference's, over the cells that both have.
 
     Args:
+        scores: of the rows.
         reference: the model that others are compared to; None: the best by IVCS.
     """
     name = "models_difference"
@@ -90,7 +91,7 @@ def differences(scores: Scores, reference: str | None) -> Iterator[Drawing | Lef
 
 
 def _shared(cells: Sequence[Cell], model: str, base: str) -> tuple[list[Cell], list[Cell]]:
-    """The cells of two models in the scenarios and domains that both have."""
+    """Return the cells of two models in the scenarios and domains that both have."""
     by_model: dict[str, dict[tuple[str, str], Cell]] = {model: {}, base: {}}
     for cell in cells:
         if cell.model in by_model:
@@ -158,9 +159,10 @@ _PANEL_COLUMNS, _MOST_PANEL_ROWS, _PANEL_IN = 4, 8, 1.2
 
 
 def models(scores: Scores, reference: str | None) -> Iterator[Drawing | LeftOut]:
-    """The figures about models.
+    """Yield the figures about models.
 
     Args:
+        scores: of the rows.
         reference: the model that others are compared to; None: the best by IVCS.
     """
     yield from _range(scores)
@@ -225,7 +227,7 @@ def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
 
 
 def draw_constant(axes: Axes, row: int, value: float | None, model: str) -> None:
-    """Draws the best blind constant over the cells of a row's model, where it is known."""
+    """Draw the best blind constant over the cells of a row's model, where it is known."""
     if value is not None:
         axes.plot(
             [value, value], [row - 0.5, row + 0.5], "--", color=RED, linewidth=0.9, zorder=3,

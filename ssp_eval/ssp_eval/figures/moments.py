@@ -103,7 +103,7 @@ class CellMoments:
         )
 
     def drawn(self, path: Trajectory | None) -> Ribbon | None:
-        """A path in the ego frame as the camera shows it."""
+        """Return a path in the ego frame as the camera shows it."""
         clip = self.cell.facts.clip
         if path is None or clip.geometry is None:
             return None
@@ -115,7 +115,7 @@ class CellMoments:
         return self.path.after(at_ns * NS, _HORIZON_S)
 
     def picture(self, sha256: str) -> Image:
-        """A frame that was sent, BGR, at the size that the camera's geometry is for.
+        """Return a frame that was sent, BGR, at the size that the camera's geometry is for.
 
         Raises:
             InputError: it isn't there or is no picture.
@@ -135,7 +135,7 @@ class CellMoments:
 
 
 def cell_moments(cell: CellData, out: Path) -> CellMoments | None:
-    """The label times of a cell; None unless it has scores."""
+    """Return the label times of a cell; None unless it has scores."""
     if cell.score is None:
         return None
     asked = cell.requests_by_label()

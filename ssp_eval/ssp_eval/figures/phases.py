@@ -39,7 +39,7 @@ _DPI = 300
 
 
 def phase_frames(scenario: str, model: str, stories: Sequence[CellMoments]) -> Drawing:
-    """The frames of one scenario and model: a row per domain, a column per phase."""
+    """Return the frames of one scenario and model: a row per domain, a column per phase."""
     by_domain = {story.cell.domain: story for story in stories}
     width_in = (PAGE_IN - _LEFT_IN - 0.05 - _GAP_IN * (len(PHASES) - 1)) / len(PHASES)
     shape = max((_aspect(story) for story in stories), default=9 / 16)
@@ -106,7 +106,7 @@ def _aspect(story: CellMoments) -> float:
 
 
 def _first(story: CellMoments, phase: str) -> Moment | None:
-    """The first moment of a phase of which there is a frame."""
+    """Return the first moment of a phase of which there is a frame."""
     return next((m for m in story.moments if m.label.phase == phase and m.frames), None)
 
 
@@ -214,9 +214,13 @@ def write_phase_frames(
     progress: Callable[[str], None] = lambda _name: None,
     limit: bool = False,
 ) -> Written:
-    """Writes the phase-aligned frames of each scenario and model; controls show no model.
+    """Write the phase-aligned frames of each scenario and model; controls show no model.
 
     Args:
+        campaign: folder with the frames.
+        out: folder of the figures.
+        cells: of the campaign, controls included.
+        progress: called with a figure's name once it is written.
         limit: leave them all out where they are of more than MOST_CELLS cells.
 
     Raises:

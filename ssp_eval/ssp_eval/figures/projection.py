@@ -75,11 +75,13 @@ def ribbon(
     mount_forward_m: float | None,
     mount_turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Ribbon | None:
-    """The ribbon that the VUT would cover.
+    """Return the ribbon that the VUT would cover.
 
     Args:
+        trajectory: in the ego frame.
         geometry: of the camera, None: not known.
         mount_forward_m: of the camera, None: not known.
+        mount_turn: how far the camera sits to the left (m), is turned left and leans right (rad).
 
     Returns:
         None where the camera's pose isn't known or nothing of the path lies in front of it.
@@ -145,7 +147,7 @@ _LANE_M = 3.5
 
 
 def top_view(trajectory: Trajectory | None, history: Sequence[dict[str, Any]]) -> str:
-    """The plan as SVG.
+    """Return the plan as SVG.
 
     Args:
         trajectory: a valid one, None: there is none to draw.

@@ -99,7 +99,7 @@ def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
 def _blind(
     scores: Scores, subject: str, columns: Sequence[str | None]
 ) -> dict[str, list[float | None]]:
-    """The best blind constant's line by name: one for each domain, one for all models.
+    """Return the best blind constant's line by name: one for each domain, one for all models.
 
     Of models it is the mean over all their recordings, also where a model lacks some of them.
     """
@@ -128,7 +128,7 @@ def _macro(groups: Mapping[str, Group], found: Ranking) -> str:
 
 
 def _changes(found: Ranking, scenarios: Sequence[str]) -> str:
-    """A sentence that points out every line whose rank isn't the same in all scenarios."""
+    """Return a sentence that points out every line whose rank isn't the same in all scenarios."""
     changed = dict.fromkeys(change.subject for change in found.changes)
     if not changed:
         return "No rank changes between scenarios."
@@ -236,7 +236,7 @@ def _draw(
 
 
 def _two_lines(text: str, most_in: float) -> list[str]:
-    """A heading from its lowest line up, broken at a space where it is too wide for one."""
+    """Return a heading from its lowest line up, broken at a space where it is too wide for one."""
     parts = text.split(" ")
     if text_width_in(drawable(text)) <= most_in or len(parts) == 1:
         return [fitted(text, most_in)]

@@ -1,6 +1,4 @@
-"""The data that figures read from rows: cells, groups of them, and names in the order of
-drawing.
-"""
+"""The data that figures read from rows: cells, groups of them, and names in drawing order."""
 
 from __future__ import annotations
 
@@ -101,7 +99,7 @@ class Scores:
         return constants_in(one_scale(self.rows))
 
     def constant(self, *by: str) -> dict[tuple[str, ...], float | None]:
-        """The constant's mean IVCS over the same cells as each group's."""
+        """Return the constant's mean IVCS over the same cells as each group's."""
         found = constant_means(self.cells, self.constants, by)
         return {key: mean.value for key, mean in found.items()}
 
@@ -111,7 +109,7 @@ class Scores:
         return found is not None and not row.control and is_below(row.ivcs, found.score["ivcs"])
 
     def below(self, *by: str) -> frozenset[tuple[str, ...]]:
-        """Groups whose mean IVCS is less than the constant's over the same cells."""
+        """Return groups whose mean IVCS is less than the constant's over the same cells."""
         constant = self.constant(*by)
         return frozenset(
             key
@@ -125,7 +123,7 @@ class Scores:
         return frozenset((cell.scenario, cell.domain) for cell in self.cells)
 
     def constant_text(self, drawn: str) -> str:
-        """A sentence of the line that is drawn of the constant; empty where there is none.
+        """Return a sentence of the line that is drawn of the constant; empty where there is none.
 
         Args:
             drawn: how it looks.
@@ -171,7 +169,7 @@ class Scores:
         )
 
     def uneven(self, subject: str) -> str:
-        """A sentence where the models or domains don't have the same cells."""
+        """Return a sentence where the models or domains don't have the same cells."""
         return " ".join(uneven(self.cells, subject))
 
     def n_text(self, rows: Sequence[CellRow] | None = None) -> str:
@@ -217,7 +215,7 @@ def pareto_front(points: Mapping[str, tuple[float, float]]) -> list[str]:
 
 
 def words(name: str) -> str:
-    """A name of the vocabulary as it stands in a figure."""
+    """Return a name of the vocabulary as it stands in a figure."""
     return name.replace("_", " ")
 
 

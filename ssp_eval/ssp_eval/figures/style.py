@@ -156,7 +156,7 @@ class Sheet:
 
 
 def share_axis(axes: Axes, name: str) -> None:
-    """The horizontal axis of a score from 0 to 1."""
+    """Set up the horizontal axis of a score from 0 to 1."""
     axes.set_xlim(-0.02, 1.02)
     axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "0.25", "0.5", "0.75", "1"])
     axes.set_xlabel(name, labelpad=2)
@@ -183,7 +183,7 @@ def _drawable() -> frozenset[int]:
 
 
 def drawable(text: str) -> str:
-    """The text on one line, with ``?`` for characters that the font lacks."""
+    """Return the text on one line, with ``?`` for characters that the font lacks."""
     known = _drawable()
     return "".join(c if c.isprintable() and ord(c) in known else "?" for c in text)
 
@@ -195,10 +195,13 @@ def row_width_in(names: Iterable[str]) -> float:
 
 
 def fitted(text: str, most_in: float, size_pt: float = SMALL_PT, head: float = 1.0) -> str:
-    """The text, cut where it is wider than this; what is cut shows as an ellipsis.
+    """Return the text, cut where it is too wide; what is cut shows as an ellipsis.
 
     Args:
-        head: how much of what is kept is kept of the beginning.
+        text: to be shown.
+        most_in: largest width, in.
+        size_pt: size of the letters, pt.
+        head: share of the kept letters that are taken from the beginning.
     """
     text = drawable(text)
     if text_width_in(text, size_pt) <= most_in:
@@ -271,10 +274,12 @@ def legend_height_in(texts: Sequence[str], width_in: float) -> float:
 
 
 def mark_legend(sheet: Sheet, looks: Mapping[str, Look], top_in: float) -> None:
-    """Marks with their names.
+    """Draw marks with their names.
 
     Args:
+        sheet: that they are drawn on.
         looks: by name, in order.
+        top_in: middle of the first line below the sheet's upper border, in.
     """
     page = sheet.page()
     for (x, line, text), look in zip(
@@ -343,10 +348,11 @@ class LeftOut:
 
 
 def caption(*sentences: str, composite: bool = True) -> str:
-    """The text that belongs under a figure.
+    """Return the text that belongs under a figure.
 
     Args:
         sentences: empty ones are left out.
+        composite: whether the figure shows IVCS, so that the disclaimer is added.
     """
     parts = [sentence for sentence in sentences if sentence]
     return " ".join([*parts, DISCLAIMER] if composite else parts) + "\n"
@@ -359,14 +365,14 @@ def renamed(names: dict[str, str]) -> str:
 
 
 def page_name(name: str, number: int, pages: int) -> str:
-    """The name of a page's files: plain where there is one page only."""
+    """Return the name of a page's files: plain where there is one page only."""
     return name if pages == 1 else f"{name}_{number:0{len(str(pages))}d}"
 
 
 def pages_of(
     name: str, items: Sequence[Item], most: int = _MOST_ROWS
 ) -> Iterator[tuple[str, list[Item]]]:
-    """The name of each page's files and its items: few pages, of much the same size."""
+    """Yield the name of each page's files and its items: few pages, of much the same size."""
     count = -(-len(items) // most)
     for number in range(count):
         size, more = divmod(len(items), count)
@@ -376,7 +382,7 @@ def pages_of(
 
 
 def shown_mean(value: float | None, digits: int = 2) -> str:
-    """A mean as a figure writes it."""
+    """Return a mean as a figure writes it."""
     return NULL if value is None else f"{value:.{digits}f}"
 
 
@@ -397,10 +403,14 @@ def named_rows(
     right_in: float = 0.12,
     row_in: float = ROW_IN,
 ) -> tuple[Sheet, Axes, float]:
-    """A sheet with a row per label under a legend.
+    """Return a sheet with a row per label under a legend.
 
     Args:
+        width_in: of the sheet, in.
+        labels: of the rows, from the top.
+        legend: looks by name, in order; empty: no legend.
         right_in: room at the right of the rows.
+        row_in: height of a row, in.
 
     Returns:
         The sheet, its axes, and where these begin below its upper border, in.

@@ -46,10 +46,11 @@ def write_figures(
     only: Collection[str] = (),
     progress: Callable[[str], None] = lambda _name: None,
 ) -> Written:
-    """Writes every figure that the rows give.
+    """Write every figure that the rows give.
 
     Args:
         rows: of a campaign or a file of component scores; their order doesn't matter.
+        out: folder of the figures.
         reference: the model that others are compared to; None: the best by IVCS.
         only: groups (GROUPS) that are wanted; empty: all.
         progress: called with a figure's name once it is written.
@@ -95,10 +96,13 @@ def written_drawings(
     progress: Callable[[str], None],
     told: str = "",
 ) -> Written:
-    """Writes drawings one by one, so that only one is in memory.
+    """Write drawings one by one, so that only one is in memory.
 
     Args:
         drawings: and what can't be drawn.
+        out: folder of the files, which exists.
+        progress: called with a figure's name once it is written.
+        told: sentence that ends each caption; empty: none.
     """
     from ssp_eval.figures.style import LeftOut, drawing
 

@@ -73,9 +73,10 @@ class Axes:
 def unstated_axes(
     file: Path, topics: Mapping[str, Poses], stated: Mapping[str, Axes]
 ) -> list[Finding]:
-    """Name the topics whose frames bear the name of downward axes that nobody has stated.
+    """Name the topics whose frames are named as if their axes led downwards, and are not stated.
 
     Args:
+        file: the bag.
         topics: poses by id.
         stated: axes by id.
     """
@@ -108,6 +109,7 @@ def with_axes(poses: Poses, axes: Axes | None, twist_in_parent: bool | None) -> 
     """Bring poses and twists to the axes of REP 103.
 
     Args:
+        poses: of one topic.
         axes: as a person states them; None: those of REP 103.
         twist_in_parent: a twist is along the axes of the poses' frame, as a person states it; None:
             as its child frame says (REP 105, nav_msgs).

@@ -117,9 +117,10 @@ class _Clip:
 def import_bag(
     options: BagOptions, started: Callable[[int], None], advance: Callable[[int], None]
 ) -> ImportSummary:
-    """Makes the recording.
+    """Make the recording.
 
     Args:
+        options: of the command.
         started: called once with the number of frames that will be written.
         advance: called with the number of frames written since the last call.
 
@@ -246,7 +247,7 @@ def _frame_errors(options: BagOptions, poses: Mapping[str, Poses]) -> Iterator[I
 
 
 def _settled(options: BagOptions, shown: Times) -> tuple[Times, NDArray[np.bool_]]:
-    """The frames' times, and which of them took their time of receipt since their stamp leaps."""
+    """Return the frames' times, and which are times of receipt since their stamps leap."""
     if options.clock == "receive":
         return shown, np.zeros(len(shown.stamps_ns), dtype=bool)
     settled = settle_stamps(shown.stamps_ns, shown.received_ns)
@@ -277,7 +278,7 @@ def _leaps(
 
 
 def _span(options: BagOptions, shown: Times) -> Span:
-    """The crop.
+    """Return the crop.
 
     Raises:
         InputError: it holds no frame.
@@ -305,7 +306,7 @@ def _span(options: BagOptions, shown: Times) -> Span:
 
 
 def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses, span: Span) -> _Clip:
-    """The frames within the crop and the VUT's states, thinned to the rate."""
+    """Return the frames within the crop and the VUT's states, thinned to the rate."""
     zero_ns, (low_ns, high_ns) = span.zero_ns, span.stamps_ns
     first_ns, last_ns = vut.reach_ns
     notes = []

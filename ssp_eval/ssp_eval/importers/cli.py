@@ -127,7 +127,7 @@ def import_video(
 
 
 def _camera(given: Mapping[str, Any]) -> Callable[[int, int], CameraFacts]:
-    """The camera as a person describes it, by the size of its frames, px."""
+    """Return the camera as a person describes it, by the size of its frames, px."""
     hfov_deg, assumed = given["hfov_deg"], given["camera_assumed"]
     height_m, pitch_deg = given["camera_height"], given["camera_pitch_deg"]
     forward_m = given["camera_forward"]

@@ -16,10 +16,13 @@ from ssp_eval.importers.contradictions import Contradiction, Course
 def problem_and_remedy(
     one: Contradiction, course: Course, velocity_mps: FloatArray, object_id: str
 ) -> tuple[str, str]:
-    """Give one clause that says what is wrong and where, and one that says what mends it.
+    """Return a clause on the problem and its place, and one on the remedy.
 
     Args:
+        one: the contradiction.
+        course: of the object.
         velocity_mps: by the places, shape (n, 2).
+        object_id: its id.
     """
     match one.name:
         case "clock_step":

@@ -139,7 +139,7 @@ def contradictions(course: Course) -> list[Contradiction]:
 
 
 def _explains(course: Course, one: Contradiction, other: Contradiction) -> bool:
-    """True where a contradiction brings about another one, which is no more than beside it."""
+    """Return True where a contradiction causes another one, which is at most beside it."""
     t_s = course.t_s
     window_s = max(WINDOW_S, LEAST_SAMPLES * float(np.median(np.diff(t_s))))
     if t_s[one.first] > t_s[other.last] + window_s or t_s[other.first] > t_s[one.last] + window_s:
@@ -507,10 +507,12 @@ def _share(off: Bools) -> float:
 def twist_in_parent_axes(
     t_s: FloatArray, xy_m: FloatArray, yaw_rad: FloatArray, twist_mps: FloatArray
 ) -> tuple[float, float, int] | None:
-    """Say where a twist that should be along the object's axes fits those of its poses' frame.
+    """Find where a twist that should be along the object's axes fits those of its poses' frame.
 
     Args:
+        t_s: times of the samples, s, rising.
         xy_m: in the frame of the poses, of the point that is reported; shape (n, 2).
+        yaw_rad: heading in that frame, rad.
         twist_mps: forwards and to the left as stated, shape (n, 2).
 
     Returns:

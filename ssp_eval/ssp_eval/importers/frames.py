@@ -65,13 +65,13 @@ class Repeats:
 
 
 def speeds_of(track: Track) -> Callable[[Sequence[int]], FloatArray]:
-    """The speeds of an object at any stamps on its clock."""
+    """Return the speeds of an object at any stamps on its clock."""
     samples = track.samples
     return lambda stamps_ns: np.interp(stamps_ns, samples.stamps_ns, samples["speed_mps"])
 
 
 def _driving(stamps_ns: Sequence[int], speed_mps: FloatArray) -> Iterator[list[int]]:
-    """The parts of a run, longer than FROZEN_S, in which the VUT drives."""
+    """Yield the parts of a run, longer than FROZEN_S, in which the VUT drives."""
     drives = np.concatenate([[False], speed_mps > MOVING_MPS, [False]])
     edges = np.flatnonzero(np.diff(drives.astype(int)))
     for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -149,7 +149,7 @@ class FrameIntake:
         return read.jpeg
 
     def _read(self, stamp_ns: int, image: ImageMessage) -> _Frame | None:
-        """The frame as JPEG and its pixels; None: it is cut off, and nobody accepts that."""
+        """Return the frame as JPEG and its pixels; None: it is cut off, and no one accepts that."""
         self._mosaics += is_mosaic(image)
         if image.layout is not None or image.data[:2] != JPEG_START:
             picture = decode_still(image)
@@ -174,9 +174,7 @@ class FrameIntake:
 
     @property
     def describes_lens(self) -> bool:
-        """Tell whether a CameraInfo can describe the frames: they lie in the file as they are
-        shown.
-        """
+        """Tell whether a CameraInfo can describe the frames: they are shown as they are stored."""
         return not (self._turned and self._has_lens)
 
     def close(self, findings: Findings) -> list[str]:

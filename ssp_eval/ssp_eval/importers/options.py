@@ -72,9 +72,7 @@ class MotionOptions:
         self, object_id: str, object_class: ObjectClass, reference: ReferencePoint,
         role: Role, size: Size | None = None,
     ) -> Body:  # fmt: skip
-        """Describe an object; ``reference`` and ``size`` are the source's, unless they are
-        declared.
-        """
+        """Describe an object; declarations replace ``reference`` and ``size`` of the source."""
         if object_id in self.sizes:
             size = size_of(object_class, *self.sizes[object_id])
         return Body(
@@ -109,8 +107,12 @@ class ImportOptions:
     accepted: tuple[str, ...] = ()
 
     def check_ids(self, ids: tuple[str, ...]) -> None:
-        """Raises UsageError where an option names nobody, and InputError where the objects aren't
-        those of the K*."""
+        """Check the objects' ids.
+
+        Raises:
+            UsageError: an option names an id that isn't there.
+            InputError: the objects aren't those of the K*.
+        """
         for option, named in (
             ("--transform", self.motion.transforms),
             ("--reference", self.motion.references),
@@ -131,7 +133,7 @@ class ImportOptions:
 
 
 def import_options(out: Path, given: Mapping[str, Any]) -> ImportOptions:
-    """The options of ``declaring`` and ``moving``, and those about the crop, as one.
+    """Return the options of ``declaring`` and ``moving``, and those about the crop, as one.
 
     Raises:
         UsageError: one makes no sense, or what belongs together isn't given together.
@@ -340,9 +342,11 @@ def pairs(option: str, given: tuple[str, ...]) -> dict[str, str]:
 
 
 def numbers(option: str, text: str, names: str, least: int | None = None) -> list[float]:
-    """Finite numbers with commas between them.
+    """Parse finite numbers with commas between them.
 
     Args:
+        option: its name, for the message.
+        text: its value.
         names: of the numbers, with commas.
         least: how many must be there, None: all.
 

@@ -1,6 +1,4 @@
-"""The stretch of a map that the VUT drives on, from which a recording's topology comes (METHOD
-4.3).
-"""
+"""The stretch of a map that the VUT drives on, for a recording's topology (METHOD 4.3)."""
 
 from __future__ import annotations
 
@@ -47,7 +45,7 @@ class BoundRoad:
 
 
 def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
-    """The block of a map under the VUT's path.
+    """Return the block of a map under the VUT's path.
 
     Args:
         name_or_path: OpenDRIVE map, SUMO network, site file, or the name of a shipped site.
@@ -100,7 +98,7 @@ def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
 
 
 def _known(field: str, word: str) -> str:
-    """A word of the map, or that it doesn't say."""
+    """Return a word of the map, or that it doesn't say."""
     words = get_args(ImportedSite.model_fields[field].annotation)
     return word if word in words else "unresolved"
 
@@ -157,7 +155,7 @@ def _best(
 
 
 def _is_part(block: Block, other: Block) -> bool:
-    """A straight part of a bent block, which has a block of its own beside the whole."""
+    """Tell whether a block is a straight part of a bent one, given beside the whole."""
     return block is not other and block.block_id.startswith(f"{other.block_id} [")
 
 

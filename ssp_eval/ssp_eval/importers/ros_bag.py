@@ -66,12 +66,14 @@ class Times:
 def check_clocks(
     file: Path, clock: Clock, topics: Sequence[Times], findings: Findings
 ) -> list[str]:
-    """Checks the topics' time bases against each other.
+    """Check the topics' time bases against each other.
 
     They are compared with the topic that most of them agree with; with the first of these where
     there are several.
 
     Args:
+        file: the bag.
+        clock: "receive" where the times are those of receipt; these aren't checked.
         topics: the VUT's first.
         findings: take each topic whose stamps are missing or go backwards, or that is on another
             clock.
@@ -150,8 +152,7 @@ def _apart(other: Times, first: Times) -> tuple[float, float] | None:
 
 
 def _later_s(other: Times, first: Times) -> NDArray[np.float64]:
-    """Compute how much later than the first topic's another's messages are received, by their
-    stamps.
+    """Compute how much later than the first topic's another's messages are received, by stamps.
 
     Compared at the same times of receipt: a simulator's time may run slower than the recorder's.
     """
@@ -271,7 +272,7 @@ class _Compressed:
 
 
 def _is_compressed(path: Path) -> bool:
-    """True for a folder whose metadata says that rosbag2 compressed its files or messages."""
+    """Return True for a folder whose metadata names files or messages that rosbag2 compressed."""
     if not (path / FILE_NAME).is_file():
         return False
     stated = read_mapping(path / FILE_NAME).get(ROOT_KEY)
@@ -340,7 +341,7 @@ class SourceBag(Closing):
         return found
 
     def check_topic(self, topic: str, types: tuple[str, ...]) -> str:
-        """The type of a topic; raises InputError where there is none, or of none of these."""
+        """Return a topic's type; raise InputError where it is missing or of another type."""
         found = self.types.get(topic)
         if found is None:
             like = [name for name, kind in self.types.items() if kind in types]
@@ -468,7 +469,7 @@ class Span:
         return of_frames is not None and of_frames[0] <= received_ns <= of_frames[1]
 
     def within(self, times: Times) -> Times:
-        """The times of the messages that belong to the crop."""
+        """Return the times of the messages that belong to the crop."""
         pairs = zip(times.stamps_ns, times.received_ns, strict=True)
         inside = np.fromiter((self.holds(*pair) for pair in pairs), bool, len(times.stamps_ns))
         return Times(times.topic, times.stamps_ns[inside], times.received_ns[inside])

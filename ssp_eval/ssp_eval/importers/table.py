@@ -46,17 +46,17 @@ class TableObject:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of states: its objects by id in the order of their first rows, and the columns that
-    nobody reads."""
+    """A table of states: objects by id, in the order of their first rows, and unused columns."""
 
     objects: Mapping[str, TableObject]
     ignored: tuple[str, ...]
 
 
 def read_table(path: Path, findings: Findings) -> Table:
-    """Reads and checks a table of states.
+    """Read and check a table of states.
 
     Args:
+        path: a CSV file.
         findings: take each kind of error in each column once, with file, first line, column,
             value, remedy and the number of rows.
 
@@ -141,7 +141,7 @@ def _check_header(path: Path, header: Sequence[str], findings: Findings) -> None
 def _classes(
     path: Path, lines: Sequence[int], ids: Sequence[str], words: Sequence[str], findings: Findings
 ) -> dict[str, ObjectClass]:
-    """The class of each id, which never changes."""
+    """Return the class of each id, which never changes."""
     found: dict[str, str] = {}
     last: dict[str, int] = {}
     empty: list[int] = []
@@ -178,7 +178,7 @@ def _classes(
 def _numbers(
     path: Path, lines: Sequence[int], name: str, texts: Sequence[str], findings: Findings
 ) -> FloatArray:
-    """A column, in which every row has a finite number; extents are those of road users."""
+    """Return a column, in which every row has a finite number; extents are those of road users."""
     found = np.array([_number(text) for text in texts])
     none = ~np.isfinite(found)
     wrong = [(none, "is no number", "every row needs all its values")]

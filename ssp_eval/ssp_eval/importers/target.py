@@ -104,13 +104,13 @@ class ImportSummary:
 
 
 def check_free(out: Path) -> None:
-    """Raises InputError where something is already there."""
+    """Raise InputError where something is already there."""
     if out.exists() or out.is_symlink():
         raise InputError("exists already", file=out, remedy="name a new directory with --out")
 
 
 def make_bag(out: Path, fill: Callable[[BagWriter], Made]) -> Made:
-    """Makes a bag directory in a folder beside it and puts it in place when it is whole.
+    """Make a bag directory in a folder beside it and put it in place when it is whole.
 
     Raises:
         InputError: the directory exists, or what ``fill`` raises; nothing is left behind.
@@ -133,6 +133,7 @@ def write_states(
     """Write each object's states on its own topic, and all as poses on /tf.
 
     Args:
+        writer: of the new bag.
         objects: each gives its states anew, stamps rising; they are the log times.
     """
     for object_id, states in objects.items():
@@ -161,11 +162,14 @@ def measured_motion(
     options: MotionOptions, tracks: Sequence[Track], name: str, sha256: str, notes: list[str],
     time_offset_s: float = 0.0,
 ) -> Motion:  # fmt: skip
-    """Binds the road under the VUT's way, and says where the tracks come from.
+    """Bind the road under the VUT's path, and state where the tracks come from.
 
     Args:
+        options: site and block of the road.
         tracks: the VUT's first.
         name: of the file that they stand in, or of the bag.
+        sha256: hash of that file or bag.
+        notes: on the states so far.
         time_offset_s: that was added to the source's times.
 
     Raises:
@@ -198,11 +202,14 @@ def attach_record(
     findings: Findings,
     notes: Sequence[str] = (),
 ) -> ImportRecord:
-    """Attaches import.json, the K* and the map.
+    """Attach import.json, the K* and the map.
 
     Args:
+        writer: of the new bag.
+        declared: what a person declares about the recording.
         source: name, sha256, kind.
         crop_s: from and to, on the source's clock.
+        camera: facts about the camera.
         motion: measured; the VUT's declared constant speed, m/s; or None: unknown.
         findings: of the whole import.
         notes: on file and frames, beside those on the states.
@@ -400,5 +407,5 @@ def thin(times_ns: NDArray[np.int64], rate_hz: float | None, fps: float | None =
 
 
 def jpeg(image: Bgr) -> bytes:
-    """A frame as JPEG."""
+    """Return a frame as JPEG."""
     return encode_jpeg(image, JPEG_QUALITY)

@@ -94,11 +94,11 @@ class Samples:
         return np.column_stack([self["x_m"], self["y_m"]])
 
     def having(self, **columns: FloatArray) -> Samples:
-        """The same with these columns."""
+        """Return the same with these columns."""
         return replace(self, columns={**self.columns, **columns})
 
     def taken(self, keep: NDArray[np.bool_] | Stamps) -> Samples:
-        """These samples alone."""
+        """Return only these samples."""
         lines = self.source.lines
         kept = None if lines is None else tuple(np.asarray(lines)[keep].tolist())
         return Samples(
@@ -108,7 +108,7 @@ class Samples:
         )
 
     def moved_ahead(self, ahead_m: float) -> Samples:
-        """The samples of a point so far ahead, along the heading."""
+        """Return the samples of a point so far ahead, along the heading."""
         yaw = self["yaw_rad"]
         return self.having(
             x_m=self["x_m"] + ahead_m * np.cos(yaw), y_m=self["y_m"] + ahead_m * np.sin(yaw)
@@ -157,9 +157,7 @@ class Body:
 
     @property
     def ahead_m(self) -> float:
-        """Return how far the reported point lies ahead of the reference point of
-        ObjectState.msg.
-        """
+        """Return how far the reported point lies ahead of ObjectState.msg's reference point."""
         if isinstance(self.reference, float):
             return self.reference
         front_m, rear_m = self.extent.front_m, self.extent.rear_m
@@ -169,7 +167,7 @@ class Body:
 
 
 def size_of(object_class: ObjectClass, length_m: float, width_m: float, height_m: float) -> Size:
-    """The extent of an object of these outer measures.
+    """Return the extent of an object of these outer measures.
 
     The reference point divides its length as it divides that of the typical object of its class.
     """
@@ -200,7 +198,7 @@ class Track:
         return int(self.samples.stamps_ns[-1])
 
     def states(self, zero_ns: int = 0) -> Iterator[ObjectState]:
-        """The states, numbered from 1; ``zero_ns`` is taken from every stamp."""
+        """Yield the states, numbered from 1; ``zero_ns`` is taken from every stamp."""
         body, samples = self.body, self.samples
         names = [name for name in samples.columns if name != "left_mps"]
         for begin in range(0, len(samples.stamps_ns), _BLOCK):
@@ -221,7 +219,7 @@ class Track:
 
 
 def slopes(t_s: FloatArray, values: FloatArray, half_s: float = SLOPE_HALF_S) -> FloatArray:
-    """Derivative of each column by a straight line through the samples near in time.
+    """Return the derivative of each column by a straight line through the samples near in time.
 
     Args:
         t_s: shape (n,), rising, at least two.
@@ -246,9 +244,11 @@ def slopes(t_s: FloatArray, values: FloatArray, half_s: float = SLOPE_HALF_S) ->
 
 
 def make_track(samples: Samples, body: Body, findings: Findings) -> Track:
-    """Checks and completes what a source says of one object.
+    """Check and complete what a source states of one object.
 
     Args:
+        samples: as the source has them, within the crop.
+        body: the object, its reported point and its axes.
         findings: take where speed, heading or steps contradict the positions; the message names
             unit or frame where one explains it.
 
@@ -295,7 +295,7 @@ def make_track(samples: Samples, body: Body, findings: Findings) -> Track:
 
 
 def _rising(samples: Samples, body: Body, notes: list[str]) -> Samples:
-    """The samples without those that say the same again."""
+    """Return the samples without those that say the same again."""
     steps = np.diff(samples.stamps_ns)
     if (steps < 0).any():
         i = int(np.argmax(steps < 0)) + 1
@@ -366,7 +366,7 @@ def _with_heading(
 
 
 def _check_turns(samples: Samples) -> None:
-    """Refuses headings that aren't in rad."""
+    """Refuse headings that aren't in rad."""
     yaw = samples["yaw_rad"]
     too_large = np.abs(yaw) > 2.0 * math.pi + 0.01
     if too_large.any():
@@ -404,7 +404,7 @@ def _with_speed(
 
 
 def _axes_finding(samples: Samples, body: Body, t_s: FloatArray) -> Finding | None:
-    """Names a twist that is along the axes of the poses' frame, and not along the object's."""
+    """Name a twist that is along the axes of the poses' frame, and not along the object's."""
     columns = samples.columns
     if "left_mps" not in columns or body.heading_from_motion:
         return None
@@ -425,7 +425,7 @@ def _axes_finding(samples: Samples, body: Body, t_s: FloatArray) -> Finding | No
 
 
 def _findings(samples: Samples, body: Body, course: Course, velocity: FloatArray) -> list[Finding]:
-    """Names where what the source states contradicts its positions."""
+    """Name the places where the source's statements contradict its positions."""
     found = []
     for one in contradictions(course):
         problem, remedy = problem_and_remedy(one, course, velocity, body.object_id)
@@ -458,7 +458,7 @@ def _with_rates(samples: Samples, body: Body, t_s: FloatArray, notes: list[str])
 
 
 def _say_sideways(samples: Samples, body: Body, t_s: FloatArray, notes: list[str]) -> None:
-    """Says where a reference point moves across its heading, which states can't hold."""
+    """Say where a reference point moves across its heading, which states can't hold."""
     yaw = samples["yaw_rad"]
     reported = samples["speed_mps"][:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
     went = np.zeros_like(reported)
@@ -477,7 +477,7 @@ def _say_sideways(samples: Samples, body: Body, t_s: FloatArray, notes: list[str
 
 
 def _say_gaps(body: Body, t_s: FloatArray, notes: list[str]) -> None:
-    """Says where states are missing for longer than one is carried on."""
+    """Say where states are missing for longer than one is carried on."""
     steps = np.diff(t_s)
     gaps = steps > STATE_AGE_S + 1e-9
     if gaps.any():

@@ -98,9 +98,10 @@ class VideoOptions:
 
 
 def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> ImportSummary:
-    """Makes the bag.
+    """Make the bag.
 
     Args:
+        options: of the command.
         advance: called with the number of frames kept since the last call.
 
     Raises:
@@ -125,7 +126,7 @@ def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> Import
 
 
 def _kept(video: Video, options: VideoOptions, every: int, sound: Soundness) -> Thinned:
-    """The frames of the crop that are kept."""
+    """Return the frames of the crop that are kept."""
     clip, fps = options.clip, video.info.fps
     slack_s = 0.01 / fps
     end_s = math.inf if clip.end_s is None else clip.end_s
@@ -288,9 +289,12 @@ def _measured(
     last_ns: int,
     findings: Findings,
 ) -> Motion:
-    """The tracks of VUT and objects within the clip.
+    """Return the tracks of VUT and objects within the clip.
 
     Args:
+        options: of the command.
+        given: the table's file, its ids and its time base.
+        table: its content.
         low_ns: the first frame's time in the video.
         last_ns: clip time of the last frame.
         findings: take what contradicts itself in the table.
@@ -326,7 +330,7 @@ def _track(
     high_ns: int,
     findings: Findings,
 ) -> Track:
-    """The track of an object within the clip, which lasts from and to times of the video."""
+    """Return the track of an object within the clip, which lasts from and to times of the video."""
     stamps_ns = one.samples.stamps_ns + seconds_to_ns(given.time_offset_s)
     inside = (stamps_ns >= low_ns) & (stamps_ns <= high_ns)
     if inside.sum() < LEAST_SAMPLES:
@@ -355,7 +359,7 @@ class _FrameChange:
     _found: list[float] = field(default_factory=list)
 
     def take(self, image: Bgr) -> None:
-        """The next frame."""
+        """Take the next frame."""
         small = cv2.resize(image, _COMPARED_PX, interpolation=cv2.INTER_AREA)
         grey = np.asarray(small, dtype=np.float64).mean(axis=2)
         if self._last is not None:
@@ -383,9 +387,11 @@ class _FrameChange:
 
 
 def _check_motion(measured: Motion, change: _FrameChange, frames_ns: NDArray[np.int64]) -> None:
-    """Refuses a table whose VUT stands while the frames move, and says where they may.
+    """Refuse a table whose VUT stands while the frames move; note where they may.
 
     Args:
+        measured: tracks of the VUT and the objects.
+        change: the differences between the frames.
         frames_ns: their times in the video.
     """
     vut = measured.tracks[0]
@@ -407,7 +413,7 @@ def _check_motion(measured: Motion, change: _FrameChange, frames_ns: NDArray[np.
 
 
 def _names(given: TableOptions, table: Table, findings: Findings) -> dict[str, str]:
-    """The id in the table by the id in the recording, the VUT first."""
+    """Return the id in the table by the id in the recording, the VUT first."""
     wanted = {VUT_ID: given.vut, **given.objects}
     if not given.objects:
         wanted |= {name: name for name in table.objects if name not in (given.vut, VUT_ID)}
@@ -431,7 +437,7 @@ def _names(given: TableOptions, table: Table, findings: Findings) -> dict[str, s
 
 
 def _coverage(track: Track, low_ns: int, high_ns: int) -> list[str]:
-    """Refuses a VUT that the table lacks for part of the clip; says it of other objects."""
+    """Refuse a VUT that the table lacks for part of the clip; note it of other objects."""
     late_s, early_s = ns_to_seconds(track.first_ns - low_ns), ns_to_seconds(high_ns - track.last_ns)
     who = track.body.object_id
     if max(late_s, early_s) <= UNCOVERED_S:

@@ -74,7 +74,7 @@ class BoxedFrame:
 
 
 def boxes(view: View, states: Iterable[ObjectState], vut_id: str) -> tuple[Boxed, ...]:
-    """The objects of which a view holds something and which aren't hidden, nearest first.
+    """Return the objects of which a view holds something and which aren't hidden, nearest first.
 
     Args:
         view: of the VUT's camera, frame map.
@@ -108,7 +108,7 @@ def _series(
 
 
 def boxes_of_bag(path: Path) -> Iterator[BoxedFrame]:
-    """The frames of a recorded session, in order.
+    """Yield the frames of a recorded session, in order.
 
     Raises:
         InputError: it is no session's bag, or holds no camera, frames or ground truth.
@@ -139,7 +139,7 @@ def boxes_of_bag(path: Path) -> Iterator[BoxedFrame]:
 
 
 def boxes_of_truth(path: Path) -> Iterator[BoxedFrame]:
-    """The frames of a clip, from its truth file.
+    """Yield the frames of a clip, from its truth file.
 
     Raises:
         InputError: it is no truth file, or doesn't state its camera.
@@ -166,7 +166,7 @@ _PATH = click.Path(path_type=Path)
 @click.option("--out", type=_PATH, required=True, help="File to write (JSON lines).")
 @click.option("--force", is_flag=True, help="Overwrite an existing file.")
 def boxes_command(source: Path, out: Path, force: bool) -> None:
-    """Writes ground-truth boxes of every frame: for audits and labels, never for a model.
+    """Write ground-truth boxes of every frame: for audits and labels, never for a model.
 
     SOURCE is a simulated session's BAG, or the TRUTH file of a clip. The first line names schema
     and source; each other line is a frame with its clip time and the objects that it may show:

@@ -57,7 +57,7 @@ def _follows(before: PhasePosition, after: PhasePosition) -> bool:
 
 
 def risk_warnings(labels: Labels) -> list[str]:
-    """A risk that is seen before its onset, or is no longer seen while the conflict lasts."""
+    """Return each risk that is visible before its onset or no longer while the conflict lasts."""
     found = []
     onset_s = labels.risk_onset_s
     for i, label in enumerate(labels.labels):
@@ -76,11 +76,13 @@ def risk_warnings(labels: Labels) -> list[str]:
 
 
 def event_problems(labels: Labels, event: Event, version: str) -> list[str]:
-    """Phases that K*'s times don't allow, and another version than K*'s.
+    """List phases that K*'s times don't allow, and a version other than K*'s.
 
     Args:
         labels: of the clip that K* was taken from; other clips have other times. Their time 0 is
             the start of K*'s crop.
+        event: the K*.
+        version: of the K*.
     """
     problems = []
     if labels.event_version != version:

@@ -32,7 +32,7 @@ _PATH = click.Path(path_type=Path)
 
 @click.group()
 def labels() -> None:
-    """Proposes labels files, checks them, shows the frames to label from (METHOD 5.2)."""
+    """Propose labels files, check them, show the frames to label from (METHOD 5.2)."""
 
 
 labels.add_command(boxes_command)
@@ -44,7 +44,7 @@ labels.add_command(new)
 @click.option("--event", help="K* of the labelled clip itself: its times and version.")
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 def check(file: Path, event: str | None, as_json: bool) -> int:
-    """Checks FILE after METHOD 5.2, 5.2b and 1, and warns when no risk response could be reached.
+    """Check FILE by METHOD 5.2, 5.2b and 1, and warn when no risk response could be reached.
 
     Exit status 1: it is a template, or its phases contradict each other, its plan or the event's
     times.
@@ -110,7 +110,7 @@ def check(file: Path, event: str | None, as_json: bool) -> int:
 @click.option("--start", type=Number(0), default=0.0, help="Of VIDEO's clip in the file, s.")
 @click.option("--force", is_flag=True, help="Overwrite an existing file.")
 def sheet(source: Path, file: Path, out: Path, start: float, force: bool) -> None:
-    """Writes a contact sheet: the frames of BAG or VIDEO at the labels' times, with the labels."""
+    """Write a contact sheet: the frames of BAG or VIDEO at the labels' times, with the labels."""
     if out.suffix.lower() != ".html":
         raise click.UsageError(f"--out {out}: name a file that ends in .html")
     if out.exists() and not force:

@@ -104,9 +104,10 @@ class _Planned:
         return [self.timeline.time_of(at) for at in self.plan.at]
 
     def file(self, path: Path, template: bool) -> NewFile:
-        """Its labels file.
+        """Return the recording's labels file.
 
         Args:
+            path: of the file.
             template: nothing is to be proposed, only the times and phases of the labels.
         """
         one = self.recording
@@ -118,8 +119,10 @@ class _Planned:
 
     @property
     def unanswered(self) -> str:
-        """Labels that every model misses, for people: their clip shows no frame near enough for
-        METHOD 6.1; empty where there is none."""
+        """Describe the labels that every model misses; empty where there are none.
+
+        Their clip shows no frame near enough for METHOD 6.1.
+        """
         crop, limit_s = self.timeline.crop, DEFAULT.match_window_s
         shown_s = [t_s for t_s in self.timeline.frames_s if crop.holds(t_s)]
         missed = [
@@ -160,7 +163,7 @@ def new(
     start: float,
     force: bool,
 ) -> None:
-    """Proposes labels from recorded states, or writes a template where there are none.
+    """Propose labels from recorded states, or write a template where there are none.
 
     Give all recordings of a scenario at once (SYN SIM PHY: bags, run folders, or the video that K*
     was reviewed on): their label times are planned together, so that each has as many labels in
@@ -210,6 +213,7 @@ def _read(paths: Sequence[Path], given: _Given) -> list[_Recording]:
 
     Args:
         paths: of bags and videos; none: the truth file alone.
+        given: options of the command.
 
     Raises:
         InputError: one is no recording, or realises another K*; two are of one domain or not of one
@@ -270,7 +274,7 @@ def _of_source(source: Source, event: KStar | None, given: _Given) -> _Recording
 
 
 def _phases(source: Source, k_star: KStar | None, domain: str, named: bool) -> Timeline | None:
-    """The phases of a recording without states, by whoever may say so (METHOD 4.3).
+    """Return the phases of a recording without states: its observers', else K*'s (METHOD 4.3).
 
     K* tells of its source clip alone. A synthetic video that nobody observed is taken for that clip
     where a person says so: who names K* for it (``named``), or who imported it as one of K*'s where
@@ -346,7 +350,7 @@ def _plan(recordings: Sequence[_Recording]) -> list[_Planned]:
 
 
 def _plan_alone(one: _Recording) -> list[_Planned]:
-    """The plan of a single recording; [] where there is none, and why is said."""
+    """Return the plan of a single recording; [] where there is none, and why is said."""
     if one.truth is None and one.timeline is None:
         return []
     try:
@@ -359,7 +363,7 @@ def _plan_alone(one: _Recording) -> list[_Planned]:
 def _targets(
     sources: Sequence[Path], recordings: Sequence[_Recording], out: Path | None
 ) -> list[Path]:
-    """The file of each recording; ``sources`` are as the user named them."""
+    """Return the file of each recording; ``sources`` are as the user named them."""
     if out is not None:
         one = len(recordings) == 1
         return [out] if one else [out / f"{r.domain}.labels.json" for r in recordings]
@@ -457,7 +461,7 @@ def _sheet_hint(source: Path, labels: Path) -> str:
 
 
 def _grid_template(out: Path, one: _Recording) -> None:
-    """A template on a clock grid, around the event or, where it isn't known, the clip's middle."""
+    """Write a template on a clock grid, around the event or, if unknown, the clip's middle."""
     facts = one.source
     if facts is None:
         raise ValueError(f"{one.path} has no frames to write a template for")

@@ -89,9 +89,11 @@ class Timeline:
         return round(t_s, _DIGITS)
 
     def risk_s(self, plan: Plan) -> float:
-        """The proposed risk_time_s: the trigger's start, or the stamp of the frame shown at the
-        first trigger label where that is earlier, so that this label is the first candidate of
-        METHOD 6.9 in every domain."""
+        """Return the proposed risk_time_s: the trigger's start, or an earlier frame's stamp.
+
+        The frame is the one shown at the first trigger label, so that this label is the first
+        candidate of METHOD 6.9 in every domain.
+        """
         first = next(at for at in plan.at if at.phase == "trigger")
         shown_s = self.shown_s(self.time_of(first))
         return self.trigger_s if shown_s is None else min(self.trigger_s, shown_s)
@@ -124,7 +126,7 @@ class NoPlan(InputError):
 
 
 def plan_labels(timelines: Sequence[Timeline]) -> Plan:
-    """The plan of a scenario (METHOD 5.2b).
+    """Return the plan of a scenario (METHOD 5.2b).
 
     Args:
         timelines: of all its recordings, at least one.
@@ -170,7 +172,7 @@ def _inside(phase: str, count: int) -> list[PhasePosition]:
 
 
 def _counts(timelines: Sequence[Timeline]) -> tuple[int, int]:
-    """m and n: the fewest by the durations; n, then m, is raised until all gaps are right.
+    """Return m and n: the fewest by the durations; n, then m, is raised until all gaps are right.
 
     Raises:
         NoPlan: no numbers do.
@@ -243,7 +245,7 @@ def _gap_problem(timelines: Sequence[Timeline], places: Sequence[PhasePosition])
 
 
 def _no_plan(timelines: Sequence[Timeline], problem: str) -> NoPlan:
-    """The refusal, with every recording's durations."""
+    """Return the refusal to plan, with every recording's durations."""
     return NoPlan(
         f"no label plan (METHOD 5.2b): {problem}",
         remedy=f"the phases are: {'; '.join(t.durations for t in timelines)}",

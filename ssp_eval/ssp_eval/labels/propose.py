@@ -47,7 +47,7 @@ class ClipScene:
     standing: frozenset[str]
 
     def hides(self, now: States, by: str | None = None) -> bool:
-        """True when other objects, or that one alone, hide the critical OT."""
+        """Return True when other objects, or that one alone, hide the critical OT."""
         critical = now.get(self.event.object_id)
         if critical is None:
             return False
@@ -60,7 +60,7 @@ class ClipScene:
         return is_hidden(now[vut_id], critical, others)
 
     def sees(self, now: States, object_id: str) -> bool:
-        """True when an object is in the camera's field and range and not hidden."""
+        """Return True when an object is in the camera's field and range and not hidden."""
         vut_id = self.truth.vut_id
         if object_id not in now or vut_id not in now:
             return False
@@ -71,7 +71,7 @@ class ClipScene:
         return not is_hidden(now[vut_id], now[object_id], others)
 
     def risk_s(self, series: Series) -> float:
-        """The trigger, or the first instant after it at which nothing hides the critical OT."""
+        """Return the trigger, or the first instant from then on without the critical OT hidden."""
         for t_s, now in series:
             after = t_s >= self.event.trigger_s - TOLERANCE_S
             if after and self.truth.vut_id in now and not self.hides(now):
@@ -89,6 +89,9 @@ def own_motion(
 
     Args:
         series: (clip time in s, states by object id), times rising.
+        ticks_s: the times of ``series``.
+        vut_id: id of the VUT.
+        t_s: label time, s.
 
     Returns:
         Longitudinal and lateral action; it goes on straight where the clip ends before that is
@@ -175,9 +178,10 @@ class Located:
         places: Sequence[PhasePosition] = (),
         onset_s: float | None = None,
     ) -> Proposal:
-        """Labels at these times.
+        """Propose labels at these times.
 
         Args:
+            times_s: clip times, rising.
             places: of a plan, one for each time; empty: they lie on a clock grid.
             onset_s: risk_time_s of the plan; None: from when on the risk can be seen.
         """
@@ -204,7 +208,7 @@ class Located:
 
 
 def locate(truth: Truth) -> Located:
-    """Finds a recording's event.
+    """Find a recording's event.
 
     Raises:
         InputError: it has no VUT, event or conflict.
@@ -321,7 +325,7 @@ def _standing(
     series: Series,
     event: RecordedEvent,
 ) -> frozenset[str]:
-    """The OTs without an event that stand over the whole clip."""
+    """Return the OTs without an event that stand over the whole clip."""
     moving = {
         state.object_id
         for _, states in series

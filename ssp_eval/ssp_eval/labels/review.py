@@ -51,9 +51,11 @@ class NewFile:
 
 
 def proposed_file(path: Path, proposal: Proposal, source: str) -> NewFile:
-    """Proposed labels and their mark, to be written.
+    """Return proposed labels and their mark, to be written.
 
     Args:
+        path: of the labels file.
+        proposal: labels, event and crop.
         source: hash or name of what they were made from.
     """
     mark = {"source": source, "event": asdict(proposal.event), "crop": asdict(proposal.crop)}
@@ -61,7 +63,7 @@ def proposed_file(path: Path, proposal: Proposal, source: str) -> NewFile:
 
 
 def write_files(files: Sequence[NewFile]) -> None:
-    """Writes all files and their marks, or none of them."""
+    """Write all files and their marks, or none of them."""
     staged: list[tuple[Path, Path]] = []
     try:
         for file in files:
@@ -83,12 +85,12 @@ def write_files(files: Sequence[NewFile]) -> None:
 
 
 def write_proposal(path: Path, proposal: Proposal, source: str) -> None:
-    """Writes proposed labels and their mark; see proposed_file."""
+    """Write proposed labels and their mark; see proposed_file."""
     write_files([proposed_file(path, proposal, source)])
 
 
 def is_unreviewed(path: Path) -> bool:
-    """True for labels that stand as they were proposed, or whose review isn't finished.
+    """Return True for labels that stand as they were proposed, or whose review isn't finished.
 
     Raises:
         InputError: the sidecar can't be read.
@@ -115,7 +117,7 @@ def decided_fields(path: Path) -> frozenset[str]:
 
 
 def write_decided(path: Path, labels: Labels, decided: Iterable[str]) -> None:
-    """Writes labels under review, the mark first: they never look reviewed before they are."""
+    """Write labels under review, the mark first: they never look reviewed before they are."""
     mark: dict[str, Any] = read_mapping(sidecar(path))
     mark[_DECIDED] = sorted(decided)
     write_json(sidecar(path), mark)
@@ -125,7 +127,7 @@ def write_decided(path: Path, labels: Labels, decided: Iterable[str]) -> None:
 
 
 def confirm(path: Path) -> None:
-    """Takes the mark off: a person has decided every label."""
+    """Take the mark off: a person has decided every label."""
     sidecar(path).unlink(missing_ok=True)
 
 
@@ -188,7 +190,7 @@ class _Desk:
 def review_labels(
     path: Path, log: Path, who: str, now: Callable[[], str], terminal: Terminal
 ) -> int:
-    """Goes through proposed labels; exit status 0 when every one is decided.
+    """Go through proposed labels; exit status 0 when every one is decided.
 
     Raises:
         InputError: the file is no labels file, or is a template.
@@ -234,7 +236,7 @@ def _show(labels: Labels, field: str, number: str, terminal: Terminal) -> None:
 
 
 def _ask(desk: _Desk, field: str, terminal: Terminal) -> bool:
-    """Asks until one field is decided or skipped; False when the review stops."""
+    """Ask until one field is decided or skipped; return False when the review stops."""
     while True:
         answer = terminal.ask(PROMPT)
         if answer is None or answer in ("q", "quit"):
@@ -321,9 +323,7 @@ def _changes(text: str) -> dict[str, Any]:
 
 
 def _holder(content: dict[str, Any], field: str) -> dict[str, Any]:
-    """Return the mapping of the values that are decided: the file for risk_time_s, else
-    labels[i].
-    """
+    """Return the mapping of the decided values: the file for risk_time_s, else labels[i]."""
     found: dict[str, Any] = content
     if field != _RISK:
         found = content["labels"][int(field.removeprefix("labels[").removesuffix("]"))]

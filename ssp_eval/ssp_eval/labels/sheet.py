@@ -39,9 +39,11 @@ class Picture:
 
 
 def pictures(path: Path, times_s: Sequence[float], start_s: float = 0.0) -> list[Picture | None]:
-    """The frame at each clip time, None where there is none at or shortly before it.
+    """Return the frame at each clip time, None where there is none at or shortly before it.
 
     Args:
+        path: a bag or a video.
+        times_s: clip times, s.
         start_s: of a video, where its clip begins.
 
     Raises:
@@ -115,10 +117,12 @@ class Rows(BaseModel):
 
 
 def html_sheet(rows: Rows, pictures: Sequence[Picture | None], source: str) -> str:
-    """A page with the frames side by side, each with its slots; pressed, a frame fills the window.
+    """Return a page with the frames side by side and their slots; a pressed frame fills the window.
 
     Args:
+        rows: the labels, of one recording.
         pictures: one for each row, None where the clip has none.
+        source: name of bag or video.
     """
     items = [
         {"t_s": row.t_s, "slots": row.slots, "picture": _shown(picture)}

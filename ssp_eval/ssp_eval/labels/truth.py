@@ -77,7 +77,7 @@ class KStar:
 
 
 def given_event(name_or_path: str) -> KStar:
-    """The K* that a user names.
+    """Return the K* that a user names.
 
     Raises:
         InputError: see load_event.
@@ -87,9 +87,10 @@ def given_event(name_or_path: str) -> KStar:
 
 
 def shipped_event(scenario: str | None, version: str | None) -> KStar | None:
-    """The shipped K* of a scenario, None: there is none, or not of this version.
+    """Return the shipped K* of a scenario, None: there is none, or not of this version.
 
     Args:
+        scenario: name of the event; None: not known.
         version: that it must have; None or UNKNOWN_VERSION: any.
     """
     if scenario is None:
@@ -106,7 +107,7 @@ def shipped_event(scenario: str | None, version: str | None) -> KStar | None:
 def _rules(
     k_star: KStar | None, run: RunSpec | None, scenario: str | None, version: str | None
 ) -> EventRules:
-    """The rules for a recording: those of its K* or the shipped one, else the run's, else none."""
+    """Return a recording's rules: those of its K* or the shipped one, else the run's, else none."""
     found = k_star or shipped_event(scenario, version)
     if found is not None:
         return replace(rules_of(found.event, run), said_by=found.said_by)
@@ -161,9 +162,10 @@ def is_bag(path: Path) -> bool:
 
 
 def read_source(path: Path, start_s: float = 0.0) -> Source:
-    """Reads a recording.
+    """Read a recording.
 
     Args:
+        path: a bag or a video.
         start_s: of a video, where its clip begins.
 
     Raises:
@@ -195,7 +197,7 @@ def read_source(path: Path, start_s: float = 0.0) -> Source:
 
 
 def video_times(path: Path, start_s: float) -> list[float]:
-    """Times of a video's frames from a time on, s; InputError where there are none."""
+    """Return the times of a video's frames from a time on, s; raise InputError without any."""
     with Video(path) as video:
         times_s = [frame.time_s for frame in video.frames(start_s, None, 1)]
     if not times_s:
@@ -273,9 +275,10 @@ def truth_from_file(
     event_version: str | None = None,
     given: KStar | None = None,
 ) -> Truth:
-    """Ground truth that a clip's maker wrote beside it, in the clip's own time.
+    """Read the ground truth that a clip's maker wrote beside it, in the clip's own time.
 
     Args:
+        path: of the file.
         domain: of the clip, where it isn't the one that the file names (METHOD 5.2).
         event_version: K* version, where the file names none.
         given: the K*, for its rules. Where it isn't given, the shipped K* of this scenario is
@@ -324,9 +327,10 @@ def truth_of(
     truth_file: Path | None = None,
     version: str | None = None,
 ) -> Truth:
-    """Ground truth of a bag, in clip time.
+    """Return the ground truth of a bag, in clip time.
 
     Args:
+        source: the bag, as read_source returns it.
         given: the K*, where the bag holds none.
         truth_file: that its clip's maker wrote, for a bag of a video without states.
         version: K* version, where the recording names none.

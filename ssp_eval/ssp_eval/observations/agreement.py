@@ -64,7 +64,7 @@ class Agreement:
 
 
 def agree(observations: Sequence[Observation], period_s: float = 0.0) -> Agreement:
-    """Holds independent observations of one recording against each other.
+    """Compare independent observations of one recording.
 
     Args:
         observations: at least one, of one recording.

@@ -74,7 +74,7 @@ def observe(
     rate: float,
     force: bool,
 ) -> None:
-    """Makes an offline page to look at BAG with: its frames beside a form (METHOD 4.3).
+    """Make an offline page to look at BAG with: its frames beside a form (METHOD 4.3).
 
     BAG is a bag directory, or a run folder that holds bag/. The page saves a draft; `ssp audit
     observe BAG --seal DRAFT` checks it, binds it to the recording by its hash, seals it and puts
@@ -130,7 +130,7 @@ def _check_free(path: Path, force: bool) -> None:
 
 
 def _keep(found: Observation, target: Path, log: Path, force: bool) -> None:
-    """Writes a sealed observation, enters it into the log, and says what it leaves open."""
+    """Write a sealed observation, enter it into the log, and print what it leaves open."""
     _check_free(target, force)
     make_folder(target.parent)
     record = Record(
@@ -158,7 +158,7 @@ def _keep(found: Observation, target: Path, log: Path, force: bool) -> None:
 
 
 def log_of(bag: Path) -> Path:
-    """The log L of a recording: that of its task, else the one beside the bag."""
+    """Return the log L of a recording: that of its task, else the one beside the bag."""
     folder = bag_folder(bag.absolute())
     task = folder.parent / TASK_FOLDER / LOG_FILE
     return task if task.is_file() else folder.with_name(f"{folder.name}.log.jsonl")
@@ -168,7 +168,7 @@ def log_of(bag: Path) -> Path:
 @click.argument("files", metavar="A B", nargs=-1, type=_PATH)
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 def agree_command(files: tuple[Path, ...], as_json: bool) -> int:
-    """Shows where two persons' sealed observations A and B of one recording agree.
+    """Show where two persons' sealed observations A and B of one recording agree.
 
     A field on which they differ is unverified; times within 0.1 s, or one frame, are the same and
     their mean counts. Exit status 1 where they differ.

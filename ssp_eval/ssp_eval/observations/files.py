@@ -43,7 +43,7 @@ class Footage:
 
 
 def find_observations(bag: Path) -> list[Path]:
-    """The observation files of a recording, by name.
+    """Return the observation files of a recording, by name.
 
     They lie in the bag's folder or, of a bag that is called ``bag``, in its run folder, as
     ``observation*.json`` or ``.yaml``; or beside it as ``<bag>.observation*.json`` or ``.yaml``.
@@ -78,9 +78,11 @@ def default_place(bag: Path, who: str) -> Path:
 def load_observations(
     bag: Path, footage: Footage, named: Sequence[Path] = ()
 ) -> tuple[tuple[Path, Observation], ...]:
-    """The sealed observations of a recording, each with its file.
+    """Return the sealed observations of a recording, each with its file.
 
     Args:
+        bag: folder or MCAP file of the recording.
+        footage: frames of the recording that they must be of.
         named: files besides those that lie with it.
 
     Raises:
@@ -92,14 +94,14 @@ def load_observations(
 
 
 def load_observation(path: Path, footage: Footage) -> Observation:
-    """Reads a sealed observation and holds it against its recording; see load_observations."""
+    """Read a sealed observation and hold it against its recording; see load_observations."""
     observation = read_observation(path)
     check_observation(observation, footage, path)
     return observation
 
 
 def read_observation(path: Path) -> Observation:
-    """Reads a sealed observation, whatever recording it is of.
+    """Read a sealed observation, whatever recording it is of.
 
     Raises:
         InputError: it is none, isn't sealed, or was changed since.
@@ -117,7 +119,7 @@ def read_observation(path: Path) -> Observation:
 
 
 def check_seal(observation: Observation, file: str | Path) -> None:
-    """Raises InputError where a sealed observation isn't what was sealed."""
+    """Raise InputError where a sealed observation isn't what was sealed."""
     if observation.seal != observation.content_sha256:
         raise InputError(
             f"was changed after {observation.who} sealed it: its content has the hash "
@@ -130,7 +132,7 @@ def check_seal(observation: Observation, file: str | Path) -> None:
 
 
 def check_observation(observation: Observation, footage: Footage, file: Path) -> None:
-    """Holds an observation against its recording.
+    """Hold an observation against its recording.
 
     Raises:
         InputError: it is of another recording, contradicts itself, names a frame that isn't there
@@ -177,11 +179,13 @@ def check_observation(observation: Observation, footage: Footage, file: Path) ->
 def sealed_observation(
     file: Path, footage: Footage, recording: str, now: str, who: str | None = None
 ) -> Observation:
-    """Reads a draft, checks it, and seals it.
+    """Read a draft, check it, and seal it.
 
     Args:
         file: of a page, or filled in by hand. What it leaves open of hash, recording and time is
             put in.
+        footage: frames of the recording that it is of.
+        recording: name of the recording.
         now: ISO 8601 UTC.
         who: looked; None: the file says it.
 
@@ -209,5 +213,5 @@ def sealed_observation(
 
 
 def write_observation(path: Path, observation: Observation) -> None:
-    """Writes it as JSON."""
+    """Write an observation as JSON."""
     write_json(path, observation.model_dump(mode="json", by_alias=True))

@@ -265,11 +265,11 @@ class Answers(Strict):
         }
 
     def rejections(self) -> tuple[str, ...]:
-        """The reasons of the source gate that were found in it."""
+        """Return the reasons of the source gate that the observer found."""
         return tuple(r for r in REASONS if getattr(self.source_gate, r).value is True)
 
     def unverified_reasons(self) -> tuple[str, ...]:
-        """The reasons of the source gate that nobody could decide."""
+        """Return the reasons of the source gate that couldn't be decided."""
         return tuple(r for r in REASONS if getattr(self.source_gate, r).value is None)
 
     def properties_by(self, by: str) -> dict[str, Property]:
@@ -365,7 +365,7 @@ def leaves(value: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, An
 
 
 def _is_idle(path: str, key: str, answers: Answers) -> bool:
-    """True for what needn't be said: where the VUT starts, its lane where there is but one."""
+    """Return True for a question without need: the VUT's start, its lane where there is one."""
     if path == "topology":
         only = key == "vut_lane" and answers.topology.lanes_same_direction == 1
         return only or key in MAY_LACK

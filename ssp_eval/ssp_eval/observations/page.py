@@ -41,9 +41,10 @@ class Shown:
 def chosen(
     footage: Footage, rate_hz: float, start_s: float | None = None, end_s: float | None = None
 ) -> list[int]:
-    """Indices of the frames to show, rising; 600 at most.
+    """Return indices of the frames to show, rising; 600 at most.
 
     Args:
+        footage: frames of the recording.
         rate_hz: every n-th frame, n as large as leaves at least so many a second.
         start_s: from this clip time; None: from the clip's start.
         end_s: to this clip time; None: to the last frame.
@@ -71,10 +72,13 @@ def shown_frames(
     footage: Footage,
     on_frame: Callable[[], None] = lambda: None,
 ) -> list[Shown]:
-    """The frames as JPEG, at most WIDTH_PX wide.
+    """Return the frames as JPEG, at most WIDTH_PX wide.
 
     Args:
+        bag: folder or MCAP file of the recording.
         indices: of the frames, rising.
+        footage: the recording's frames, for their times.
+        on_frame: called after each frame.
 
     Raises:
         InputError: one of them is no picture.
@@ -106,9 +110,12 @@ _HERE = Path(__file__).parent
 def render(
     draft: dict[str, Any], questions: Sequence[Card], frames: Sequence[Shown], bag: str
 ) -> str:
-    """The page.
+    """Return the page as HTML.
 
     Args:
+        draft: an observation without answers.
+        questions: cards in their order.
+        frames: rising.
         bag: as it is named on the command line.
     """
     data = {

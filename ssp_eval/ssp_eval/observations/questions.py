@@ -30,11 +30,11 @@ _GATE = {
 
 
 class Ask(Strict):
-    """One answer: where its value stands in the file, the question ("" where the card's title asks
-    it), how it is answered, and value and text of each choice.
+    """One question: the place of its value in the file, its text, and how it is answered.
 
-    One that is ``optional`` may be left open without a word; ``idle_if`` is path and value that
-    make it needless.
+    The text is "" where the card's title asks it; each choice has a value and a text. A question
+    that is ``optional`` may be left open without a word; ``idle_if`` is path and value that make it
+    needless.
     """
 
     path: str
@@ -62,9 +62,11 @@ class Card(Strict):
 
 
 def cards(vut: str, targets: Sequence[str], has_log: bool) -> list[Card]:
-    """The questions about a recording, as questions.yaml.j2 has them.
+    """Return the questions about a recording, as questions.yaml.j2 has them.
 
     Args:
+        vut: id of the VUT.
+        targets: ids of the OTs.
         has_log: the recording has a log of ours, so that nobody needs to declare anything.
     """
     seen = {f"participants.{who}": who for who in targets}
@@ -106,7 +108,7 @@ def _vocabularies(vut: str, targets: Sequence[str]) -> dict[str, Sequence[tuple[
 
 
 def blank(vut: str, targets: Sequence[str], has_log: bool) -> dict[str, Any]:
-    """The file without any answer."""
+    """Return the observation file without any answer."""
     people = {vut: {"role": "VUT"}} | {who: {"role": "OT"} for who in targets}
     found: dict[str, Any] = {"topology": {}, "roles": {"participants": people}}
     for name in ("dominant_motion", "conflict_type", "passing_order"):
@@ -141,10 +143,13 @@ _HEAD = """\
 
 
 def template(bag: str, draft: dict[str, Any], questions: Sequence[Card], footage: Footage) -> str:
-    """The text of the file, with what may be answered as comments.
+    """Return the text of the file, with what may be answered as comments.
 
     Args:
         bag: as it is named on the command line.
+        draft: the file's content without answers.
+        questions: cards whose questions become comments.
+        footage: frames of the recording.
     """
     frames_s = footage.frames_s
     head = _HEAD.format(
@@ -167,7 +172,7 @@ def _lines(
     comments: Mapping[str, str],
     groups: Mapping[str, tuple[str, str]],
 ) -> Iterator[str]:
-    """A field, and all that is in it, each with what may stand there."""
+    """Yield the lines of a field and its content, each with its possible values."""
     pad = "  " * path.count(".")
     yield from (f"{pad}# {line}" for line in groups.get(path, ()) if line)
     if isinstance(value, dict):

@@ -166,7 +166,7 @@ def _notes(missing: Iterable[str], notes: Iterable[str]) -> None:
 
 
 def _shown_on(bar: RichProgress) -> Progress:
-    """Shows a count of bytes in whole MiB, and what is done with them afterwards."""
+    """Show a count of bytes in whole MiB, and the step that follows."""
     task = bar.task_ids[0]
     done = 0
 

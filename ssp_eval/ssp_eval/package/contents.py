@@ -55,17 +55,19 @@ class Contents:
         return found
 
     def of(self, *roles: Role) -> list[FileEntry]:
-        """The files of some roles, by path."""
+        """Return the files of some roles, by path."""
         return [entry for entry in self.files if entry.role in roles]
 
     def beside(self, path: str, name: str) -> FileEntry | None:
-        """The file of a name in the same folder."""
+        """Return the file of a name in the same folder."""
         return self.by_path.get(str(PurePosixPath(path).with_name(name)))
 
     def with_hash(self, sha256: str, near: str, *roles: Role) -> FileEntry | None:
-        """The file with these bytes; of several, the one whose path shares most with ``near``.
+        """Return the file with this hash; of several, the one whose path shares most with ``near``.
 
         Args:
+            sha256: of its bytes.
+            near: a path in the package.
             roles: that it may have; none: any.
         """
         found = [e for e in self._by_hash.get(sha256, []) if not roles or e.role in roles]
@@ -100,7 +102,7 @@ class Contents:
             raise InputError(f"is not UTF-8 (byte {error.start})", file=entry.path) from error
 
     def mapping(self, entry: FileEntry) -> dict[str, Any]:
-        """The mapping in a YAML or JSON file.
+        """Return the mapping in a YAML or JSON file.
 
         Raises:
             InputError: it holds none.
@@ -109,7 +111,7 @@ class Contents:
 
     @contextmanager
     def bag(self, recording: FileEntry) -> Iterator[BagReader]:
-        """A bag, opened under the names that its files had.
+        """Yield a bag, opened under the names that its files had.
 
         Raises:
             InputError: it is no bag or damaged; the message names the path that it had.
@@ -137,9 +139,10 @@ class Contents:
                 ) from error
 
     def lay_out(self, recording: FileEntry, root: Path) -> Path:
-        """A bag as it lay when it was taken in, with what an audit looks for beside it.
+        """Return a bag as it lay when it was packed, with the files beside it that an audit reads.
 
         Args:
+            recording: entry of the MCAP file.
             root: a new folder, under which links to the objects stand at the paths that they had.
 
         Returns:
@@ -166,7 +169,7 @@ class Contents:
 
 
 def nearest(entries: Sequence[FileEntry], near: str) -> FileEntry | None:
-    """The entry whose path shares the longest beginning with another path; None of none."""
+    """Return the entry whose path shares the longest beginning with another path; None of none."""
     if not entries:
         return None
     parts = PurePosixPath(near).parts
@@ -281,11 +284,11 @@ class Index:
         return event_version(event)
 
     def verdict_beside(self, recording: FileEntry) -> FileEntry | None:
-        """The runner's verdict in the folder of an MCAP file."""
+        """Return the runner's verdict in the folder of an MCAP file."""
         return self.contents.beside(recording.path, VERDICT_FILE)
 
     def place_of(self, audited: RecordingEntry) -> FileEntry | None:
-        """The MCAP file of a recording that an audit is of; None: it isn't in the package.
+        """Return the MCAP file of a recording that an audit is of; None: it isn't in the package.
 
         Of several copies it is one with the verdict that the audit read.
         """
@@ -348,7 +351,7 @@ class Index:
 
 
 def sealed_task(data: bytes, name: str) -> Task:
-    """A task whose seal holds.
+    """Return a task whose seal holds.
 
     Raises:
         InputError: it is none, or its seal is broken.

@@ -95,7 +95,7 @@ class Links:
         return self.found
 
     def _shortlists(self, entry: FileEntry) -> None:
-        """The lists that the events of a log were candidates of."""
+        """Link the shortlists that the events of a log were candidates of."""
         for place, record in enumerate(parse_log(self._contents.text(entry), entry.path), start=1):
             if record.kind == "shortlist":
                 named = record.details.get("sha256")
@@ -105,7 +105,7 @@ class Links:
     def _add(
         self, kind: Kind, source: str, at: str, target: FileEntry | None, named: object, what: str
     ) -> None:
-        """A link, or the problem that nothing has the hash that is named."""
+        """Add a link, or the problem that no file has the hash that is named."""
         if not isinstance(named, str) or not named.startswith("sha256:"):
             self.problems.append(Problem(source, at, f"names no {what}"))
         elif target is None:
@@ -163,7 +163,7 @@ class Links:
         self._admission(entry, facts, str(hashes.get("bag")))
 
     def _verdict(self, path: str, recording: Recording, facts: Mapping[str, Any]) -> None:
-        """The runner's word that a cell was evaluated with; only a refused one may be without."""
+        """Link the runner's verdict that a cell was evaluated with; a refused cell may lack it."""
         named = facts["hashes"].get("verdict")
         copies = self._index.copies[recording.sha256]
         beside = [e for e in map(self._index.verdict_beside, copies) if e is not None]
@@ -173,7 +173,7 @@ class Links:
         self._add("verdict", path, "hashes.verdict", file, named, "verdict")
 
     def _admission(self, entry: FileEntry, facts: Mapping[str, Any], bag: str) -> None:
-        """The audit that a cell goes by, and whether it says so; none where it is unaudited."""
+        """Link the audit that a cell goes by, and compare its admission; skip an unaudited cell."""
         admission = facts.get("admission")
         named = admission.get("audit_sha256") if isinstance(admission, dict) else None
         if not isinstance(admission, dict) or named is None:
@@ -202,9 +202,7 @@ class Links:
             self._version("event_version", entry.path, "event_version", audit.event_version, "K*")
 
     def _beside(self, path: str, at: str, audited: RecordingEntry) -> None:
-        """Link the files that an audit read outside the MCAP file: the runner's verdict, and
-        observations.
-        """
+        """Link the files that an audit read outside the MCAP file: verdict and observations."""
         place = self._index.place_of(audited)
         if place is None:
             return
@@ -227,7 +225,7 @@ class Links:
         self._version("event_version", entry.path, "event_version", version, "K*")
 
     def _observation(self, entry: FileEntry) -> None:
-        """The recording that was looked at; a draft counts for nothing and names no seal."""
+        """Link the observed recording; a draft counts for nothing and names no seal."""
         value = self._contents.mapping(entry)
         if value.get("seal") is None:
             return
@@ -301,13 +299,13 @@ class Links:
         self._log(recording)
 
     def _own(self, path: str, name: str) -> FileEntry | None:
-        """The file that a run's attachment was made from, where the run's folder is whole."""
+        """Return the file that a run's attachment was made from; None in an incomplete folder."""
         run = PurePosixPath(path).parent.parent
         place = run / name if name == RUN_ATTACHMENT else run / TASK_FOLDER / name
         return self._contents.by_path.get(str(place))
 
     def _log(self, recording: Recording) -> None:
-        """The log in a bag is the beginning of the log beside it: entries may have come later."""
+        """Link the log beside a bag that begins with the bag's: entries may have come later."""
         data = recording.attachments.get(LOG_FILE)
         if data is None:
             return
@@ -341,7 +339,7 @@ class Chains:
         self.notes: list[str] = []
 
     def add(self, cell: str, facts: Mapping[str, Any]) -> None:
-        """The chains of one cell; a refused or failed one has none."""
+        """Add the chains of one cell; a refused or failed one has none."""
         if facts.get("status") != "ok":
             return
         try:
@@ -454,7 +452,7 @@ class Chains:
         request: Mapping[str, Any],
         raw: Mapping[str, tuple[LineRef, dict[str, Any]]],
     ) -> None:
-        """Compares a record with what its raw answer gives."""
+        """Compare a record with the one that its raw answer gives."""
         if answer is None:
             self._problem(records_file, f"{place.line}", "has no raw answer")
             return
@@ -482,7 +480,7 @@ class Chains:
     def _frames(
         self, entry: FileEntry, requests: Lines, facts: Mapping[str, Any]
     ) -> dict[int, list[SentFrame]]:
-        """The frames of each request, by its line, each found in the recording."""
+        """Return the frames of each request, by its line, each found in the recording."""
         hashes = facts["hashes"]
         recording = self._index.recordings.get(str(hashes.get("twin", hashes.get("bag"))))
         condition = str(facts.get("condition", ""))
@@ -521,7 +519,7 @@ class Chains:
 
 @cache
 def _extractors() -> dict[str, Extractor]:
-    """The extractors that need no LLM, by their hashes."""
+    """Return the extractors that need no LLM, by their hashes."""
     known = (Extractor(), Extractor(use_reader=False))
     return {extractor.sha256: extractor for extractor in known}
 

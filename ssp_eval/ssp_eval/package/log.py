@@ -54,7 +54,7 @@ class Entry:
 
 
 def merged_log(parts: Iterable[tuple[str, str]]) -> str:
-    """The whole log as JSON Lines, in order of time; within a part, in the part's own order.
+    """Return the whole log as JSON Lines, in order of time; within a part, in the part's own order.
 
     A part's order wins over its clock: an entry that claims to be earlier than the one before it
     goes right after that one. An entry that stands in several parts (a compiled folder's log is
@@ -134,9 +134,7 @@ class Logged:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """The place of a change's entry: the compiled folder, and the recording made from it, if
-    any.
-    """
+    """The place of a change's entry: the compiled folder, and its recording, if any."""
 
     folder: Path
     bag: Path | None
@@ -147,10 +145,12 @@ class _Place:
 
 
 def log_change(folder: Path, change: Change, apply: bool = False) -> Logged:
-    """Checks a change against what was compiled and logged so far, and appends it to the log.
+    """Check a change against what was compiled and logged so far, and append it to the log.
 
     Args:
         folder: a compiled folder; or the folder of a run, or its ``task`` folder.
+        change: field, old and new value, and by whom, when and why it was changed.
+        apply: write the new value into the run file too; a folder that was run refuses it.
 
     Raises:
         InputError: the folder is none of these, the field or a value is wrong, the old value is

@@ -98,7 +98,7 @@ def role_of(path: str, file: Path, in_a_cell: bool) -> Role:
 
 
 def is_cell_folder(names: frozenset[str]) -> bool:
-    """True where the files of a folder are those of a cell."""
+    """Return True where the files of a folder are those of a cell."""
     return CELL_FILE in names
 
 
@@ -207,7 +207,7 @@ def _files(folder: Path, out: Path) -> Iterator[Path]:
 
 
 def is_package(folder: Path) -> bool:
-    """True for a folder that `ssp package make` left."""
+    """Return True for a folder that `ssp package make` left."""
     table = folder / TABLE_FILE
     if not table.is_file():
         return False
@@ -245,11 +245,14 @@ def make_package(
     copy: bool = False,
     progress: Progress = UNSEEN,
 ) -> tuple[Package, Findings]:
-    """Takes everything in some folders into a package.
+    """Take everything in some folders into a package.
 
     Args:
         folders: with recordings, compiled tasks, labels, audits, cells, logs, source videos.
+        out: folder of the package.
         force: an earlier package there is replaced, once the new one is whole.
+        copy: copy all bytes, without hard links.
+        progress: told the bytes to store and each step.
 
     Returns:
         The table of contents, and what was found.
@@ -306,7 +309,7 @@ def _check_out(out: Path, force: bool) -> None:
 
 
 def _put(scratch: Path, out: Path) -> None:
-    """Renames the package to its place; what was there goes only when the new one is there."""
+    """Rename the package to its place; an earlier one is removed once the new one is there."""
     before = Path(tempfile.mkdtemp(dir=out.absolute().parent, prefix=f".{out.name}.old."))
     aside = before / out.name
     try:
@@ -363,7 +366,7 @@ def _store(source: Source, role: Role, scratch: Path, copy: bool, progress: Prog
 
 
 def _link(file: Path, incoming: Path) -> bool:
-    """A second name for the bytes, where both lie on one file system that has such names."""
+    """Give the bytes a second name; return False where the file systems don't allow that."""
     incoming.unlink()
     try:
         os.link(file.resolve(), incoming)

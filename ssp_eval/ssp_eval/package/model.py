@@ -180,18 +180,18 @@ def content_id(package: Package) -> str:
 
 
 def sealed(package: Package) -> Package:
-    """The table with its id in it."""
+    """Return the table with its id in it."""
     return package.model_copy(update={"id": content_id(package)})
 
 
 def table_bytes(package: Package) -> bytes:
-    """The one form in which a table is written."""
+    """Return the one form in which a table is written."""
     value = package.model_dump(mode="json", by_alias=True)
     return (json.dumps(value, indent=1, sort_keys=True, ensure_ascii=False) + "\n").encode()
 
 
 def load_table(folder: Path) -> Package:
-    """The table of a package, with its id and its form checked.
+    """Return the table of a package, with its id and its form checked.
 
     Raises:
         InputError: it isn't there, is no table, or was changed after it was made.
@@ -227,7 +227,7 @@ def load_table(folder: Path) -> Package:
 
 
 def _check_paths(package: Package, file: Path) -> None:
-    """Refuses links and chains between files that the table doesn't list."""
+    """Refuse links and chains between files that the table doesn't list."""
     known = {entry.path for entry in package.files}
     named = {
         **{link.source: "links" for link in package.links},

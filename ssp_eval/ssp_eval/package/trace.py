@@ -37,7 +37,7 @@ class Step:
 
 
 def find_cell(package: Package, name: str) -> FileEntry:
-    """The cell of a folder name, such as ``cut_in__simulation__my_model``, or of a path to it.
+    """Return the cell of a folder name, such as ``cut_in__simulation__my_model``, or of its path.
 
     Raises:
         InputError: there is none, or several.

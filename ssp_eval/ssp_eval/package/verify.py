@@ -104,7 +104,7 @@ class Audits:
     def _again(
         self, places: Sequence[FileEntry], event: Event | None, limits: ResponseLimits | None
     ) -> Audit:
-        """The audit of recordings, each laid out as it lay when it was taken in."""
+        """Return the audit of recordings, each laid out as it lay when it was packed."""
         with tempfile.TemporaryDirectory(prefix="ssp-package-") as scratch:
             recordings: list[Recording] = []
             try:
@@ -210,7 +210,7 @@ class Findings:
 
 
 def work_out(contents: Contents, on_step: Callable[[str], None] = lambda _: None) -> Findings:
-    """Reads everything and follows every link; the same files always give the same findings."""
+    """Read everything and follow every link; the same files always give the same findings."""
     index = Index(contents, on_step)
     links = Links(index)
     links.derive()
@@ -283,13 +283,15 @@ def verify_package(
     expected_id: str | None = None,
     progress: Progress = UNSEEN,
 ) -> Verdict:
-    """Checks the bytes first, then what they say of each other.
+    """Check the bytes first, then the links between them.
 
     Where bytes are wrong, the links that rest on them are named, and the others are not followed
     anew: their files are as they were when they held.
 
     Args:
+        folder: as `ssp package make` left it.
         expected_id: id that it must have, as somebody wrote it down when it was made.
+        progress: told the bytes to read and each step.
 
     Raises:
         InputError: there is no such folder.
@@ -443,7 +445,7 @@ def _object(contents: Contents, path: str) -> str:
 
 
 def _log(contents: Contents) -> Iterable[Finding]:
-    """The merged log is what its parts give."""
+    """Check that the merged log is the one that its parts give."""
     for entry in contents.of("log_merged"):
         try:
             parts = [(part.path, contents.text(part)) for part in contents.of("log")]

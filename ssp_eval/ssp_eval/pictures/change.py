@@ -94,8 +94,10 @@ def compare_change(
     """Measure change inside and beside an object's box.
 
     Args:
+        footage: pictures and states of the recording.
         pairs: indices of frames with a picture, the earlier one first; the object is shown in the
             later one.
+        object_id: id of the object.
     """
     if not pairs:
         return []

@@ -85,10 +85,12 @@ def plan_pairs(
     targets: Collection[str],
     repeated: Collection[int] = (),
 ) -> Plan:
-    """Choose what is compared, from the states, and from which frames are pictures of their own.
+    """Choose the pairs to compare by the states, out of frames whose pictures are their own.
 
     Args:
         moments: frames of the clip with their states.
+        optics: lens and mount of the camera.
+        vut_id: id of the VUT.
         targets: ids of the objects that are looked for.
         repeated: indices of frames that repeat the one before.
     """
@@ -124,10 +126,11 @@ class Compared:
 
 
 def compare_pictures(footage: Footage, plan: Plan) -> Compared:
-    """Hold pictures against states.
+    """Compare pictures with states.
 
     Args:
         footage: with the pictures of the plan; pairs of which one is missing are left out.
+        plan: pairs of frames, as plan_pairs chose them.
     """
 
     def read(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -291,6 +294,7 @@ def order_check(
     """Judge whether frames that lie close together resemble each other more than others do.
 
     Args:
+        grey: reduced pictures by frame.
         near: pairs of frames, while the VUT moves.
         far: pairs that lie further apart.
     """

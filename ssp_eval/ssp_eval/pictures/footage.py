@@ -57,7 +57,7 @@ class Footage:
         return reduced_lens(self.optics.lens, next(iter(self.grey.values())))
 
     def view(self, index: int) -> View:
-        """The camera at a frame, with the pinhole numbers of the reduced pictures."""
+        """Return the camera at a frame, with the pinhole numbers of the reduced pictures."""
         optics = replace(self.optics, lens=self.lens)
         return optics.view(self.moments[index].states[self.vut_id].pose)
 
@@ -136,6 +136,7 @@ def read_grey(
     """Read frames of a bag as reduced grey pictures.
 
     Args:
+        path: folder or MCAP file of the bag.
         moments: of its frames.
         provenance: of the recording.
         wanted: indices into ``moments``.

@@ -87,7 +87,7 @@ class Pair:
         return float(self.ways_m[int(np.nanargmax(self.match))]) / self.apart_s
 
     def match_at(self, way_m: float) -> float:
-        """The correlation at a way, NaN outside those that were tried."""
+        """Return the correlation at a displacement, NaN outside those that were tried."""
         if not self.ways_m[0] <= way_m <= self.ways_m[-1]:
             return math.nan
         return float(np.interp(way_m, self.ways_m, self.match))
@@ -97,6 +97,7 @@ def compare_ground(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[P
     """Correlate the road in pairs of frames.
 
     Args:
+        footage: pictures and states of the recording.
         pairs: indices of frames with a picture and a state of the VUT, the earlier one first.
     """
     strip = _Strip.of(footage.lens, footage.optics.mounting)

@@ -47,6 +47,8 @@ def repeated_frames(
 
     Args:
         small: small pictures by index into ``moments``.
+        moments: frames with their states.
+        vut_id: id of the VUT.
     """
     runs: list[list[int]] = []  # each without the frame that it repeats
     for index in sorted(_same(_differences(small, moments, vut_id))):

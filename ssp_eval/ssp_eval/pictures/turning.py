@@ -51,6 +51,7 @@ def compare_turning(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[
     """Measure rotation in pairs of frames; a pair with too few points gives nothing.
 
     Args:
+        footage: pictures and states of the recording.
         pairs: indices of frames with a picture and a state of the VUT, the earlier one first.
     """
     found = []
@@ -84,8 +85,10 @@ def _recorded(footage: Footage, t_s: float) -> float:
 
 
 def _tracked(footage: Footage, first: int, second: int) -> tuple[FloatArray, FloatArray] | None:
-    """Return points of both frames as slopes (to the right, down) of a level camera that looks
-    ahead, each of shape (n, 2); None: too few were found again."""
+    """Return points of both frames as slopes of a level camera that looks ahead.
+
+    Slopes are to the right and down, each of shape (n, 2); None: too few were found again.
+    """
     old, new = footage.grey[first], footage.grey[second]
     mask = np.full(old.shape, 255, np.uint8)
     view = footage.view(first)

@@ -62,7 +62,7 @@ class BagFiles:
 
     @contextmanager
     def watched(self) -> Iterator[None]:
-        """Refuses what is read within the block if the bag was changed: it has another hash.
+        """Refuse what is read within the block if the bag was changed: it has another hash.
 
         It is refused for that also where reading it failed, since what is read by the index of
         another file looks damaged.
@@ -125,11 +125,11 @@ class BagContent(Closing):
             return self._digest.result()
 
     def watched(self) -> AbstractContextManager[None]:
-        """Refuses what is read within the block if the bag was changed: see BagFiles."""
+        """Refuse what is read within the block if the bag was changed: see BagFiles."""
         return self._files.watched()
 
     def close(self) -> None:
-        """Ends the hashing at once: after Ctrl-C nobody waits for a hundred gigabytes."""
+        """End the hashing at once: after Ctrl-C it must not go on over a hundred gigabytes."""
         self._closed.set()
         self._beside.shutdown()
 
@@ -315,12 +315,13 @@ class Clip(Closing):
     def last_arrived(
         self, frames: Sequence[Frame], is_lost: Callable[[int], bool]
     ) -> tuple[Frame, ...]:
-        """Frames of the clip as they are shown where some of the clip's are lost.
+        """Return frames of the clip as they are shown where some of the clip's are lost.
 
         In place of a lost one the last picture is shown that came before it, at the same stamp;
         where none came, its own.
 
         Args:
+            frames: of the clip.
             is_lost: whether the frame at a stamp is.
 
         Raises:
@@ -361,7 +362,7 @@ class Clip(Closing):
         self.forget_questions()
 
     def forget_questions(self) -> None:
-        """Gives free what is kept of questions, once all models were asked.
+        """Free the memory of questions, once all models were asked.
 
         Those under the rules that were used last are kept as far as there is room: models with the
         same rules are asked the same, one after the other.
@@ -421,7 +422,7 @@ class Clip(Closing):
         return ego_history(self._state_stamps, state, now_ns, rules)
 
     def _fetch_states(self, first: int, newest: int) -> dict[_Entry, BagMessage]:
-        """The messages of these states and of those received between them."""
+        """Return the messages of these states and of those received between them."""
         log_times_ns = [self._states[index].log_time_ns for index in range(first, newest + 1)]
         messages = self._bag.messages([_VUT_STATE], min(log_times_ns), max(log_times_ns) + 1)
         return {_Entry(peek_stamp_ns(m.data), m.log_time_ns): m for m in messages}

@@ -53,7 +53,7 @@ class Crop:
     short_after_s: float = 0.0
 
     def holds(self, t_s: float) -> bool:
-        """True for a time inside, ends included."""
+        """Return True for a time inside, ends included."""
         return self.start_s - TOLERANCE_S <= t_s <= self.end_s + TOLERANCE_S
 
     @property
@@ -74,7 +74,7 @@ def crop_of(
     resolution_s: float | None,
     window: Window | None,
 ) -> Crop:
-    """The clip of a recording (METHOD 4.1).
+    """Return the clip of a recording (METHOD 4.1).
 
     Args:
         first_s: beginning of the recording.
@@ -121,7 +121,7 @@ def source_times(event: Event) -> dict[str, Span]:
 
 
 def phase_starts(event: Event) -> dict[str, float]:
-    """Starts of the phases in the source's clip time, s: intervals enter with their middle."""
+    """Return the phases' starts in the source's clip time, s; an interval counts as its middle."""
     at = source_times(event)
     if "start" not in at:
         return {}
@@ -163,7 +163,7 @@ NO_RULES = EventRules(ConflictThresholds(), None, None, "no K*, the defaults")
 
 
 def rules_of(event: Event | None, run: RunSpec | None = None) -> EventRules:
-    """The rules of a K*, else those of the run, else none.
+    """Return the rules of a K*, else those of the run, else none.
 
     Raises:
         InputError: a time or a threshold of the K* has no unit of time.

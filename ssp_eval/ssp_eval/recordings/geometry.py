@@ -36,7 +36,7 @@ _RECEDING_MPS = 3.0
 
 
 def position_word(corridor: Corridor, vut: ObjectState, other: ObjectState) -> str:
-    """The position slot (METHOD 5.1): where an object is, seen from the VUT.
+    """Return the position slot (METHOD 5.1): where an object is, seen from the VUT.
 
     Level with the VUT, or ahead but more than 60 degrees off its front: ``left`` or ``right``.
     Otherwise ahead or behind; ``front`` and ``rear`` where it reaches into the VUT's corridor,
@@ -57,7 +57,7 @@ def position_word(corridor: Corridor, vut: ObjectState, other: ObjectState) -> s
 
 
 def motion_word(corridor: Corridor, vut: ObjectState, other: ObjectState) -> str:
-    """The motion slot (METHOD 5.1): how an object moves over the ground, in the VUT's frame.
+    """Return the motion slot (METHOD 5.1): how an object moves over the ground, in the VUT's frame.
 
     The direction of its velocity against the VUT's path decides between crossing (45 to 135
     degrees), oncoming, and the same direction. In the same direction, lateral speed above the
@@ -95,9 +95,11 @@ def _eye(vut: ObjectState) -> Pose2:
 
 
 def is_hidden(vut: ObjectState, other: ObjectState, obstacles: Sequence[ObjectState]) -> bool:
-    """True when obstacles hide an object from the VUT's camera, but for less than a quarter of it.
+    """Return True when obstacles leave less than a quarter of an object in the VUT camera's sight.
 
     Args:
+        vut: state of the VUT.
+        other: state of the object.
         obstacles: neither the VUT nor that object.
     """
     if not obstacles:
@@ -108,7 +110,7 @@ def is_hidden(vut: ObjectState, other: ObjectState, obstacles: Sequence[ObjectSt
 
 
 def in_view(vut: ObjectState, other: ObjectState, hfov_rad: float, range_m: float) -> bool:
-    """True when some corner of an object lies in the forward camera's field and range.
+    """Return True when some corner of an object lies in the forward camera's field and range.
 
     Occlusion by others is another question: is_hidden.
     """

@@ -89,7 +89,7 @@ class Optics:
     mounting: Mounting
 
     def view(self, pose: Pose2) -> View:
-        """The camera of a VUT at a pose."""
+        """Return the camera of a VUT at a pose."""
         return mounted_view(pose, self.lens, self.mounting)
 
 
@@ -205,6 +205,9 @@ def object_sight(
         moments: frames in time order.
         span_s: the critical phases.
         period_s: between frames.
+        optics: lens and mount of the camera.
+        vut_id: id of the VUT.
+        object_id: id of the participant.
     """
 
     def visible(states: Mapping[str, ObjectState]) -> bool:
@@ -226,9 +229,14 @@ def zone_sight(
     in_it: str,
     outline: Sequence[tuple[float, float]],
 ) -> Sight:
-    """Compute how long the conflict zone is visible; arguments as object_sight.
+    """Compute how long the conflict zone is visible; see object_sight.
 
     Args:
+        moments: frames in time order.
+        span_s: the critical phases.
+        period_s: between frames.
+        optics: lens and mount of the camera.
+        vut_id: id of the VUT.
         in_it: id of the participant that the zone is shared with; it hides nothing.
         outline: of the zone, map.
     """

@@ -60,7 +60,7 @@ class Drawn:
 
 
 def board_of(event: Event, seed: int, lanes: LaneCounts | None = None) -> Storyboard:
-    """The clip of an event before it is drawn.
+    """Return the storyboard of an event's clip, before it is drawn.
 
     Args:
         event: whose kind, and whose road unless ``lanes`` says otherwise, is drawn.
@@ -95,7 +95,7 @@ def board_of(event: Event, seed: int, lanes: LaneCounts | None = None) -> Storyb
 
 
 def measure_clip(event: Event, board: Storyboard) -> Drawn:
-    """The phases of a clip, found in its ground truth with the event's thresholds (METHOD 1).
+    """Find the phases of a clip in its ground truth with the event's thresholds (METHOD 1).
 
     Raises:
         InputError: the clip doesn't show the event.
@@ -123,7 +123,7 @@ def measure_clip(event: Event, board: Storyboard) -> Drawn:
 
 
 def bound_event(event: Event, board: Storyboard, drawn: Drawn, sha256: str) -> Event:
-    """The event as this clip shows it: source, part T and part E, with the seals that held."""
+    """Return the event as this clip shows it: source, parts T and E, and the seals that held."""
     held = {path for path, seal in seals(event).items() if event.uncertainty[path].seal == seal}
     counts = sum(lane.direction == "forward" for lane in board.road.lanes)
     original = f"{board.scenario} seed {board.seed}"
@@ -248,7 +248,7 @@ def clip_command(event: str, seed: int, lanes: LaneCounts | None, out: Path, for
 
 
 def _record(bound: Event, board: Storyboard, version: str) -> Record:
-    """The entry of L about the source: hash, generator, original and crop (METHOD 1)."""
+    """Return the entry of L about the source: hash, generator, original and crop (METHOD 1)."""
     return Record(
         kind="source",
         when=utc_now(),

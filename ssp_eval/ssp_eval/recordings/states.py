@@ -76,7 +76,7 @@ NO_STATES = RecordedStates((), "no states")
 
 
 def clip_zero_ns(provenance: Provenance, frames_ns: Sequence[int]) -> int | None:
-    """The stamp that is clip time 0: a session's start, else the first frame; None: there is none.
+    """Return the stamp of clip time 0: a session's start, else the first frame; None: neither.
 
     Args:
         provenance: of the recording.
@@ -112,7 +112,7 @@ def frame_times(bag: BagReader, provenance: Provenance) -> tuple[tuple[float, ..
 
 
 def read_states(bag: BagReader, provenance: Provenance, zero_ns: int | None) -> RecordedStates:
-    """The states of VUT, object targets and traffic from clip time 0 on.
+    """Return the states of VUT, object targets and traffic from clip time 0 on.
 
     Args:
         bag: open.
@@ -165,13 +165,13 @@ def attached(bag: BagReader, name: str, model: type[Model]) -> Model | None:
 
 
 def _is_usable(state: ObjectState) -> bool:
-    """False where a number is none: such a state is as good as lost."""
+    """Return False where a value is not finite: such a state counts as lost."""
     size = state.size
     return state.is_finite and math.isfinite(size.length_m + size.width_m + size.height_m)
 
 
 def _world_states(bag: BagReader, zero_ns: int, sightings: Packed[Sighting]) -> StateSeries:
-    """The world's states; each is added to the sightings."""
+    """Return the world's states; each is added to the sightings."""
     series = StateSeries()
     for message in bag.messages([_TICK]):
         tick = bag.decode(message)
@@ -189,7 +189,7 @@ _Reported = tuple[Sequence[float], Packed[ObjectState]]
 
 
 def _reported(states: Packed[ObjectState], zero_ns: int, is_session: bool) -> _Reported:
-    """An object's own states with their clip times, as they came.
+    """Return an object's own states with their clip times, as they came.
 
     An object that names its control states is followed until it is switched off; one that never
     does, as a vehicle without such states, says OFF all the time and means nothing by it.

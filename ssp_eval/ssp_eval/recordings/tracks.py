@@ -232,7 +232,7 @@ def _lags(a: _Pair, b: _Pair) -> list[float]:
 
 
 def _fits(a: _Pair, b: _Pair, lag_s: float) -> Iterator[SameDrive]:
-    """The whole overlap laid on the other, and each stretch of it, at the best shift."""
+    """Yield the whole overlap laid on the other, and each stretch of it, at the best shift."""
     first_s = max(b.start_s, a.start_s + _MARGIN_S - lag_s)
     last_s = min(b.end_s, a.end_s - _MARGIN_S - lag_s)
     if last_s - first_s < SAME_MOTION_S - _SLACK_S:
@@ -249,7 +249,7 @@ def _fits(a: _Pair, b: _Pair, lag_s: float) -> Iterator[SameDrive]:
 
 
 def _laid(a: _Pair, b: _Pair, span_s: tuple[float, float], lag_s: float) -> SameDrive | None:
-    """A stretch of b laid on a; None where too little moves in it."""
+    """Return a stretch of b laid on a; None where too little moves in it."""
     if b.moving_s(*span_s) < SAME_MOTION_S - _SLACK_S:
         return None
     theirs = b.between(*span_s)
@@ -283,7 +283,7 @@ def _shape_m(tracks: Iterable[Track]) -> float:
 
 
 def _rigid(ours: Places, theirs: Places) -> tuple[float, float, bool]:
-    """The rms of the distances after the best rigid motion, its angle, and whether it mirrors."""
+    """Return the rms distance after the best rigid motion, its angle, and whether it mirrors."""
     known = np.isfinite(ours)
     if known.mean() < _KNOWN:
         return math.inf, 0.0, False

@@ -32,7 +32,7 @@ class Segment:
 
 
 def segments(text: str, evidence: Mapping[str, Sequence[tuple[int, int]]]) -> tuple[Segment, ...]:
-    """Cuts a text where evidence begins and ends; spans may overlap, and may lie outside.
+    """Cut a text where evidence begins and ends; spans may overlap, and may lie outside.
 
     Returns:
         Pieces whose texts put together are the text.
@@ -112,7 +112,7 @@ class Walks:
         }
 
     def of(self, index: int, judgement: Judgement) -> tuple[WalkStep, ...]:
-        """The way back of one label time."""
+        """Return the way back of one label time."""
         return tuple(self._steps(index, judgement))
 
     def _steps(self, index: int, judgement: Judgement) -> Iterator[WalkStep]:
@@ -166,7 +166,7 @@ def _shown(text: str) -> str:
 
 
 def _lines(file: Path) -> list[_Line]:
-    """The lines of a JSON Lines file that aren't empty, numbered from 1; none if it isn't there."""
+    """Return a JSON Lines file's filled lines, numbered from 1; none without a file."""
     text = file.read_text("utf-8") if file.is_file() else ""
     return [_Line(k, line) for k, line in enumerate(text.split("\n"), start=1) if line.strip()]
 
@@ -235,7 +235,7 @@ class RecordView:
 
 
 def record_views(cell: CellData) -> list[RecordView]:
-    """The views of a scored cell, one per label."""
+    """Return the views of a scored cell, one per label."""
     if cell.score is None:
         return []
     details = cell.score.details

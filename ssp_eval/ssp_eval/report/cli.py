@@ -67,10 +67,13 @@ def draw_figures(
     campaign: Path | None = None,
     cells: Sequence[CellData] = (),
 ) -> None:
-    """Writes figures and says what was left out, and why.
+    """Write figures; print the figures left out, and why.
 
     Args:
+        wanted: folder, groups and reference.
+        rows: all of them.
         campaign: whose frames are drawn on; None: there are none.
+        cells: of the campaign, for the frames.
 
     Raises:
         InputError: the reference is no model, or a file can't be read or written.
@@ -118,7 +121,7 @@ class _Formats(click.ParamType[tuple[str, ...]]):
 
 
 def _take(*folders: Path | None) -> None:
-    """Keeps other commands out of the folders that are written into, until this command ends."""
+    """Lock the folders that are written into against other commands, until this command ends."""
     for folder in sorted({one.resolve() for one in folders if one is not None}):
         click.get_current_context().with_resource(taken_folder(folder))
 
@@ -227,7 +230,7 @@ def report(
     block: int | None,
     seed: int,
 ) -> int:
-    """Writes OUT_DIR/index.html: one file with the pictures in it, readable offline.
+    """Write OUT_DIR/index.html: one file with the pictures in it, readable offline.
 
     With --tables it also writes tables and statistics as files; with --from-cells and --out only
     these, from a CSV file of component scores. The page of more than 500 cells shows statistics
@@ -334,6 +337,10 @@ def _check_cells_options(
     """Refuse the options that --from-cells can't follow.
 
     Args:
+        out: folder of the tables; None: not asked for.
+        only: figures that are asked for.
+        expected: scenarios of --expect.
+        block: labels that are drawn together, of --block.
         is_alone: figures are all that is asked for.
     """
     if block is not None:
@@ -349,7 +356,7 @@ def _check_cells_options(
 
 
 def _is_given(option: str) -> bool:
-    """True where an option that has a default stands on the command line."""
+    """Return True where an option that has a default stands on the command line."""
     source = click.get_current_context().get_parameter_source(option)
     return source is ParameterSource.COMMANDLINE
 
@@ -403,7 +410,7 @@ def _analyse(
     of_audits: Sequence[Table] = (),
     constants: Sequence[OfScenario] = (),
 ) -> list[Table]:
-    """Computes everything before anything is written."""
+    """Compute everything before anything is written."""
     told = notices(rows, data, wanted.expected)
     shown_rows = [*rows, *constant_rows(constants)]
     plain = [*all_tables(shown_rows, wanted.reference), notice_table(told)]

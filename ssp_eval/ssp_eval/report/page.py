@@ -42,11 +42,14 @@ def write_report(
     repeated: Sequence[Asked] = (),
     expected: Sequence[str] = (),
 ) -> Path:
-    """Writes ``index.html`` into a campaign folder, and for a large one files beside it.
+    """Write ``index.html`` into a campaign folder, and for a large one files beside it.
 
     Args:
+        out: campaign folder.
         on_step: told how many pictures or cells are done, and of how many.
         most: cells up to which everything goes into the one file; None: MOST_IN_ONE_FILE.
+        analysis: tables of the statistics.
+        on_cell: given each cell once, whole.
         repeated: answers of other campaigns, which count for what moved those of this one.
         expected: scenarios that the campaign was planned with; one without a cell is named.
 

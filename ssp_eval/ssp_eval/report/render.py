@@ -76,9 +76,10 @@ def shade(value: float) -> str:
 
 
 def matrix(cells: Sequence[CellData], constants: Mapping[Place, float] = NO_CONSTANTS) -> str:
-    """The figure as SVG, one row per cell, in the order given (scenarios together).
+    """Return the figure as SVG, one row per cell, in the order given (scenarios together).
 
     Args:
+        cells: of the campaign.
         constants: IVCS of the best blind constant by scenario and domain.
     """
 
@@ -113,7 +114,7 @@ _BLIND = ("constant_velocity", "copy_history", BEST_CONSTANT)
 
 
 def seeing_plot(seeing: Table | None, answerers: Table | None) -> str:
-    """The figure as SVG, one row per model; empty where no model was asked blindly."""
+    """Return the figure as SVG, one row per model; empty where no model was asked blindly."""
     models: dict[str, dict[str, tuple[float, float]]] = {}
     for row in by_column(seeing):
         own, spoilt = _number(row["ivcs"]), _number(row["ivcs_spoilt"])
@@ -136,9 +137,7 @@ def seeing_plot(seeing: Table | None, answerers: Table | None) -> str:
 
 
 def _sees_nothing(name: str, models: Collection[str]) -> bool:
-    """Tell whether an answerer has a row of its own: it sees nothing, and no model's row shows
-    it.
-    """
+    """Tell whether a blind answerer has its own row, since no model's row shows it."""
     model, condition = condition_of(name)
     return name in _BLIND or (condition == BLIND and model not in models)
 
@@ -188,9 +187,10 @@ class Grid:
 
 
 def grid(table: Table, links: Sequence[str] = ()) -> Grid:
-    """The table for the page.
+    """Return the table for the page.
 
     Args:
+        table: with all rows.
         links: where the name of each row's model leads; none: nowhere.
     """
     places = [
@@ -220,7 +220,7 @@ def grid(table: Table, links: Sequence[str] = ()) -> Grid:
 
 
 def _is_empty(table: Table, place: int) -> bool:
-    """A column of words that has none, which only takes room."""
+    """Tell whether a column of words has none and only takes room."""
     is_text = table.columns[place].kind == "text"
     return is_text and bool(table.rows) and not any(row[place] for row in table.rows)
 
@@ -257,7 +257,7 @@ def _share(column: Column, value: Value, total: int) -> float | None:
 
 
 def common_notes(grids: Sequence[Grid]) -> tuple[tuple[str, ...], list[Grid]]:
-    """The notes that all have, and the grids without them."""
+    """Return the notes that all have, and the grids without them."""
     if not grids:
         return (), []
     common = tuple(n for n in grids[0].notes if all(n in one.notes for one in grids))
@@ -265,7 +265,7 @@ def common_notes(grids: Sequence[Grid]) -> tuple[tuple[str, ...], list[Grid]]:
 
 
 def without_notes(one: Grid, told: Collection[str]) -> Grid:
-    """The grid without notes that the page has told already."""
+    """Return the grid without notes that the page has already shown."""
     return replace(one, notes=tuple(note for note in one.notes if note not in told))
 
 
@@ -301,7 +301,7 @@ def moved_part(moved: Moved | None) -> dict[str, Any] | None:
 
 
 def _begun(table: Table) -> Table:
-    """The first rows of a long table, with a note that says so, and all that stands under it."""
+    """Return a long table's first rows, with a note that says so, and all notes under it."""
     if len(table.rows) <= MOST_ROWS:
         return replace(table, notes=table.all_notes)
     note = f"The first {MOST_ROWS} of {len(table.rows)} rows; ssp report --tables DIR writes all."
@@ -309,10 +309,11 @@ def _begun(table: Table) -> Table:
 
 
 def summary(cells: Sequence[CellData], audits: Mapping[str, str]) -> dict[str, Any]:
-    """The summary of all cells of a campaign.
+    """Return the summary of all cells of a campaign.
 
     Args:
         cells: in the order in which they are shown.
+        audits: pages of the audits by hash, as paths from the report.
     """
     own = [cell for cell in cells if not cell.is_control]
     controls = [cell for cell in cells if cell.is_control]
@@ -379,9 +380,10 @@ SCORES = (*BEFORE_RISK, *DIAGNOSTIC)
 def load_lightly(
     files: Sequence[Path], on_cell: Callable[[CellData], None] = lambda _: None
 ) -> list[CellData]:
-    """Reads cells and keeps of each what the page itself needs.
+    """Read cells and keep of each what the page itself needs.
 
     Args:
+        files: cell.json of each cell, of one campaign.
         on_cell: given each cell whole, before its records, questions and judgements are dropped.
 
     Raises:
@@ -407,7 +409,7 @@ class DetailFiles:
         self._written: set[str] = set()
 
     def write(self, cell: CellData) -> None:
-        """Writes the details of a cell."""
+        """Write the details of a cell."""
         html = self._template.render(
             cell=cell, views=record_views(cell), tolerated=tolerated(cell), audits=self._audits
         )
@@ -416,7 +418,7 @@ class DetailFiles:
         write_text(self._folder / name, f"sspCell({json.dumps(cell.id)}, {json.dumps(html)});\n")
 
     def remove_others(self) -> None:
-        """Removes the details of cells that are in the campaign no more."""
+        """Remove the details of cells that are in the campaign no more."""
         for file in self._folder.glob("*.js"):
             if file.name not in self._written:
                 file.unlink()
@@ -426,6 +428,7 @@ def rows(cells: Sequence[CellData], constants: Mapping[Place, float]) -> dict[st
     """Make the rows of the page's script: one list per cell, names by their number.
 
     Args:
+        cells: of the campaign.
         constants: IVCS of the best blind constant by scenario and domain.
     """
     names: dict[str, list[str]] = {
@@ -499,12 +502,14 @@ def render(
     moved: Moved | None = None,
     expected: Sequence[str] = (),
 ) -> str:
-    """The page as HTML.
+    """Return the page as HTML.
 
     Args:
         cells: in the order in which they are shown; of a large campaign without records and
             questions.
         details: None: they lie in files beside the page, and its cells are browsed.
+        audits: pages of the audits by hash, as paths from the report.
+        analysis: tables of the statistics.
         named: the audits that the cells go by.
         moved: what moved the answers; None: nothing was asked with a cause changed.
         expected: scenarios that the campaign was planned with.
@@ -548,7 +553,7 @@ def _tables(
     constants: Sequence[OfScenario],
     expected: Sequence[str],
 ) -> dict[str, Any]:
-    """The tables that the files have too, and what must be known before reading them."""
+    """Return the tables that the files have too, and what must be known before reading them."""
     found = {table.name: table for table in all_tables([*rows, *constant_rows(constants)])}
     sized = any(row.total_b or row.architecture for row in rows)
     common, means = common_notes([grid(found[name]) for name in MEAN_TABLES])
@@ -623,14 +628,14 @@ def _browsed(cells: list[CellData], constants: Mapping[Place, float]) -> dict[st
 
 
 def environment() -> jinja2.Environment:
-    """The templates, with their filters."""
+    """Return the templates, with their filters."""
     found = templates(_HERE)
     found.filters["px"] = number
     return found
 
 
 def source(name: str) -> Markup:
-    """A file beside this one, as it is."""
+    """Return a file beside this one, as it is."""
     return Markup((_HERE / name).read_text("utf-8"))
 
 

@@ -1,1 +1,1 @@
-"""Did the VUT respond alike in the recordings of one event? (docs/audit.md, The same response)"""
+"""The comparison of the VUT's response in the recordings of one event (docs/audit.md)."""

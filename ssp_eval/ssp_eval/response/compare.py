@@ -62,7 +62,7 @@ _PAIRS = ((2, 1), (0, 1), (0, 2))
 
 
 def load_limits(path: Path = DEFAULT_LIMITS) -> ResponseLimits:
-    """Reads limits of responses.
+    """Read limits of responses.
 
     Raises:
         InputError: the file can't be read or isn't valid.
@@ -71,10 +71,11 @@ def load_limits(path: Path = DEFAULT_LIMITS) -> ResponseLimits:
 
 
 def respond(drives: Sequence[Drive], limits: ResponseLimits) -> ResponseEntry:
-    """Compares Simulation with Physical, and each with Synthetic where that has states.
+    """Compare Simulation with Physical, and each with Synthetic where that has states.
 
     Args:
         drives: of Synthetic, Simulation, Physical.
+        limits: differences up to which responses count as alike.
     """
     pairs = [
         compare((DOMAINS[a], DOMAINS[b]), drives[a], drives[b], limits)
@@ -142,12 +143,14 @@ def braking_starts(reference: Drive, comparison: Drive) -> tuple[float | None, f
 
 
 def delay(reference: Drive, comparison: Drive, start_s: float | None) -> Delay:
-    """The delay from the trigger until the reference's braking has built up, and the gain there.
+    """Return the comparison's delay, and the gain there, over the reference's braking.
 
-    The window ends with the build-up, so that a weaker or longer braking isn't taken for a later
-    one; correlation doesn't ask for gain.
+    The window is from the trigger until the braking has built up, so that a weaker or longer
+    braking isn't taken for a later one; correlation doesn't ask for gain.
 
     Args:
+        reference: the drive that is followed.
+        comparison: the drive that may follow later.
         start_s: clip time at which the reference's braking begins; None: it doesn't brake.
     """
     nothing = Delay(None, None)
@@ -183,10 +186,13 @@ def delay(reference: Drive, comparison: Drive, start_s: float | None) -> Delay:
 def compare(
     names: tuple[str, str], reference: Drive, comparison: Drive, limits: ResponseLimits
 ) -> PairEntry:
-    """The verdict on one pair.
+    """Return the verdict on one pair.
 
     Args:
         names: domains of reference and comparison.
+        reference: the drive that the other is compared with.
+        comparison: the other drive.
+        limits: differences up to which responses count as alike.
     """
     drives = reference, comparison
     head = {"reference": names[0], "comparison": names[1]}
@@ -273,7 +279,7 @@ def _rated(reference: FloatArray, comparison: FloatArray) -> RatingEntry:
 
 
 def grade(overall: float) -> Grade:
-    """The word that the scale of ISO/TS 18571 has for a rating."""
+    """Return the grade that ISO/TS 18571 has for a rating."""
     return next((word for above, word in _GRADES if overall > above), "poor")
 
 

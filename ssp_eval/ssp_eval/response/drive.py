@@ -65,7 +65,7 @@ class Drive:
         return float(np.median(np.diff(self.t_s))) if len(self.t_s) > 1 else math.inf
 
     def at(self, values: FloatArray, t_s: float) -> float | None:
-        """A value at a time; None where it isn't finite."""
+        """Return a value at a time; None where it isn't finite."""
         found = float(np.interp(t_s, self.t_s, values))
         return found if math.isfinite(found) else None
 
@@ -102,6 +102,7 @@ def braking(drive: Drive, strong_mps2: float | None) -> Braking | None:
     when the whole braking is made weaker or stronger.
 
     Args:
+        drive: of one recording.
         strong_mps2: acceleration that a braking falls below (strong).
     """
     own_mps2 = _strongest(drive)
@@ -151,9 +152,10 @@ def _crossing(drive: Drive, before: int, level_mps2: float) -> float | None:
 
 
 def obstacle(drive: Drive, start_s: float | None, brakes: bool = True) -> str | None:
-    """Say why a response can't be assessed, None where it can or where the VUT just doesn't brake.
+    """Return why a response can't be assessed; None where it can, or without any braking.
 
     Args:
+        drive: of one recording.
         start_s: clip time at which its braking begins; None: there is no such time.
         brakes: whether it brakes.
     """
@@ -173,16 +175,17 @@ def obstacle(drive: Drive, start_s: float | None, brakes: bool = True) -> str | 
 
 
 def sampled(drive: Drive, zero_s: float, first_s: float, last_s: float) -> FloatArray:
-    """The acceleration at the common step, from ``first_s`` to ``last_s`` after a clip time."""
+    """Return the acceleration at the common step, ``first_s`` to ``last_s`` from a clip time."""
     steps = np.arange(math.ceil(first_s / STEP_S - 1e-6), math.floor(last_s / STEP_S + 1e-6) + 1)
     values: FloatArray = np.interp(zero_s + STEP_S * steps, drive.t_s, drive.acceleration_mps2)
     return values
 
 
 def curve(drive: Drive, start_s: float | None) -> CurveEntry | None:
-    """The curve that is rated; None where it can't be assessed.
+    """Return the curve that is rated; None where it can't be assessed.
 
     Args:
+        drive: of one recording.
         start_s: clip time at which the braking begins.
     """
     if start_s is None or drive.trigger_s is None or obstacle(drive, start_s) is not None:
@@ -198,7 +201,7 @@ def curve(drive: Drive, start_s: float | None) -> CurveEntry | None:
 
 
 def figure(drive: Drive, name: Figure, start_s: float | None) -> float | None:
-    """A key figure of one recording whose braking begins at a clip time; None: it doesn't exist.
+    """Return a key figure of a recording whose braking begins at a clip time; None: undefined.
 
     ``ttc_at_braking`` at the braking's start; ``remaining_distance`` the smallest bumper gap from
     there on while the OT is ahead in the VUT's corridor; ``impact_speed`` the VUT's speed at the
@@ -221,6 +224,7 @@ def drive_of(series: Series, vut: str, other: str | None, trigger_s: float | Non
 
     Args:
         series: states within the clip.
+        vut: id of the VUT.
         other: the OT of the event; None: there is none.
         trigger_s: clip time of the trigger; None: there is none.
     """

@@ -43,7 +43,7 @@ class Rating:
 
 
 def rate(reference: FloatArray, comparison: FloatArray, step_s: float) -> Rating:
-    """Rates a curve against a reference with the parameters of ISO/TS 18571.
+    """Rate a curve against a reference with the parameters of ISO/TS 18571.
 
     Args:
         reference: samples at a constant step, shape (n,).
@@ -82,7 +82,7 @@ def _share(value: float) -> float:
 
 @cache
 def _metric() -> Any:
-    """The package's class; imported here, since numba comes with it."""
+    """Return the package's class; imported here, since numba comes with it."""
     with _without_drawing():
         metric = importlib.import_module("objective_rating_metrics.rating").ISO18571
     for module, function in (("cost", "_calc_cumsum_matrix_jit"), ("backtrack", "_backtrack_jit")):

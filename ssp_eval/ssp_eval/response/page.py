@@ -26,7 +26,7 @@ _POINTS = 560
 
 
 def section(response: ResponseEntry) -> Markup:
-    """The section as HTML."""
+    """Return the section as HTML."""
     environment = templates(_HERE)
     # Without the sign of a zero.
     environment.filters["signed"] = lambda value: f"{value:+z.2f}"
@@ -48,7 +48,7 @@ def _limits(response: ResponseEntry) -> list[tuple[str, str, Any]]:
 
 
 def _plot(response: ResponseEntry, pair: PairEntry) -> str:
-    """The drawing of a rated pair; empty where there is none."""
+    """Return the drawing of a rated pair; empty where there is none."""
     found = [response.curves.get(name) for name in (pair.reference, pair.comparison)]
     if pair.rating is None or found[0] is None or found[1] is None:
         return ""
@@ -59,7 +59,7 @@ def _plot(response: ResponseEntry, pair: PairEntry) -> str:
 
 
 def _from(curve: CurveEntry, braking_s: float) -> CurveEntry:
-    """The same curve on the time from another start of the braking."""
+    """Return the same curve on the time from another start of the braking."""
     from_s = curve.from_s + curve.braking_s - braking_s
     return curve.model_copy(update={"braking_s": braking_s, "from_s": from_s})
 

@@ -27,7 +27,7 @@ from ssp_eval.ros.parameters import EVALUATOR
 
 
 def main() -> int:
-    """Evaluates bags with bridges that run already: ``ros2 run ssp_eval evaluator``."""
+    """Evaluate bags with bridges that run already: ``ros2 run ssp_eval evaluator``."""
     if len(remove_ros_args(sys.argv)) > 1:
         report_error("takes ROS parameters only: --ros-args -p bags:=[...] -p models:=[...]")
         return 2

@@ -35,11 +35,11 @@ class RosLink:
         )
 
     def send(self, request: Request) -> None:
-        """Publishes a request."""
+        """Publish a request."""
         self._publisher.publish(request_to_msg(request))
 
     def matched(self) -> bool:
-        """True while a bridge that wasn't forgotten is on both topics."""
+        """Return True while a bridge is on both topics that wasn't forgotten."""
         readers, writers = self._endpoints()
         matched = self._publisher.get_subscription_count() > 0
         return matched and bool(readers - self._gone) and bool(writers - self._gone)
@@ -78,17 +78,17 @@ class RosTransport:
         self._executor = executor
 
     def link(self, model: str, exchange: RequestTracker) -> RosLink:
-        """The topics of a model."""
+        """Return the topics of a model."""
         return RosLink(self._node, model, exchange)
 
     def spin(self, timeout_s: float) -> None:
-        """Handles what came, for at most this long."""
+        """Handle incoming messages, for at most this long."""
         self._executor.spin_once(timeout_sec=timeout_s)
 
 
 @contextmanager
 def open_transport() -> Iterator[RosTransport]:
-    """A node in the domain that the environment names; an rclpy that runs already is used.
+    """Yield a node in the domain that the environment names; an rclpy that runs already is used.
 
     Signals are left alone: Ctrl-C is a KeyboardInterrupt in whoever waits.
     """

@@ -53,13 +53,13 @@ class Mean:
 
 
 def mean(values: Iterable[float | None]) -> Mean:
-    """The unweighted mean of the values that aren't null; their order doesn't matter."""
+    """Return the unweighted mean of the values that aren't null; their order doesn't matter."""
     present = [value for value in values if value is not None]
     return Mean(math.fsum(present) / len(present) if present else None, len(present))
 
 
 def means(cells: Sequence[Cell], by: Sequence[str]) -> dict[tuple[str, ...], dict[str, Mean]]:
-    """The mean of every metric per group (METHOD 6.13): RSR as 0/1, RL over successes only.
+    """Return the mean of every metric per group (METHOD 6.13): RSR as 0/1, RL over successes only.
 
     Args:
         cells: those that are valid; a run that isn't never gets here.
@@ -129,9 +129,11 @@ class Ranking:
 
 
 def ranking(cells: Sequence[Cell], subject: str, metric: str = "ivcs") -> Ranking:
-    """Ranks per scenario and for the macro average, from unrounded means (METHOD 6.13).
+    """Rank per scenario and for the macro average, from unrounded means (METHOD 6.13).
 
     Args:
+        cells: those that enter means.
+        subject: what is ranked: "model" or "domain".
         metric: one of METRIC_NAMES; the larger the better.
 
     Raises:
@@ -146,7 +148,7 @@ def ranking(cells: Sequence[Cell], subject: str, metric: str = "ivcs") -> Rankin
 
 
 def domain_order(domain: str) -> tuple[int, str]:
-    """Sorts domains as METHOD names them, and everything else by name after them."""
+    """Sort domains as METHOD names them, and everything else by name after them."""
     return (DOMAINS.index(domain) if domain in DOMAINS else len(DOMAINS), domain)
 
 

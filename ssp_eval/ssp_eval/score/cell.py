@@ -137,16 +137,18 @@ class CellScore(CellMetrics):
 def score_cell(
     labels: Labels, records: Sequence[BehaviourRecord], thresholds: Thresholds = DEFAULT
 ) -> CellScore:
-    """Scores a model's outputs on one clip (METHOD 6).
+    """Score a model's outputs on one clip (METHOD 6).
 
     Args:
         labels: what is true, N ≥ 1 labels in time order, with a risk onset.
+        records: the model's outputs.
+        thresholds: METHOD's unless others are given.
     """
     return score_in_detail([(labels, records)], thresholds)[0]
 
 
 def score_in_detail(cells: Sequence[Cell], thresholds: Thresholds = DEFAULT) -> list[CellScore]:
-    """Scores many cells at once, with details; see score_cell."""
+    """Score many cells at once, with details; see score_cell."""
     if not cells:
         return []
     terms = batch_terms(encode(cells), thresholds)
@@ -202,9 +204,12 @@ def _in_detail(
 def _judgement(
     label: Label, records: Sequence[BehaviourRecord], row: dict[str, Any], first_record: int
 ) -> Judgement:
-    """A row of the terms in words.
+    """Return the judgement of a label from its row of the terms.
 
     Args:
+        label: what is true.
+        records: of the cell.
+        row: the label's terms by name.
         first_record: the row of the cell's first record.
     """
     index = None if row["record"] == NOTHING else row["record"] - first_record
@@ -269,5 +274,5 @@ def _slots(
 
 
 def _word(said: Value | None) -> str | None:
-    """The word that a text commits to; a set of objects is none."""
+    """Return the word that a text commits to; a set of objects is none."""
     return said if isinstance(said, str) else None

@@ -56,7 +56,7 @@ class Scored:
 
 
 def score_table(cases: Sequence[Scored]) -> Table:
-    """The scores of several cells; ``*`` marks an IVCS in which a null component counts as 0."""
+    """Return the scores of several cells; ``*`` marks an IVCS with a null component as 0."""
     table = Table(title="Scores per cell (METHOD 6)")
     table.add_column("case", no_wrap=True)
     table.add_column("matched", justify="right", no_wrap=True)
@@ -76,7 +76,7 @@ def score_table(cases: Sequence[Scored]) -> Table:
 
 
 def score_notes(cases: Sequence[Scored]) -> list[str]:
-    """The lines that belong under the table."""
+    """Return the lines that belong under the table."""
     notes = [DISCLAIMER]
     for case in cases:
         if case.nulls:

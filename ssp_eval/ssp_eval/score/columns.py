@@ -140,7 +140,7 @@ class _Grids(dict[tuple[float, ...], int]):
 
 
 def encode(cells: Sequence[Cell]) -> Columns:
-    """The columns of cells, in their order.
+    """Return the columns of cells, in their order.
 
     Args:
         cells: labels and records of each, both in time order.
@@ -156,9 +156,11 @@ def encode(cells: Sequence[Cell]) -> Columns:
 
 
 def columns_of(labels: Sequence[Labels], counts: Sequence[int], records: RecordColumns) -> Columns:
-    """The columns of cells whose records are in columns already.
+    """Return the columns of cells whose records are in columns already.
 
     Args:
+        labels: of each cell.
+        counts: how many records each cell has.
         records: of all cells, in the order of labels.
 
     Raises:
@@ -182,7 +184,7 @@ def _starts(lengths: Iterable[int]) -> Whole:
 
 
 def _shared_labels(label_lists: Sequence[tuple[Label, ...]]) -> LabelColumns:
-    """The labels of all cells; those that several cells share are walked once."""
+    """Return the labels of all cells; those that several cells share are walked once."""
     numbers: dict[int, int] = {}
     which = [numbers.setdefault(id(labels), len(numbers)) for labels in label_lists]
     if len(numbers) == len(label_lists):
@@ -222,7 +224,7 @@ class RecordBlocks:
         self._blocks: list[tuple[np.ndarray, ...]] = []
 
     def add(self, records: Iterable[BehaviourRecord]) -> None:
-        """Adds a block of records."""
+        """Add a block of records."""
         rows = list(records)
         n = len(rows)
         slots = zip(*[_slots_of(record.slots) for record in rows], strict=True)
@@ -293,7 +295,7 @@ def _spans(evidence: Sequence[Sequence[Sequence[int]]]) -> Whole:
 
 
 def load_columns(cells: Iterable[tuple[Path, Path]]) -> Columns:
-    """The columns of cells, in their order.
+    """Return the columns of cells, in their order.
 
     Raises:
         InputError: the first file that is wrong, see load_labels and load_records.

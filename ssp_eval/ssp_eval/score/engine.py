@@ -54,14 +54,14 @@ def object_f1(answer: Iterable[str], truth: Iterable[str]) -> float:
 
 
 def hard_score(answer: Value, truth: Value) -> float:
-    """h of METHOD 6.3: set F1 for a set of objects, exact match for a word."""
+    """Return h of METHOD 6.3: set F1 for a set of objects, exact match for a word."""
     if isinstance(answer, str) or isinstance(truth, str):
         return float(answer == truth)
     return object_f1(answer, truth)
 
 
 def soft_score(answer: Value, truth: Value, credit: float) -> float:
-    """s of METHOD 6.3: as h, but ``credit`` for adjacent classes."""
+    """Return s of METHOD 6.3: as h, but ``credit`` for adjacent classes."""
     if isinstance(answer, str) and isinstance(truth, str) and {answer, truth} in ADJACENT:
         return credit
     return hard_score(answer, truth)
@@ -82,7 +82,7 @@ def _values(slot: str) -> list[Value]:
 
 
 def score_tables(soft_credit: float) -> tuple[tuple[Numbers, Numbers], ...]:
-    """h and s of METHOD 6.3 per slot of SLOTS, by the codes of answer and truth.
+    """Return h and s of METHOD 6.3 per slot of SLOTS, by the codes of answer and truth.
 
     A last row of zeros stands for a missing answer, which NOTHING points at.
     """
@@ -104,11 +104,13 @@ _score_tables = lru_cache(maxsize=8)(score_tables)
 def semantics(
     columns: Columns, answer: Whole, earliest: Whole, thresholds: Thresholds
 ) -> dict[str, Any]:
-    """The terms of METHOD 6.3 and 6.4 by their names in LabelTerms.
+    """Return the terms of METHOD 6.3 and 6.4 by their names in LabelTerms.
 
     Args:
+        columns: of all cells.
         answer: (L, 6) codes of the matched records.
         earliest: (C,) the row of each cell's earliest label.
+        thresholds: for the credit of adjacent classes.
     """
     truth = columns.labels.truth
     evaluable = truth != NOTHING
@@ -238,7 +240,7 @@ class BatchTerms:
     risk_onset_s: Numbers
 
     def cell(self, number: int) -> LabelTerms:
-        """The terms of one cell."""
+        """Return the terms of one cell."""
         part = slice(int(self.start[number]), int(self.start[number + 1]))
         names = [item.name for item in fields(LabelTerms) if item.name != "risk_onset_s"]
         views = {name: getattr(self.rows, name)[part] for name in names}
@@ -246,13 +248,13 @@ class BatchTerms:
 
 
 def batch_terms(columns: Columns, thresholds: Thresholds = DEFAULT) -> BatchTerms:
-    """The terms of METHOD 6.2 to 6.9 of every label of every cell."""
+    """Return the terms of METHOD 6.2 to 6.9 of every label of every cell."""
     labels, records, start = columns.labels, columns.records, columns.label_start
     pairing = match_columns(columns, thresholds)
     motion = driven(records, thresholds)
 
     def paired(column: np.ndarray, missing: float) -> np.ndarray:
-        """A record's column beside the labels; NOTHING, which is -1, picks the item at its end."""
+        """Return a record's column beside the labels; NOTHING, which is -1, takes its last item."""
         end = np.full_like(column, missing, shape=(1, *column.shape[1:]))
         result: np.ndarray = np.concatenate((column, end))[pairing]
         return result
@@ -299,6 +301,8 @@ def response_begins(
     a run.
 
     Args:
+        terms: of the labels.
+        thresholds: for K and the largest gap.
         start: (C + 1,) where a cell's labels begin; None: all are one cell's.
 
     Returns:
@@ -323,7 +327,7 @@ def response_begins(
 def cell_terms(
     labels: Labels, records: Sequence[BehaviourRecord], thresholds: Thresholds = DEFAULT
 ) -> LabelTerms:
-    """The terms of one cell, see batch_terms."""
+    """Return the terms of one cell, see batch_terms."""
     return batch_terms(encode([(labels, records)]), thresholds).cell(0)
 
 
@@ -352,18 +356,18 @@ class Scores:
     values: dict[str, np.ndarray]
 
     def cells(self) -> list[CellMetrics]:
-        """The same cell by cell, null as None."""
+        """Return the scores cell by cell, null as None."""
         columns = map(_nullable, self.values.values())
         return [CellMetrics(*values) for values in zip(*columns, strict=True)]
 
 
 def score_columns(columns: Columns, thresholds: Thresholds = DEFAULT) -> Scores:
-    """The scores of the cells of columns, in their order (METHOD 6.2 to 6.11)."""
+    """Return the scores of the cells of columns, in their order (METHOD 6.2 to 6.11)."""
     return score_terms(batch_terms(columns, thresholds), thresholds)
 
 
 def score_terms(terms: BatchTerms, thresholds: Thresholds = DEFAULT) -> Scores:
-    """The scores of cells whose terms are known, see score_columns."""
+    """Return the scores of cells whose terms are known, see score_columns."""
     rows, begin = terms.rows, terms.start[:-1]
 
     def total(name: str) -> np.ndarray:
@@ -394,7 +398,7 @@ def score_terms(terms: BatchTerms, thresholds: Thresholds = DEFAULT) -> Scores:
 
 
 def _nullable(column: np.ndarray) -> list[float | None]:
-    """An array as plain numbers, NaN as None."""
+    """Return an array as plain numbers, NaN as None."""
     values: list[float | None] = column.tolist()
     if column.dtype == np.float64:
         for place in np.flatnonzero(np.isnan(column)).tolist():
@@ -403,7 +407,7 @@ def _nullable(column: np.ndarray) -> list[float | None]:
 
 
 def score_cells(cells: Sequence[Cell], thresholds: Thresholds = DEFAULT) -> list[CellMetrics]:
-    """Scores many cells at once: what score_cell gives for each, without the details.
+    """Score many cells at once: what score_cell gives for each, without the details.
 
     Raises:
         ValueError: a cell has no label, or a word is of no vocabulary.

@@ -21,7 +21,7 @@ class _Best(NamedTuple):
     error_s: float
 
     def better(self, other: _Best) -> _Best:
-        """The one with more pairs, of equal ones that with the smaller error."""
+        """Return the one with more pairs, or of two with as many the one with the smaller error."""
         return min(self, other, key=lambda best: (-best.pairs, best.error_s))
 
 
@@ -54,14 +54,14 @@ class _Optima:
         return abs(self._records_s[i] - self._labels_s[j])
 
     def of(self, j: int, i: int) -> _Best:
-        """The optimum of labels j.. with records i..; i is at most the end of label j's window."""
+        """Return the optimum of labels j.. with records i..; i ≤ the end of label j's window."""
         if j == len(self._labels_s):
             return _Best(0, 0.0)
         first = self.windows[j][0]
         return self._rows[j][max(i - first, 0)]
 
     def with_pair(self, j: int, i: int) -> _Best:
-        """The optimum of labels j.. with records i.. that pairs label j with record i."""
+        """Return the optimum of labels j.. with records i.. that pairs label j with record i."""
         rest = self.of(j + 1, i + 1)
         return _Best(rest.pairs + 1, rest.error_s + self.error_s(j, i))
 
@@ -93,6 +93,7 @@ def match(
     Args:
         labels_s: clip times, s, rising strictly.
         records_s: clip times, s, rising strictly.
+        thresholds: for the window and the tolerance.
     """
     windows = _windows(labels_s, records_s, thresholds.match_window_s + thresholds.tolerance)
     optima = _Optima(labels_s, records_s, windows)
@@ -141,7 +142,7 @@ def match_columns(columns: Columns, thresholds: Thresholds) -> Whole:
 def _match_alike(
     columns: Columns, cells: Whole, rows: int, width: int, thresholds: Thresholds, result: Whole
 ) -> None:
-    """Matches cells with as many labels and as many records each."""
+    """Match cells with as many labels and as many records each."""
     # Cells come last, where a sum over the others runs through memory in order.
     label = columns.label_start[cells] + np.arange(rows)[:, None]
     record = columns.record_start[cells] + np.arange(width)[:, None]

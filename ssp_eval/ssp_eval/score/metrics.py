@@ -91,7 +91,7 @@ METRIC_LABELS = {metric.name: metric.label for metric in METRICS}
 
 
 def of_role(*roles: Role) -> tuple[str, ...]:
-    """The names of the metrics that have one of these roles."""
+    """Return the names of the metrics that have one of these roles."""
     return tuple(metric.name for metric in METRICS if metric.role in roles)
 
 
@@ -117,7 +117,7 @@ def ratios(sums: Mapping[str, np.ndarray]) -> dict[str, Numbers]:
 
 
 def ivcs_weights(thresholds: Thresholds = DEFAULT) -> dict[str, float]:
-    """The weight of each component of IVCS by its key in the score output (METHOD 6.10)."""
+    """Return the weight of each component of IVCS by its key in the score output (METHOD 6.10)."""
     return {name: getattr(thresholds, f"weight_{name}") for name in COMPONENTS}
 
 
@@ -129,6 +129,7 @@ def ivcs_terms(
     Args:
         components: ``jovr``, ``sem_acc_eff``, ``cia_eff``, ``tqsr`` and ``rsr``, each 0..1 or None;
             others are ignored.
+        thresholds: for the weights.
     """
     return {
         name: weight * (components[name] or 0.0)
@@ -142,7 +143,7 @@ def ivcs(components: Mapping[str, float | None], thresholds: Thresholds = DEFAUL
 
 
 def exact_sum(columns: Sequence[Numbers]) -> Numbers:
-    """The sum of arrays, item by item, rounded once as math.fsum does it.
+    """Return the sum of arrays, item by item, rounded once as math.fsum does it.
 
     What an addition loses is itself a number, which is summed beside. Scores lie in 0..1 and are
     no multiples of tiny numbers, so that a sum of losses loses nothing.
@@ -158,7 +159,7 @@ def exact_sum(columns: Sequence[Numbers]) -> Numbers:
 
 
 def exact_totals(column: Numbers, start: Whole) -> Numbers:
-    """The sum of each cell's terms, see exact_sum.
+    """Return the sum of each cell's terms, see exact_sum.
 
     Args:
         column: (L, 4), one row per label.

@@ -45,7 +45,7 @@ class Motion:
 
     @property
     def accel_mps2(self) -> Numbers:
-        """a = (v_2 − v_1)/Δt, positive when speeding up."""
+        """Compute a = (v_2 − v_1)/Δt, positive when speeding up."""
         # Both speeds of a huge step can be infinite and then have no difference; the steps have.
         before_m, after_m = self.forward_steps_m
         return (after_m - before_m) / self.step_s / self.step_s
@@ -74,7 +74,9 @@ def sample_places(
     A model gives all its trajectories over the same few times, so that this is seldom asked anew.
 
     Args:
+        times_s: of the trajectory's points, s.
         support_end_s: end of the interval that must be covered, s.
+        tolerance_s: by which times may miss the interval's ends, s.
 
     Returns:
         The place of each of the three times; None if no trajectory with these times is valid
@@ -121,7 +123,7 @@ class Measured:
 
 
 def measure(records: RecordColumns, thresholds: Thresholds) -> Measured:
-    """Samples all valid trajectories at start, middle and end (METHOD 5.4, 6.6).
+    """Sample all valid trajectories at start, middle and end (METHOD 5.4, 6.6).
 
     Times must cover the interval, and all coordinates be finite; a record's ``invalid`` decides
     nothing.

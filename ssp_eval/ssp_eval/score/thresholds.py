@@ -76,7 +76,7 @@ class Thresholds:
     @overload
     def at_most(self, value: NDArray[np.float64], limit: float) -> NDArray[np.bool_]: ...
     def at_most(self, value: float | NDArray[np.float64], limit: float) -> bool | NDArray[np.bool_]:
-        """value ≤ limit with the tolerance of METHOD 6.11; False for NaN."""
+        """Tell whether value ≤ limit with the tolerance of METHOD 6.11; False for NaN."""
         return value <= limit + self.tolerance
 
     @overload
@@ -88,7 +88,7 @@ class Thresholds:
     def at_least(
         self, value: float | NDArray[np.float64], limit: float | NDArray[np.float64]
     ) -> bool | NDArray[np.bool_]:
-        """value ≥ limit with the tolerance of METHOD 6.11; False for NaN."""
+        """Tell whether value ≥ limit with the tolerance of METHOD 6.11; False for NaN."""
         return value >= limit - self.tolerance
 
 
@@ -127,7 +127,7 @@ ThresholdsFile = create_model("ThresholdsFile", __base__=_File, **_GIVEN)
 
 
 def load_thresholds(path: Path | None) -> Thresholds:
-    """The thresholds of a YAML or JSON file; METHOD's where there is none.
+    """Return the thresholds of a YAML or JSON file; METHOD's where there is none.
 
     Raises:
         InputError: it can't be read, a key is unknown, or a value is no such number.
@@ -148,7 +148,7 @@ def load_thresholds(path: Path | None) -> Thresholds:
 
 
 def thresholds_of(values: Any, file: str | Path) -> Thresholds:
-    """The thresholds that a result names, all of them.
+    """Return the thresholds that a result names, all of them.
 
     Raises:
         InputError: they aren't those that this version knows, or one is no number.

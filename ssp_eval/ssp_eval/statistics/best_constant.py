@@ -92,6 +92,7 @@ def best_constant(recordings: tuple[Labels, ...], thresholds: Thresholds = DEFAU
 
     Args:
         recordings: labels of at least one recording.
+        thresholds: of the scores.
     """
     labels = list(chain.from_iterable(one.labels for one in recordings))
     positions = _seen(POSITIONS, (label.position for label in labels))
@@ -132,7 +133,7 @@ def _best(
 
 
 def _seen(vocabulary: Sequence[str], words: Iterable[str | None]) -> list[str | None]:
-    """The words of a vocabulary that labels have, in its order; None alone where they have none."""
+    """Return the words of a vocabulary that labels have, in its order; [None] if they have none."""
     found = set(words)
     return [word for word in vocabulary if word in found] or [None]
 
@@ -152,7 +153,7 @@ def _objects(sets: Iterable[tuple[str, ...] | None]) -> list[tuple[str, ...] | N
 
 
 def _records(labels: Labels, scene: Scene, plan: Plan) -> list[BehaviourRecord]:
-    """The answer at each label time; all of the text is evidence of all that it says."""
+    """Return the answer at each label time; all of the text is evidence of each slot."""
     text = _text(scene, plan)
     whole = ((0, len(text)),)
 

@@ -36,12 +36,14 @@ from ssp_eval.statistics.rows import CellRow
 def resampled_scores(
     terms: LabelTerms, weights: Numbers, thresholds: Thresholds = DEFAULT
 ) -> dict[str, Numbers]:
-    """All scores of METHOD 6.14 with each label counted as often as it was drawn.
+    """Compute all scores of METHOD 6.14 with each label counted as often as it was drawn.
 
     RSR* = 1 if a label that begins a response was drawn; RL* is that of the earliest one drawn.
 
     Args:
+        terms: of a cell's N labels.
         weights: (B, N).
+        thresholds: of the scores.
 
     Returns:
         By metric (B,); NaN where a denominator is 0, which counts as 0 in IVCS (METHOD 6.11).
@@ -99,10 +101,13 @@ def cell_estimates(
     block: int = 1,
     thresholds: Thresholds = DEFAULT,
 ) -> dict[str, Estimate]:
-    """Intervals of a cell's scores over its labels.
+    """Estimate intervals of a cell's scores over its labels.
 
     Args:
+        terms: of the cell's labels.
+        samples: resampled scores by metric, (B,).
         block: how many labels were drawn together.
+        thresholds: of the scores.
     """
     n = len(terms)
     values = resampled_scores(terms, np.ones((1, n)), thresholds)
@@ -140,11 +145,15 @@ def estimated(
     items: float,
     unit: str,
 ) -> Estimate:
-    """A score with its intervals; none of fewer than two labels or other units.
+    """Return a score with its intervals; none of fewer than two labels or other units.
 
     Args:
+        samples: resampled scores, (B,).
+        value: the score; None: null.
         n: what to say that was drawn from.
+        jackknife: the score with each item, or each block of items, left out.
         items: units that don't overlap.
+        unit: name of what was drawn, in the plural.
     """
     if value is None or n < 2:
         return Estimate(value, n, unit=unit)
@@ -181,7 +190,7 @@ def bootstrap_records(
     block: int | None = None,
     thresholds: Thresholds = DEFAULT,
 ) -> Bootstrap:
-    """Resamples the labels of every clip and averages the cells.
+    """Resample the labels of every clip and average the cells.
 
     The cells of a scenario and domain with as many labels are drawn alike, whatever the model and
     run: they share the label times, and a repetition brings no new ones.
@@ -191,8 +200,11 @@ def bootstrap_records(
             it enters a group.
         groupings: see ssp_eval.score.aggregate; one that has the domain leaves out what isn't
             admitted.
+        resamples: how many, B.
         seed: of the random numbers; the order of the cells makes no difference.
+        on_cell: called after each cell.
         block: labels that are drawn together; None: as block_of has it for each clip.
+        thresholds: of the scores.
     """
     found: dict[tuple[str, ...], dict[str, Estimate]] = {}
     sums = {by: _GroupSums(by, resamples) for by in groupings}
@@ -234,7 +246,7 @@ def clip_generator(seed: int, row: CellRow, count: int) -> np.random.Generator:
 def _over_runs(
     runs: Sequence[tuple[Mapping[str, Numbers], Mapping[str, Estimate]]],
 ) -> tuple[Mapping[str, Numbers], dict[str, float | None]]:
-    """Samples and scores of a cell: those of its one run, or the means over its runs."""
+    """Return samples and scores of a cell: those of its one run, or the means over its runs."""
     values = {m: mean(estimates[m].value for _, estimates in runs).value for m in METRIC_NAMES}
     if len(runs) == 1:
         return runs[0][0], values
@@ -258,7 +270,7 @@ class _GroupSums:
         self._ended: dict[Group, dict[str, Estimate]] = {}
 
     def end_scenario(self) -> None:
-        """Gives up the sums of a scenario's own groups: cells of a scenario come together."""
+        """Release the sums of a scenario's own groups: cells of a scenario come together."""
         if "scenario" in self._by:
             self._ended |= self._estimates()
             for kept in (self._sums, self._values, self._clips):
@@ -302,7 +314,7 @@ class _GroupSums:
 def _estimate(
     samples: Numbers, over: Mean, ends: float | None, unit: str, bca: Interval = NO_INTERVAL
 ) -> Estimate:
-    """A score with what resamples say of it."""
+    """Return a score with its intervals by resamples."""
     if over.value is None:
         return Estimate(None, over.n, unit=unit)
     null_share = float(np.isnan(samples).mean())
@@ -318,12 +330,15 @@ def bootstrap_mean(
     seed: int = SEED,
     *names: str,
 ) -> Estimate:
-    """The mean of all values with its intervals, where whole clusters of them are drawn.
+    """Return the mean of all values with its intervals, where whole clusters of them are drawn.
 
     Args:
         values: by cluster, such as a scenario's cells, or a run's one score; there are no
             intervals of fewer than two clusters.
         unit: what a cluster is, in the plural.
+        resamples: how many, B.
+        seed: of the random numbers.
+        *names: distinguish draws with one seed.
     """
     clusters = [values[name] for name in sorted(values)]
     sums = np.array([math.fsum(one) for one in clusters])
@@ -340,10 +355,12 @@ def bootstrap_mean(
 
 
 def _student(residuals: Numbers, size: float, value: float) -> Interval:
-    """Student's interval of a mean over clusters; that of a sample where all have one value.
+    """Return Student's interval of a mean over clusters; the sample's where all have one value.
 
     Args:
         residuals: of each cluster, its sum less what the mean gives for its size.
+        size: mean size of a cluster.
+        value: the mean.
     """
     n = len(residuals)
     deviation = math.sqrt(math.fsum((residuals / size) ** 2) / (n * (n - 1)))

@@ -93,11 +93,13 @@ def compare(
     seed: int,
     constants: Mapping[Place, Cell] = MappingProxyType({}),
 ) -> list[Comparison]:
-    """Every pair of domains or of models; IVCS is tested, its components are described.
+    """Compare every pair of domains or of models; IVCS is tested, its components are described.
 
     Args:
         rows: that enter means, one per cell; where domains are compared, only those that were
             admitted count, since the audit alone says that they show the same event.
+        subject: "domain" or "model".
+        seed: of the random signs.
         constants: the best blind constant's cells; empty: nobody knows them.
     """
     kept = [row for row in rows if row.admitted or subject != "domain"]
@@ -170,12 +172,12 @@ def _gained(
 
 
 def _differing(differences: Sequence[float]) -> list[float]:
-    """The differences that a sign makes something of."""
+    """Return the differences for which a sign matters."""
     return [d for d in differences if abs(d) > EQUAL]
 
 
 def _flipped(differences: Sequence[float], seed: int, *names: str) -> tuple[float, float]:
-    """p of the sign flips, and the least that it can be: 2^(1 − m) with m pairs that differ."""
+    """Return p of the sign flips, and the least possible one, 2^(1 − m) by m pairs that differ."""
     differing = _differing(differences)
     if not differing:
         return 1.0, 1.0
@@ -185,12 +187,13 @@ def _flipped(differences: Sequence[float], seed: int, *names: str) -> tuple[floa
 
 
 def sign_flip_p(differences: Numbers, rng: np.random.Generator | None = None) -> float:
-    """Two-sided p of the mean under random signs.
+    """Compute the two-sided p of the mean under random signs.
 
     p = share of sign patterns whose |sum| is at least that observed. With random numbers,
     (1 + those as large) / (1 + patterns drawn), so that it is never 0.
 
     Args:
+        differences: of the n pairs.
         rng: None tries all 2^n patterns.
     """
     n = len(differences)
@@ -208,7 +211,7 @@ def sign_flip_p(differences: Numbers, rng: np.random.Generator | None = None) ->
 
 
 def holm(comparisons: Sequence[Comparison]) -> list[Comparison]:
-    """Adds Holm's step-down correction over all comparisons that have a p, and a p_scenarios."""
+    """Add Holm's step-down correction over all comparisons that have a p, and a p_scenarios."""
     corrected = step_down([one.p for one in comparisons])
     of_scenarios = step_down([one.p_scenarios for one in comparisons])
     family = sum(one.p is not None for one in comparisons)
@@ -239,7 +242,7 @@ Clip = tuple[str, str, int]
 
 
 def compared_metrics(models: Collection[str]) -> tuple[str, ...]:
-    """The metrics whose differences are looked at between so many models."""
+    """Return the metrics whose differences are looked at between so many models."""
     if len(models) > MOST_BY_IVCS:
         return ()
     return IVCS_FIRST if len(models) <= MOST_MODELS else (TESTED,)
@@ -264,9 +267,10 @@ class LabelDifferences:
         self._sums: dict[tuple[Pair, str], _OverClips] = {}
 
     def add(self, model: str, clips: Mapping[Clip, int], samples: Mapping[str, Numbers]) -> None:
-        """A model's resampled scores on a clip; all models of a clip come together.
+        """Add a model's resampled scores on a clip; all models of a clip come together.
 
         Args:
+            model: its name.
             clips: the clip with the length of its blocks; runs of a cell with different numbers of
                 labels aren't drawn alike, and are left out.
             samples: by metric, (B,).

@@ -64,6 +64,7 @@ def domain_differences(
     Args:
         cells: that enter means; those that weren't admitted are left out.
         constants: the best blind constant's cells; empty: nobody knows them.
+        notes: further notes under the table.
     """
     parts = _parts(cells)
     rows: list[tuple[Value, ...]] = []
@@ -163,7 +164,7 @@ def _scores(cells: Iterable[Cell], metric: str) -> _Known:
 def _row(
     own: _Known, blind: _Known, first: str, second: str, places: Sequence[Model]
 ) -> tuple[Value, ...]:
-    """A row's numbers, over the places where neither score is null."""
+    """Return a row's numbers, over the places where neither score is null."""
     kept = [p for p in places if (first, *p) in own and (second, *p) in own]
     base, other = (mean(own[name, *p] for p in kept).value for name in (first, second))
     difference = None if base is None or other is None else other - base

@@ -17,6 +17,7 @@ def label_table(cells: Iterable[CellData], audits: Sequence[Audit]) -> Table:
     """Return every label of every scored recording.
 
     Args:
+        cells: of the campaign.
         audits: those that the cells go by; they know the size of the critical object.
     """
     sizes = {r.bag_sha256: r.labels for audit in audits for r in audit.recordings}

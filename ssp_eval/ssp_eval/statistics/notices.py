@@ -68,9 +68,10 @@ class Notice:
 def notices(
     rows: Sequence[CellRow], cells: Sequence[CellData] = (), expected: Iterable[str] = ()
 ) -> list[Notice]:
-    """Everything to be told, what stands under every table first.
+    """List all notices, those under every table first.
 
     Args:
+        rows: of all cells.
         cells: the cells behind the rows; none where only component scores are known.
         expected: scenarios that the campaign was planned with.
     """
@@ -90,7 +91,7 @@ def everywhere(found: Iterable[Notice]) -> tuple[str, ...]:
 
 
 def notice_table(found: Sequence[Notice]) -> Table:
-    """The notices as a table; in CSV and JSON every name that each is about."""
+    """Return the notices as a table; in CSV and JSON with every name that each is about."""
     columns = (
         Column("kind", "kind", "text"),
         Column("text", "notice", "text"),
@@ -105,12 +106,12 @@ def notice_table(found: Sequence[Notice]) -> Table:
 
 
 def stand_ins(rows: Iterable[CellRow | CellFacts]) -> list[str]:
-    """The recordings in which a program stands in for a vehicle."""
+    """Return the recordings in which a program stands in for a vehicle."""
     return sorted({f"{row.scenario} / {row.domain}" for row in rows if row.stand_in})
 
 
 def stand_in_text(recordings: Sequence[str]) -> str:
-    """A sentence that no vehicle is in these recordings; empty where there are none."""
+    """Return a sentence that no vehicle is in these recordings; empty where there are none."""
     if not recordings:
         return ""
     return f"Physical is a software stand-in here, not a vehicle: {some(recordings)}."
@@ -325,9 +326,7 @@ def _of_outages(cells: Sequence[CellData]) -> Iterable[Notice]:
 
 
 def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable[Notice]:
-    """Judge comparability within each run: another run may be of other recordings of the same
-    event.
-    """
+    """Yield notices on comparability within each run: another run may have other recordings."""
     runs = [
         (row.run, cell)
         for row, cell in zip(rows, cells, strict=bool(cells))
@@ -477,7 +476,7 @@ def _recordings(cells: Iterable[CellData]) -> list[str]:
 
 
 def _assumed(cells: Sequence[CellData]) -> dict[str, list[str]]:
-    """Recordings by what isn't measured in them, and what it is instead."""
+    """Return the recordings by quantities that aren't measured in them, and their replacements."""
     found: dict[str, set[str]] = {}
     for cell in cells:
         parts = (("ego motion", cell.facts.clip.ego), ("camera", cell.facts.clip.camera))

@@ -128,7 +128,7 @@ def hodges_lehmann(differences: Sequence[float]) -> tuple[float | None, Interval
 
 @lru_cache(maxsize=1 << 10)
 def _ranks_outside(n: int) -> int:
-    """The largest c with P(W < c) ≤ 2.5 %, W the signed rank of n units; 0: there is none."""
+    """Return the largest c with P(W < c) ≤ 2.5 %, W the signed rank of n units; 0: none."""
     tail = (1.0 - LEVEL) / 2
     if n > EXACT_UNITS:
         spread = math.sqrt(n * (n + 1) * (2 * n + 1) / 24)
@@ -160,7 +160,7 @@ class Shares:
 
     @classmethod
     def mean(cls, of: Sequence[Shares]) -> Shares:
-        """The unweighted mean over recordings."""
+        """Return the unweighted mean over recordings."""
         names = ("both", "first", "second", "neither")
         return cls(*(math.fsum(getattr(one, name) for one in of) / len(of) for name in names))
 

@@ -23,6 +23,7 @@ def student_quantile(free: float, level: float = LEVEL) -> float:
 
     Args:
         free: degrees of freedom, above 0.
+        level: share of the values within ± the quantile.
     """
     return float(stdtrit(free, (1 + level) / 2))
 
@@ -132,12 +133,14 @@ _AT_ONCE = 4 << 20
 
 
 def resampled_sums(values: Numbers, resamples: int, rng: np.random.Generator) -> Numbers:
-    """``weighted_sums`` of as many draws of the values, in blocks of resamples.
+    """Compute ``weighted_sums`` of as many draws of the values, in blocks of resamples.
 
     The numbers are those of one call: the memory alone doesn't grow with their count.
 
     Args:
         values: (N, K).
+        resamples: how many, B.
+        rng: random numbers.
 
     Returns:
         (K, B).
@@ -149,9 +152,10 @@ def resampled_sums(values: Numbers, resamples: int, rng: np.random.Generator) ->
 
 
 def percentile_interval(samples: Numbers, reach: float | None = REACH) -> Interval:
-    """The equal-tailed percentile interval of what resamples gave; NaN ones are left out.
+    """Return the equal-tailed percentile interval of what resamples gave; NaN ones are left out.
 
     Args:
+        samples: resampled values, (B,).
         reach: its ends lie at the quantiles Φ(−reach) and Φ(reach); None: there is no interval.
     """
     present = samples[~np.isnan(samples)]
@@ -168,14 +172,17 @@ def bca_interval(
     reach: float | None = REACH,
     items: float | None = None,
 ) -> Interval:
-    """The bias-corrected and accelerated interval (Efron 1987).
+    """Return the bias-corrected and accelerated interval (Efron 1987).
 
     z_0 = Φ⁻¹(share of resamples below the estimate, ties half), a = γ / (6 √K) with γ the skewness
     of the mean of the jackknife less each of its values, and the ends are the quantiles at
     Φ(z_0 + (z_0 ± reach) / (1 − a (z_0 ± reach))). For single items a is Σ d³ / 6 (Σ d²)^1.5.
 
     Args:
+        samples: resampled values, (B,).
+        estimate: the value on the data.
         jackknife: the estimate with each item, or each block of items, left out.
+        reach: see percentile_interval.
         items: K, blocks that don't overlap; None: as many as there are values of the jackknife.
 
     Returns:
@@ -213,6 +220,7 @@ def block_of(count: int, wanted: int | None = None) -> int:
     and Jing 1995); 2 for nine labels, 3 for 27, 4 for 64. At least two blocks fit into the clip.
 
     Args:
+        count: labels of the clip.
         wanted: another length, which is cut to half of the clip.
     """
     length = round(count ** (1 / 3)) if wanted is None else wanted
@@ -246,8 +254,7 @@ def without_blocks(count: int, block: int) -> Numbers:
 
 
 def reach(blocks: float, groups: int = 1, level: float = LEVEL) -> float | None:
-    """Compute how far from the middle an interval ends, in standard deviations of a normal
-    distribution.
+    """Compute how far from the middle an interval ends, in a normal's standard deviations.
 
     A resample varies less than the data by 1 − 1/K with K blocks, and K is small. The expanded
     percentile interval (Hesterberg 2015) ends further out: √(K / (K − G)) t, with t Student's
@@ -256,6 +263,7 @@ def reach(blocks: float, groups: int = 1, level: float = LEVEL) -> float | None:
     Args:
         blocks: K, that were drawn from in all groups.
         groups: G, such as clips.
+        level: of the interval.
 
     Returns:
         None where there is nothing to tell a spread from.

@@ -39,7 +39,7 @@ _NOTES = (
 
 
 def named_audits(folders: Sequence[Path], cells: Iterable[CellFacts]) -> list[Audit]:
-    """The audits that cells go by, of those that lie in their campaigns' folders.
+    """Return the audits that cells go by, of those that lie in their campaigns' folders.
 
     One that can't be read is left out: its cells say so.
     """
@@ -53,7 +53,7 @@ def named_audits(folders: Sequence[Path], cells: Iterable[CellFacts]) -> list[Au
 
 
 def response_table(audits: Iterable[Audit]) -> Table | None:
-    """A row for each pair of recordings; None where no audit has one."""
+    """Return a row for each pair of recordings; None where no audit has one."""
     rows = [
         _row(audit.scenario, pair)
         for audit in audits

@@ -128,7 +128,7 @@ class CellRow(Scores):
 
 
 def entering(rows: Iterable[CellRow]) -> list[CellRow]:
-    """The rows that may enter means and ranks: valid ones, controls left out; one per cell.
+    """Return the rows that may enter means and ranks: valid ones, controls left out; one per cell.
 
     Cells that were scored with other thresholds than the rest are left out too.
     """
@@ -136,8 +136,10 @@ def entering(rows: Iterable[CellRow]) -> list[CellRow]:
 
 
 def one_scale(rows: Iterable[CellRow]) -> list[CellRow]:
-    """The rows that one scale measures: METHOD's thresholds if any cell has them, else those of
-    most cells. Rows without a score have no scale, and stay.
+    """Return the rows that one scale measures.
+
+    That is METHOD's thresholds if any cell has them, else those of most cells. Rows without a score
+    have no scale, and stay.
     """
     listed = list(rows)
     main = scale(listed)
@@ -183,15 +185,16 @@ def over_what(rows: Iterable[CellRow]) -> frozenset[str]:
 
 
 def repeated(rows: Iterable[CellRow]) -> bool:
-    """True where some cell has more than one run."""
+    """Return True where some cell has more than one run."""
     keys = [row.key for row in rows if row.status == OK and not row.control]
     return len(keys) != len(set(keys))
 
 
 def rows_from_campaign(out: Path, run: str = "") -> list[CellRow]:
-    """All cells of a campaign, scored again from their records; refused and failed ones too.
+    """Load all cells of a campaign, scored again from their records; refused and failed ones too.
 
     Args:
+        out: campaign folder.
         run: name of the repetition, where several campaigns are taken together.
 
     Raises:
@@ -201,7 +204,7 @@ def rows_from_campaign(out: Path, run: str = "") -> list[CellRow]:
 
 
 def rows_from_cells(cells: list[CellData], run: str = "") -> list[CellRow]:
-    """The rows of cells that were loaded already; see rows_from_campaign.
+    """Return the rows of cells that were loaded already; see rows_from_campaign.
 
     Recordings whose labels can't be compared between domains (METHOD 5.2b) stay out of domain
     means, as those that the audit didn't admit.
@@ -377,7 +380,7 @@ class _Read:
 
 
 def rows_from_csv(path: Path, tell: Callable[[str], None] = lambda _note: None) -> list[CellRow]:
-    """The rows of a CSV file of component scores, cells or macro rows.
+    """Return the rows of a CSV file of component scores, cells or macro rows.
 
     IVCS of a cell is computed (METHOD 6.10). That of a macro row, a published mean over scenarios,
     domains or both, is taken as given: a mean over cells follows from the mean components only

@@ -52,8 +52,7 @@ class WeightSamples:
 
 
 def component_means(rows: Sequence[CellRow], subject: str) -> dict[str, list[float]]:
-    """Compute per subject the mean of each component of IVCS over its cells, null as 0 (METHOD
-    6.11).
+    """Compute per subject the mean of each component of IVCS, null as 0 (METHOD 6.11).
 
     IVCS is linear in them, so the mean IVCS under any weights follows.
     """
@@ -69,7 +68,7 @@ def component_means(rows: Sequence[CellRow], subject: str) -> dict[str, list[flo
 
 
 def signs(values: Numbers) -> Numbers:
-    """The order of every pair of subjects: 1 where the first is ahead, −1 behind, 0 equal.
+    """Return the order of every pair of subjects: 1 where the first is ahead, −1 behind, 0 equal.
 
     Args:
         values: (..., S).
@@ -94,10 +93,13 @@ def kendall_tau(first: Numbers, second: Numbers) -> Numbers:
 def sample_weights(
     rows: Sequence[CellRow], subject: str, seed: int, samples: int = RESAMPLES
 ) -> WeightSamples | None:
-    """Ranks under random weights; None of fewer than two subjects.
+    """Rank under random weights; None for fewer than two subjects.
 
     Args:
         rows: that enter means, one per cell.
+        subject: what is ranked: "model" or "domain".
+        seed: of the weights.
+        samples: how many weights are drawn.
     """
     components = component_means(rows, subject)
     if len(components) < 2:

@@ -37,10 +37,13 @@ Stage = Mapping[str, tuple[CellRow, CellData]]
 def shortlist(
     first: Sequence[CellData], second: Sequence[CellData], limits: Limits, resamples: int
 ) -> Shortlist:
-    """Ranks the events that both stages evaluated.
+    """Rank the events that both stages evaluated.
 
     Args:
         first: cells of the synthetic stage; those of other domains are left aside.
+        second: cells of the stage that follows.
+        limits: of the ranking, and how many events are listed.
+        resamples: of the intervals.
 
     Raises:
         InputError: a stage has no scored cell of a model.

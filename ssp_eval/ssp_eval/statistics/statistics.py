@@ -86,6 +86,8 @@ def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability |
 
     Args:
         rows: all runs; controls and cells without a score are left out here.
+        resamples: of the intervals.
+        seed: of the random numbers.
     """
     valid = [row for row in rows if row.status == OK and not row.control]
     by_cell: dict[tuple[str, ...], list[CellRow]] = {}
@@ -130,7 +132,7 @@ def stability(rows: Sequence[CellRow], resamples: int, seed: int) -> Stability |
 
 
 def _alike(by_run: Mapping[str, Sequence[CellRow]]) -> list[str]:
-    """The runs that have the same cells, for the largest set of cells that several runs have."""
+    """Return the runs with the same cells, for the largest set of cells of several runs."""
     having: dict[frozenset[tuple[str, str, str]], list[str]] = {}
     for name in sorted(by_run):
         having.setdefault(frozenset(row.key for row in by_run[name]), []).append(name)
@@ -217,10 +219,13 @@ def compute(
     on_step: Callable[[], None] = lambda: None,
     constants: Mapping[Place, Cell] = MappingProxyType({}),
 ) -> Statistics:
-    """Everything that the cells allow.
+    """Compute all statistics that the cells allow.
 
     Args:
+        rows: of all cells.
         data: the cells themselves in the order of the rows, none where they aren't known.
+        options: seed, resamples and block.
+        on_step: called at each subject, and after each cell that is resampled.
         constants: the best blind constant's cells; empty: nobody knows them.
     """
     chosen = entering(rows)

@@ -224,7 +224,7 @@ def over_cells(groups: Mapping[Group, Mapping[Group, Sequence[Estimate]]], resam
 
 
 def runs_table(found: Stability) -> Table:
-    """Scores over K runs: macro means first, then cells."""
+    """Tabulate scores over K runs: macro means first, then cells."""
 
     def row(kind: str, spread: Spread) -> tuple[Value, ...]:
         return (
@@ -348,9 +348,7 @@ def _families(comparisons: Sequence[Comparison]) -> str:
 
 
 def _powerless(comparisons: Iterable[Comparison]) -> list[str]:
-    """List the comparisons in which even the clearest result couldn't reach p = 0.05 after
-    correction.
-    """
+    """List comparisons in which even the clearest result misses p = 0.05 after correction."""
     found = []
     for subject in ("domain", "model"):
         tested = [c for c in comparisons if c.subject == subject and c.p_least is not None]
@@ -414,9 +412,12 @@ def write_statistics(
     notices: Sequence[Notice] = (),
     thresholds: str = "",
 ) -> Path:
-    """Writes ``statistics.json``: all digits of the statistics, and what they were made with.
+    """Write ``statistics.json``: all digits of the statistics, and their settings.
 
     Args:
+        folder: made if it isn't there.
+        tables: of the statistics.
+        options: seed, resamples and block.
         notices: what must be known before reading them.
         thresholds: hash of those of the cells; empty: METHOD's.
     """

@@ -126,7 +126,7 @@ class Shown:
 
 
 def texts(table: Table, row: Sequence[Value]) -> list[str]:
-    """The values of a row as people read them; a mean shows its n where the row's n differs."""
+    """Return a row's values as people read them; a mean shows its n where it isn't the row's."""
     return [str(field) for field in fields(table, row)]
 
 
@@ -143,9 +143,10 @@ def fields(table: Table, row: Sequence[Value]) -> list[Shown]:
 
 
 def shown(column: Column, value: Value) -> str:
-    """A value as people read it (METHOD 6.11).
+    """Return a value as people read it (METHOD 6.11).
 
     Args:
+        column: of the value, for its digits.
         value: unrounded; of a mean its n is left out.
     """
     if isinstance(value, Mean):
@@ -172,7 +173,7 @@ def shown(column: Column, value: Value) -> str:
 
 
 def by_column(table: Table | None) -> list[dict[str, Value]]:
-    """The rows by key of their columns; none of no table."""
+    """Return the rows by key of their columns; none of no table."""
     keys = () if table is None else [column.key for column in table.columns]
     return [dict(zip(keys, row, strict=True)) for row in (() if table is None else table.rows)]
 
@@ -190,7 +191,7 @@ def some(names: Sequence[str], separator: str = ", ") -> str:
 
 
 def metric_columns(*names: str, printed: bool = True) -> tuple[Column, ...]:
-    """A column of each of these metrics."""
+    """Return a column of each of these metrics."""
     return tuple(
         Column(name, metric.label, "seconds" if metric.unit else "ratio", printed)
         for name in names
@@ -302,7 +303,7 @@ class _Field:
 
 
 def _fields(table: Table) -> list[_Field]:
-    """The table's columns without Means, each of which has its n beside it, and Outcomes."""
+    """Return the table's columns without Means, each of which has its n beside it, and Outcomes."""
     made = []
     for index, column in enumerate(table.columns):
         values = [row[index] for row in table.rows]
@@ -338,9 +339,7 @@ def to_csv(table: Table) -> str:
 
 
 def to_notes(table: Table) -> str:
-    """Write what must be read beside the CSV: the title, then a paragraph for each notice and
-    note.
-    """
+    """Write the text that belongs beside the CSV: title, and a paragraph per notice and note."""
     return "\n\n".join((table.title, *table.all_notes)) + "\n"
 
 
@@ -353,14 +352,15 @@ def _csv_value(value: str | float | None) -> str:
 
 
 def unguarded(text: str) -> str:
-    """A text of our CSV without the guard before what a spreadsheet would take for a formula."""
+    """Return a text of our CSV without the guard against its reading as a formula."""
     return text[1:] if text.startswith("'") and text[1:].startswith(_FORMULA) else text
 
 
 def to_data(table: Table) -> dict[str, Any]:
-    """The table as plain values for JSON, every digit: the columns of the CSV as a Table Schema.
+    """Return the table as plain values for JSON, in full precision, with a Table Schema.
 
-    ``pandas.read_json(file, orient="table")`` takes it, which looks at schema and data alone.
+    The columns are those of the CSV. ``pandas.read_json(file, orient="table")`` takes it, which
+    looks at schema and data alone.
     """
     fields = _fields(table)
     keys = [field.key for field in fields]
@@ -398,7 +398,7 @@ def write_tables(
     formats: Sequence[str],
     on_table: Callable[[], None] = lambda: None,
 ) -> list[Path]:
-    """Writes each table in each format, as ``<name>.csv`` or ``<name>.tex``.
+    """Write each table in each format, as ``<name>.csv`` or ``<name>.tex``.
 
     What must be read beside a CSV file stands in ``<name>.notes.txt``.
 

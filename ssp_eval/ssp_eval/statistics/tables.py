@@ -155,9 +155,12 @@ def rank_table(
     notes: Sequence[str],
     constants: Mapping[Place, Cell] = MappingProxyType({}),
 ) -> Table:
-    """Ranks by IVCS per scenario and over all, every change of rank pointed out.
+    """Tabulate ranks by IVCS per scenario and over all, and point out every change of rank.
 
     Args:
+        cells: those that enter means.
+        subject: what is ranked: "model" or "domain".
+        notes: further notes under the table.
         constants: the best blind constant's cells, which have no rank.
     """
     found = ranking(cells, subject)
@@ -246,7 +249,7 @@ UNPAIRED = "no recording was scored with both"
 
 
 def control_tables(rows: Sequence[CellRow]) -> list[Table]:
-    """The tables of the controls that there are, none where there are none."""
+    """Return the tables of the controls that there are, none where there are none."""
     rows = one_scale(rows)
     scored = merged([row for row in rows if row.status == OK])
     known = {row.model for row in rows}
@@ -267,10 +270,11 @@ def control_tables(rows: Sequence[CellRow]) -> list[Table]:
 
 
 def seeing_table(rows: Sequence[CellRow], asked: Iterable[str]) -> Table:
-    """Each model beside itself under a condition, on the recordings scored with both.
+    """Tabulate each model beside itself under a condition, on the recordings scored with both.
 
     Args:
         rows: valid ones, one per cell.
+        asked: names of the models under conditions.
     """
     known = {row.key: row for row in rows}
     table_rows = []
@@ -398,7 +402,7 @@ def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Ta
 
 
 def with_notices(tables: Iterable[Table], notices: Iterable[str]) -> list[Table]:
-    """The tables with what must stand under each of them."""
+    """Return the tables with what must stand under each of them."""
     told = tuple(notices)
     return [replace(table, notices=told) for table in tables]
 
@@ -470,10 +474,11 @@ def _left_out(cells: Sequence[Cell], by: Sequence[str]) -> list[str]:
 
 
 def uneven(cells: Sequence[Cell], subject: str) -> list[str]:
-    """A sentence where the models or domains were not scored on the same cells.
+    """Return a sentence where the models or domains were not scored on the same cells.
 
     Args:
         cells: that enter means; for domains those that aren't admitted don't count.
+        subject: what is compared: "model" or "domain".
     """
     other = "domain" if subject == "model" else "model"
     over: dict[str, set[tuple[str, str]]] = {}
@@ -517,10 +522,12 @@ def strata_table(cells: Sequence[Cell], notes: Sequence[str]) -> Table:
 def foundation_table(
     rows: Sequence[CellRow], reference: str | None, notes: Sequence[str] = ()
 ) -> Table:
-    """Models with their parameters and the relative difference to a reference (METHOD 6.13).
+    """Tabulate models with their parameters and the difference to a reference (METHOD 6.13).
 
     Args:
+        rows: those that enter means.
         reference: name of the model that the others are compared with; None compares nothing.
+        notes: further notes under the table.
 
     Raises:
         InputError: no row is of the reference.

@@ -41,10 +41,12 @@ class Pixels:
     bounded: bool = False
 
     def take(self, world: World, before: Picture, after: Picture) -> None:
-        """Counts a frame.
+        """Count a frame.
 
         Args:
-            before, after: its factual picture and the twin's.
+            world: states and camera of the twin.
+            before: its factual picture.
+            after: its picture in the twin.
         """
         self.frames += 1
         differs = (before.pixels != after.pixels).any(axis=2)
@@ -64,9 +66,12 @@ class Pixels:
 
 
 def audit_of(change: Change, factual: BagReader, twin: BagReader, pixels: Pixels) -> TwinAudit:
-    """Holds a twin's bag against the factual one.
+    """Compare a twin's bag with the factual one.
 
     Args:
+        change: the cause that alone may differ.
+        factual: bag of the recording.
+        twin: bag of the twin.
         pixels: what was counted when the frames were drawn.
     """
     held = _Comparison(change)
@@ -124,18 +129,18 @@ class _Comparison:
         self.lacking: Counter[str] = Counter()
 
     def fail(self, reason: str) -> None:
-        """Adds a reason why the twin doesn't hold; once, and the first few."""
+        """Add a reason why the twin doesn't hold; once, and the first few."""
         if reason not in self.reasons and len(self.reasons) < _MOST_REASONS:
             self.reasons.append(reason)
 
     def missing(self, topic: str) -> None:
-        """Takes a message that the twin lacks."""
+        """Take a message that the twin lacks."""
         self.lacking[topic] += 1
         if topic not in self._may_lack:
             self.fail(f"{topic} lacks a message")
 
     def pair(self, before: BagMessage, after: BagMessage) -> None:
-        """Takes a message of the factual bag and the twin's of the same place and times."""
+        """Take a message of the factual bag and the twin's with the same place and times."""
         topic = before.topic
         self.frames += topic == IMAGE
         if before.data == after.data:

@@ -54,9 +54,10 @@ def make_twins(
     changes: Sequence[Change],
     advance: Callable[[], None] = lambda: None,
 ) -> list[TwinRecord]:
-    """Makes twins beside a recording, each whole or not there.
+    """Make twins beside a recording, each whole or not there.
 
     Args:
+        factual: the recording.
         bag: of ``factual``.
         changes: none of which has a folder there.
         advance: called for each frame of each twin.
@@ -116,7 +117,7 @@ class _Frames:
         self._kept: dict[int, list[Picture]] = {}
 
     def of(self, message: BagMessage) -> list[Picture | None]:
-        """The pictures of a recorded frame, one for each edit.
+        """Return the pictures of a recorded frame, one for each edit.
 
         Raises:
             InputError: the factual one drawn anew hasn't the recorded bytes.
@@ -154,7 +155,7 @@ class _Frames:
         )
 
     def close(self) -> None:
-        """Ends the drawing."""
+        """End the drawing."""
         self._kept = {}
 
 
@@ -193,7 +194,7 @@ class _Edit:
         return found
 
     def begin(self, writer: BagWriter) -> None:
-        """Announces the topics, and attaches what the factual bag holds and what the twin is."""
+        """Announce the topics, and attach what the factual bag holds and what the twin is."""
         identity = self.identity.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
         begin_derived(writer, self._bag, {TWIN_FILE: identity})
 
@@ -215,15 +216,16 @@ class _Edit:
         )
 
     def record(self, made: Path) -> TwinRecord:
-        """The finished twin, held against the factual bag."""
+        """Return the finished twin, compared with the factual bag."""
         with BagReader(made) as twin:
             audit = audit_of(self.change, self._bag, twin, self.pixels)
             return TwinRecord(identity=self.identity, audit=audit, bag_sha256=content_sha256(twin))
 
     def data(self, message: BagMessage, picture: Picture | None) -> bytes | None:
-        """The bytes of a message in the twin; None: the twin lacks it.
+        """Return the bytes of a message in the twin; None: the twin lacks it.
 
         Args:
+            message: of the factual bag.
             picture: of the twin, for a frame; None: the recorded one stays.
         """
         topic, data = message.topic, message.data
@@ -244,7 +246,7 @@ class _Edit:
         return data
 
     def _changed(self, state: ObjectState) -> ObjectState | None:
-        """A state of the object in the twin."""
+        """Return a state of the object in the twin."""
         if self._reported is None:
             return state
         if self.change.kind is Kind.HISTORY:
@@ -278,7 +280,7 @@ class _Edit:
 
 
 def _with_jpeg(message: bytes, jpeg: bytes) -> bytes:
-    """A CompressedImage with another picture; the picture is its last field."""
+    """Return a CompressedImage with another picture; the picture is its last field."""
     recorded = bytes(read_image(COMPRESSED_TYPE, message).data)
     if recorded == jpeg:
         return message

@@ -100,7 +100,7 @@ class Change:
 
 
 def parse_change(text: str) -> Change:
-    """The change of a ``--change``.
+    """Return the change that a ``--change`` names.
 
     Raises:
         InputError: saying which forms there are.
@@ -189,7 +189,7 @@ class Series:
         self._states = [by_stamp[stamp] for stamp in self._stamps_ns]
 
     def at(self, stamp_ns: int) -> ObjectState:
-        """The state at a time: the newest one then, carried on with speed and yaw rate held.
+        """Return the state at a time: the newest one then, carried on with speed and yaw rate held.
 
         Before the first one it is carried back. The stamp is the wanted one.
         """
@@ -203,6 +203,8 @@ def changed_state(
     """Change a state of the changed object; None: it isn't there.
 
     Args:
+        change: of the twin.
+        state: as it was recorded.
         own: states of the object from the same source.
         vut: states of the VUT.
     """
@@ -222,7 +224,7 @@ def changed_state(
 
 
 def mirrored(state: ObjectState, vut: Pose2) -> ObjectState:
-    """The state on the other side of the VUT's axis at the same instant."""
+    """Return the state on the other side of the VUT's axis at the same instant."""
     x_m, y_m = vut.to_local(state.x_m, state.y_m)
     x_m, y_m = vut.to_parent(x_m, -y_m)
     yaw_rad = wrap_angle(2.0 * vut.yaw_rad - state.yaw_rad)
@@ -230,9 +232,9 @@ def mirrored(state: ObjectState, vut: Pose2) -> ObjectState:
 
 
 def control_object(change: Change, road: Road, last_vut: ObjectState) -> ObjectState:
-    """The object that CONTROL adds: it stands beside the road, ahead of the VUT's last place.
+    """Return the object that CONTROL adds, beside the road ahead of the VUT's last place.
 
-    So it is in view, and far, in every frame; nobody ever meets it.
+    So it is in view, and far, in every frame; no participant ever meets it.
     """
     if change.object_class is None:
         raise ValueError("a control has a class")
@@ -253,7 +255,7 @@ def control_object(change: Change, road: Road, last_vut: ObjectState) -> ObjectS
 
 
 def slowed(states: Sequence[ObjectState], share: float) -> list[ObjectState]:
-    """The states of somebody who drove the same way at a share of the speed, with their stamps.
+    """Return the states of the same drive at a share of the speed, with their stamps.
 
     Place and heading are those of the recorded way at ``share`` of the distance from its begin;
     speed and acceleration are multiplied by the share, and the yaw rate follows from the

@@ -98,7 +98,11 @@ def twins(recording: Path, wanted: tuple[str, ...], as_json: bool, force: bool) 
 
 
 def _check_set(bag: Path, factual: Factual, force: bool) -> None:
-    """Raises InputError where the folder holds another recording's twins, or removes them."""
+    """Check that the folder's twins are of this recording; with ``force`` remove others.
+
+    Raises:
+        InputError: they are of another recording.
+    """
     try:
         there = read_set(bag)
     except InputError:
@@ -118,7 +122,7 @@ def _check_set(bag: Path, factual: Factual, force: bool) -> None:
 
 
 def _missing(bag: Path, factual: Factual, changes: Sequence[Change], force: bool) -> list[Change]:
-    """The changes of which no finished twin is there; what is there of them is removed."""
+    """Return the changes without a finished twin; remains of these are removed."""
     missing = []
     for change in changes:
         if force or finished_twin(bag, change.name, factual.provenance.bag_sha256) is None:

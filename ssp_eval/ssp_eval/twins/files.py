@@ -97,7 +97,7 @@ def twins_folder(bag: Path) -> Path:
 
 
 def read_set(bag: Path) -> TwinSet | None:
-    """The twins beside a recording; None: there are none.
+    """Return the twins beside a recording; None: there are none.
 
     Raises:
         InputError: the file is damaged.
@@ -107,9 +107,11 @@ def read_set(bag: Path) -> TwinSet | None:
 
 
 def finished_twin(bag: Path, name: str, of_sha256: str) -> TwinRecord | None:
-    """A recording's twin; None: it isn't there, isn't whole, or is of another recording.
+    """Return a recording's twin; None: it isn't there, isn't whole, or is of another recording.
 
     Args:
+        bag: folder of the recording's bag.
+        name: of the twin.
         of_sha256: hash of the recording.
     """
     record = _told_twin(bag, name, of_sha256)
@@ -132,10 +134,12 @@ def _told_twin(bag: Path, name: str, of_sha256: str) -> TwinRecord | None:
 
 
 def write_set(bag: Path, of: str, of_sha256: str) -> TwinSet:
-    """Lists the twins that lie beside a recording, by their names.
+    """List the twins that lie beside a recording, by their names, in its twin_set.json.
 
     Args:
-        of, of_sha256: name and hash of the recording.
+        bag: folder of the recording's bag.
+        of: name of the recording.
+        of_sha256: its hash.
     """
     folder = twins_folder(bag)
     names = sorted(file.parent.name for file in folder.glob(f"*/{TWIN_FILE}"))
@@ -148,16 +152,17 @@ def write_set(bag: Path, of: str, of_sha256: str) -> TwinSet:
 
 
 def remove_twin(bag: Path, name: str) -> None:
-    """Removes a recording's twin, if there is one."""
+    """Remove a recording's twin, if there is one."""
     folder = twins_folder(bag) / name
     if folder.is_dir():
         shutil.rmtree(folder)
 
 
 def usable_twins(bag: Path, bag_sha256: str) -> Iterator[TwinRecord]:
-    """The twins that a recording may be asked about.
+    """Yield the twins that a recording may be asked about.
 
     Args:
+        bag: folder of the recording's bag.
         bag_sha256: hash of the recording.
 
     Raises:
@@ -175,5 +180,5 @@ def usable_twins(bag: Path, bag_sha256: str) -> Iterator[TwinRecord]:
 
 
 def bag_of(bag: Path, name: str) -> Path:
-    """The bag of a recording's twin."""
+    """Return the bag of a recording's twin."""
     return twins_folder(bag) / name / "bag"

@@ -55,7 +55,7 @@ class Factual:
         return self.series(self.run.vut.id)
 
     def series(self, object_id: str) -> Series:
-        """True states of an object.
+        """Return the true states of an object.
 
         Raises:
             InputError: the recording holds none.
@@ -86,7 +86,7 @@ def decoded(bag: BagReader, message: BagMessage, decode: Callable[[bytes], Decod
 
 
 def read_factual(bag: BagReader) -> Factual:
-    """The recording that twins are made of.
+    """Return the recording that twins are made of.
 
     Raises:
         InputError: it is no session of the simulated world with this project's camera, or has no
@@ -154,7 +154,7 @@ class World:
             self._own = factual.series(change.object_id)
 
     def truth(self, tick: WorldTick) -> tuple[ObjectState, ...]:
-        """The states of a step, by id."""
+        """Return the states of a step, by id."""
         change = self.change
         if self._added is not None:
             added = replace(self._added, stamp_ns=tick.stamp_ns)
@@ -170,7 +170,7 @@ class World:
         return tuple(found)
 
     def see(self, tick: WorldTick) -> Scene | None:
-        """Takes the next step, as the camera does; its scene where it has a frame, or None."""
+        """Take the next step, as the camera does; return its scene, or None without a frame."""
         change, camera_at = self.change, None
         if change is not None and change.kind is Kind.CAMERA:
             then = self._factual.vut.at(tick.stamp_ns - seconds_to_ns(change.value))

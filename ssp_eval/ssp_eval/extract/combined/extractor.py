@@ -78,7 +78,7 @@ class Extractor:
         self.counts: Counter[str] = Counter()
 
     def __call__(self, text: str) -> Extracted:
-        """The slots of a text; trouble with the LLM costs its slots of this text and no more.
+        """Return the slots of a text; an LLM's failure costs only its slots of this text.
 
         Raises:
             InputError: the cache can't be read or written.
@@ -179,7 +179,7 @@ class Extractor:
         }
 
     def _answer(self, chat: Chat, text: str, empty: list[str]) -> bytes | str:
-        """The body of the LLM's answer, or why there is none."""
+        """Return the body of the LLM's answer, or why there is none."""
         if len(text) > MAX_CHARACTERS:
             self.counts["too_long"] += 1
             return f"the text is longer than {MAX_CHARACTERS} characters"
@@ -223,7 +223,7 @@ def _checks_hash() -> str:
 
 
 def _kept(path: Path | None) -> bytes | None:
-    """An answer in the cache; None where there is none that can be used."""
+    """Return an answer in the cache; None where no usable one is there."""
     try:
         body = path.read_bytes() if path is not None else b""
         read_completion(body)

@@ -27,7 +27,7 @@ _REMEDIES = {
 
 
 def llm_options(prefix: str = "") -> Callable[[Command], Command]:
-    """The options, which reach the command as ``llm`` and ``llm_…`` for extractor_of.
+    """Return the options, which reach the command as ``llm`` and ``llm_…`` for extractor_of.
 
     Args:
         prefix: of the options besides ``--llm``, where a command has another server too.
@@ -65,7 +65,7 @@ def extractor_of(
     llm_no_schema: bool,
     default_cache: Path | None = None,
 ) -> Extractor:
-    """The extractor that the options ask for; its answers go to the user's cache by default.
+    """Return the extractor that the options ask for; its answers go to the user's cache by default.
 
     Raises:
         click.UsageError: the options don't go together.

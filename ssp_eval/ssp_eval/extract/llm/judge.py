@@ -69,7 +69,7 @@ class Judged:
 
 
 def judge(text: str, found: Slots, proposals: Sequence[Proposal]) -> Judged:
-    """The slots that the LLM's proposals fill; one that the rules found stays as it is."""
+    """Return the slots that the LLM's proposals fill; one that the rules found stays as it is."""
     bench = Bench(text)
     filled: dict[str, Slot] = {}
     dropped: list[str] = []
@@ -106,7 +106,7 @@ class Bench:
         self.hits = find(self.words)
 
     def weigh(self, proposal: Proposal) -> tuple[int, int] | str:
-        """The first place that supports a proposal, or why none does."""
+        """Return the first place that supports a proposal, or the reason for rejecting it."""
         problem = "the quote isn't in the text"
         starts, ends = self.tokens.starts, self.tokens.ends
         start = -1
@@ -167,9 +167,7 @@ class Bench:
         return ""
 
     def _means_another(self, proposal: Proposal, inside: list[Hit]) -> bool:
-        """Tell whether the lexicon knows the quote's words as ones for another label of the
-        slot.
-        """
+        """Tell whether the lexicon knows the quote's words for another label of the slot."""
         if proposal.slot == "objects":
             named = {hit.value for hit in inside if hit.kind == "user"}
             return bool(named) and proposal.label not in (*named, NOBODY)
@@ -188,7 +186,7 @@ class Bench:
         return any(word.startswith(side) or word == side[0] for word in words)
 
     def _around(self, first: int, stop: int) -> Sequence[str]:
-        """The words of a quote's sentence and of the one before."""
+        """Return the words of a quote's sentence and of the one before."""
         for _ in range(2):
             first -= first > 0
             while first and self.words[first - 1] not in _SENTENCE:
@@ -216,7 +214,7 @@ class Bench:
         return ""
 
     def _subject(self, place: int, hits: list[Hit], first: int, stop: int) -> str:
-        """The kind of the subject of a quote's clause, or of the quote where it begins with one."""
+        """Return the kind of the subject of a quote's clause, or of a quote that starts with it."""
         opening = next((h for h in self.hits if first <= h.first < stop), None)
         if opening is not None and opening.kind in _SUBJECTS and opening.first <= first + 3:
             subject = opening
@@ -233,7 +231,7 @@ class Bench:
         return self._antecedent(hits[:place]) if subject.kind == "pronoun" else self._who(subject)
 
     def _antecedent(self, hits: list[Hit]) -> str:
-        """The kind of whom a pronoun means: the subject of its sentence, or of the last before."""
+        """Return the kind that a pronoun refers to: its sentence's subject, or the last one's."""
         found = ""
         for hit in reversed(hits[-_FAR:]):
             if hit.kind == "mark" and hit.value in _SENTENCE and found:
@@ -242,7 +240,7 @@ class Bench:
         return found
 
     def _who(self, hit: Hit) -> str:
-        """The kind of a subject; "the car" is the VUT where the text has no other car."""
+        """Return the kind of a subject; "the car" is the VUT where the text has no other car."""
         if hit.kind != "user" or hit.form != "the" or self.words[hit.stop - 1] not in _VUT:
             return hit.kind
         cars = [one for one in self.hits if one.kind == "user" and one.value == "car"]

@@ -34,7 +34,7 @@ RULES = "\n".join([_TASK, *GENERAL, _ANSWER])
 
 
 def labels_of(slot: str) -> tuple[str, ...]:
-    """The labels that may be chosen for a slot."""
+    """Return the labels that may be chosen for a slot."""
     return (*VOCABULARIES[slot], NOBODY) if slot == "objects" else VOCABULARIES[slot]
 
 

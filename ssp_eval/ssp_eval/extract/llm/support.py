@@ -53,7 +53,7 @@ def _is_word(token: str) -> bool:
 
 
 def count(labelled: Iterable[tuple[str, Slots]]) -> Support:
-    """The words of texts whose slots and evidence are known."""
+    """Return the words of texts whose slots and evidence are known."""
     places: Counter[str] = Counter()
     inside: defaultdict[tuple[str, str], Counter[str]] = defaultdict(Counter)
     for text, slots in labelled:
@@ -86,7 +86,7 @@ def count(labelled: Iterable[tuple[str, Slots]]) -> Support:
 
 
 def written(support: Support) -> str:
-    """The words as their file has them."""
+    """Return the words as their file has them."""
     lines = [_HEAD.format(LEAST_SHARE), _entry("known", support.known, "")]
     for name in SLOT_NAMES:
         lines.append(f"{name}:")
@@ -104,7 +104,7 @@ def _entry(name: str, words: Iterable[str], indent: str) -> str:
 
 @cache
 def load_support() -> Support:
-    """The words of the file."""
+    """Return the words of the file."""
     found = read_mapping(FILE)
     return Support(
         frozenset(found["known"].split()),

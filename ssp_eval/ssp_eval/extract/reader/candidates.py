@@ -38,7 +38,7 @@ class Candidate(NamedTuple):
 
 
 def of_labels(name: str, shares: NDArray[np.float64], slots: Slots) -> list[Candidate]:
-    """The labels of a slot.
+    """Return the labels of a slot.
 
     Args:
         name: any slot but objects.
@@ -79,7 +79,7 @@ def of_labels(name: str, shares: NDArray[np.float64], slots: Slots) -> list[Cand
 
 
 def of_classes(shares: Mapping[str, float], slots: Slots, count: int) -> list[Candidate]:
-    """Sets of road users: the likeliest one, and that of the rules.
+    """Return sets of road users: the likeliest one, and that of the rules.
 
     Args:
         shares: how likely each class that is named belongs to the set.

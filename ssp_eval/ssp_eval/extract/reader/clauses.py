@@ -65,7 +65,7 @@ class _Seen(NamedTuple):
 
 
 def clauses_of(reading: Reading) -> list[Clause]:
-    """The clauses of a text."""
+    """Return the clauses of a text."""
     words = reading.tokens.words
     openers = {hit.first for hit in reading.hits if hit.kind == "cue" and hit.value in _OPENERS}
     found: list[Clause] = []
@@ -91,7 +91,7 @@ def clauses_of(reading: Reading) -> list[Clause]:
 
 
 def view(reading: Reading) -> View:
-    """The clauses of a text with their features, and its road users with theirs."""
+    """Return the clauses of a text with their features, and its road users with theirs."""
     clauses = clauses_of(reading)
     if len(clauses) > MAX_CLAUSES:
         return View([], [], {})
@@ -118,7 +118,7 @@ def view(reading: Reading) -> View:
 
 
 def _normal(reading: Reading) -> list[str]:
-    """The words with numbers, road users and the VUT as one word each; "" for what they swallow."""
+    """Return the words; a number, road user or the VUT is one word, "" for those it swallows."""
     words = ["#" if word[0].isdigit() else word for word in reading.tokens.words]
     for hit in reading.hits:
         if hit.kind in ("user", "ego"):
@@ -129,7 +129,7 @@ def _normal(reading: Reading) -> list[str]:
 
 
 def _hits_inside(reading: Reading, clauses: list[Clause]) -> list[list[int]]:
-    """The numbers of the hits that begin in each clause."""
+    """Return the numbers of the hits that begin in each clause."""
     inside: list[list[int]] = [[] for _ in clauses]
     at = 0
     for number, hit in enumerate(reading.hits):
@@ -141,7 +141,7 @@ def _hits_inside(reading: Reading, clauses: list[Clause]) -> list[list[int]]:
 
 
 def _seen(words: list[str], hits: list[tuple[Hit, Scope]], mentions: set[int]) -> _Seen:
-    """A clause by itself."""
+    """Return a clause by itself."""
     plain = [word for word in words if word and (word[0].isalnum() or word[0] in "<#")]
     hits = [(hit, flags) for hit, flags in hits if hit.kind != "mark"]
     names = [_name(hit) for hit, _ in hits]
@@ -199,7 +199,7 @@ def _name(hit: Hit) -> str:
 
 
 def _subject(hit: Hit) -> str:
-    """The kind of a subject, or the form of a verb that stands without one."""
+    """Return the kind of a subject, or the form of a verb that stands without one."""
     if hit.kind in ("user", "ego", "pronoun", "scene"):
         return hit.kind
     return f"verb:{hit.form}" if hit.kind == "verb" else ""
@@ -256,7 +256,7 @@ def _around(at: int, clauses: list[Clause], seen: list[_Seen]) -> Iterator[str]:
 def _classes(
     reading: Reading, inside: list[list[int]], features: list[set[str]], critical: Actor | None
 ) -> dict[str, set[str]]:
-    """The classes of road users that are named, each with what stands in the clauses that do so."""
+    """Return the road users' classes that are named, each with the features of its clauses."""
     found: dict[str, set[str]] = {}
     for at, numbers in enumerate(inside):
         for hit in (reading.hits[number] for number in numbers):

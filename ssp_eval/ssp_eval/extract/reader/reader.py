@@ -87,7 +87,7 @@ def _is_over(motion: Candidate, slots: Slots) -> bool:
 
 
 def all_candidates(weights: Weights, seen: View, slots: Slots) -> Mapping[str, list[Candidate]]:
-    """The candidates of each slot, with what speaks for them."""
+    """Return the candidates of each slot, with what speaks for them."""
     sums = np.array([weights.sums(features) for features in seen.features])
     found = {}
     for name in SLOT_NAMES:
@@ -117,7 +117,7 @@ class Support:
         return Bench(self.text)
 
     def slot(self, name: str, candidate: Candidate) -> Slot | None:
-        """The slot with its evidence, or None where no words pass."""
+        """Return the slot with its evidence, or None where no words pass."""
         if name == CLASS:
             places = [self._place(name, one, [self.mention(one)]) for one in candidate.value]
         else:
@@ -137,7 +137,7 @@ class Support:
         return None
 
     def mention(self, name: str) -> str:
-        """The first words that name a class of road users."""
+        """Return the first words that name a class of road users."""
         hit = next(one for one in self.reading.hits if (one.kind, one.value) == ("user", name))
         return self._words(hit.first, hit.stop)
 

@@ -72,19 +72,19 @@ class Weights:
 
 
 def shares_of_labels(sums: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sums as shares of one along the last axis."""
+    """Return sums as shares of one along the last axis."""
     powers = np.exp(sums - sums.max(axis=-1, keepdims=True))
     shares: NDArray[np.float64] = powers / powers.sum(axis=-1, keepdims=True)
     return shares.round(_DIGITS)
 
 
 def share_of_class(total: float) -> float:
-    """A sum as a share of one."""
+    """Return a sum as a share of one."""
     return round(0.5 + 0.5 * tanh(0.5 * total), _DIGITS)
 
 
 def written(weights: Weights) -> str:
-    """The weights as their file has them: a feature with its columns and hundredths on a line."""
+    """Return the weights as their file has them: per line a feature, its columns and hundredths."""
     lines = [
         f"{json.dumps(name)}: {json.dumps(_pairs(weights.table[row]), separators=(',', ':'))}"
         for name, row in sorted(weights.rows.items())
@@ -105,7 +105,7 @@ def _pairs(row: NDArray[np.int32]) -> list[int]:
 
 @cache
 def load_weights() -> Weights:
-    """The weights of the file, read once."""
+    """Return the weights of the file, read once."""
     found = json.loads(FILE.read_text(encoding="utf-8"))
     features = found["features"]
     table = np.zeros((len(features), len(COLUMNS)), dtype=np.int32)

@@ -98,7 +98,7 @@ class Review:
 
 
 def compare(items: Sequence[KeyItem], first: Answers, second: Answers) -> Review:
-    """The review of two people's answers to each item of the key."""
+    """Return the review of two people's answers to each item of the key."""
     slots = {}
     disagreements: list[Disagreement] = []
     errors: list[Error] = []

@@ -26,7 +26,7 @@ Answers = Mapping[str, Mapping[str, str]]
 
 
 def _answers(given: Mapping[str, str]) -> dict[str, str]:
-    """The answers to all questions about a text, without the comment."""
+    """Return the answers to all questions about a text, without the comment."""
     for name in given:
         if name not in (*SLOT_NAMES, _COMMENT):
             raise ValueError(f"{name}: is not a known key; known are {', '.join(SLOT_NAMES)}")
@@ -37,7 +37,7 @@ def _answers(given: Mapping[str, str]) -> dict[str, str]:
 
 
 def _answer(slot: str, value: str) -> str:
-    """A label, classes joined in the vocabulary's order, or one of the words above."""
+    """Return a label, classes joined in the vocabulary's order, or one of the words above."""
     parts = value.split(BETWEEN) if slot == "objects" else [value]
     alone = {NONE, UNSURE, *([NOBODY] if slot == "objects" else [])}
     allowed = (*VOCABULARIES[slot], *sorted(alone))
@@ -55,8 +55,10 @@ _Answered = Annotated[dict[str, Text], AfterValidator(_answers)]
 
 
 class KeyItem(Strict):
-    """One text of the review: the id that reviewers see, the text's own id and hash, and what the
-    extractor found, by slot, as an answer."""
+    """One text of the review: the id that reviewers see, and the text's own id and hash.
+
+    It also has the extractor's findings, by slot, as an answer.
+    """
 
     review_id: Text
     source_id: Text | StrictInt
@@ -81,7 +83,7 @@ class Key(Strict):
 
 
 def load_key(path: Path) -> Key:
-    """The key of a review; raises InputError where something in it is wrong."""
+    """Return the key of a review; raise InputError where something in it is wrong."""
     return load_model(Key, path)
 
 
@@ -95,7 +97,7 @@ class _Form(Strict):
 
 
 def load_answers(path: Path, key: Key) -> Answers:
-    """The answers of one reviewer, by review id and slot.
+    """Return the answers of one reviewer, by review id and slot.
 
     Raises:
         InputError: it can't be read, is of another review, misses a text, or an answer is wrong.

@@ -21,7 +21,7 @@ _HERE = Path(__file__).parent
 
 
 def write_review(subset: Subset, out: Path) -> None:
-    """Writes a folder per reviewer, and the key beside them, which is not for reviewers.
+    """Write a folder per reviewer, and the key beside them, which is not for reviewers.
 
     Raises:
         InputError: there is something in the folder already, or it can't be made.
@@ -37,7 +37,7 @@ def write_review(subset: Subset, out: Path) -> None:
 
 
 def form(texts: Mapping[str, str], subset: str, reviewer: int) -> str:
-    """The form as one HTML file without references to others.
+    """Return the form as one HTML file without references to others.
 
     Args:
         texts: by review id, in the order in which they are shown.
@@ -78,7 +78,7 @@ def form(texts: Mapping[str, str], subset: str, reviewer: int) -> str:
 
 
 def _order(subset: Subset, reviewer: int) -> dict[str, str]:
-    """The texts in an order of the reviewer's own, so that fatigue meets different texts."""
+    """Return the texts in an order of the reviewer's own, so that fatigue meets different texts."""
     keys = list(subset.texts)
     random.Random(f"{subset.key.subset} {reviewer}").shuffle(keys)
     return {key: subset.texts[key] for key in keys}

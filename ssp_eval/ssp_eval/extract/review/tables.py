@@ -15,7 +15,7 @@ _WIDEST = 400
 
 
 def show_measure(found: Measure, misses: bool) -> None:
-    """Prints the tables, and where it is asked for each slot that came out otherwise."""
+    """Print the tables, and where it is asked for each slot that came out otherwise."""
     _line(f"{found.texts} texts; intervals are Wilson's for 95 %")
     _print_scores("slot", "wanted", found.slots)
     _print_scores("class", "wanted", found.classes)
@@ -31,7 +31,7 @@ def show_measure(found: Measure, misses: bool) -> None:
 
 
 def show_review(review: Review) -> None:
-    """Prints agreement, the extractor's figures, its errors and what is to be settled."""
+    """Print agreement, the extractor's figures, its errors and what is to be settled."""
     _line(
         f"{review.texts} texts, drawn evenly over what was extracted: shares are of these texts, "
         "not of all; intervals are for 95 %"
@@ -63,7 +63,7 @@ def _line(text: str) -> None:
 
 
 def _print(made: Table) -> None:
-    """Prints a table after an empty line, as wide as it needs to be."""
+    """Print a table after an empty line, as wide as it needs to be."""
     unbounded = console.out.options.update(max_width=_WIDEST)
     made.width = console.out.measure(made, options=unbounded).maximum
     console.out.print()
@@ -71,7 +71,7 @@ def _print(made: Table) -> None:
 
 
 def _table(first: str, *others: str) -> Table:
-    """A table of names with figures to their right."""
+    """Return a table of names with figures to their right."""
     made = Table(box=None, pad_edge=False)
     made.add_column(first, no_wrap=True)
     for name in others:
@@ -88,7 +88,7 @@ def _estimate(found: Estimate) -> str:
 
 
 def _print_scores(title: str, wanted: str, scores: Mapping[str, Score]) -> None:
-    """Prints precision, recall and F1 by name; ``wanted`` heads the number of labels."""
+    """Print precision, recall and F1 by name; ``wanted`` heads the number of labels."""
     made = _table(title, "precision", "recall", "F1", "given", wanted, "right")
     for name, score in scores.items():
         made.add_row(
