@@ -34,7 +34,7 @@ Sample = Callable[[Any, Any, Any], tuple[Any, Any, Json]]
 
 
 def answerer(sample: Sample, facts: Json) -> Answerer:
-    """The function of requests around a function of arrays; facts go into every answer."""
+    """Make the function of requests around a function of arrays; facts go into every answer."""
     import numpy as np
 
     def answer(request: Json) -> Json:
@@ -60,7 +60,7 @@ def _rotation(yaw_rad: float) -> list[list[float]]:
 
 
 def load_weights(arguments: argparse.Namespace) -> tuple[str, Sample]:
-    """The real model: NVlabs/alpamayo1.5 f42e594."""
+    """Load the real model: NVlabs/alpamayo1.5 f42e594."""
     try:
         import torch
         from alpamayo1_5 import helper

@@ -33,7 +33,7 @@ Generate = Callable[[Any, str], str]
 
 
 def prompt_of(request: Json, template: str | None) -> str:
-    """The prompt of a request, its own or the template's.
+    """Return the prompt of a request, its own or the template's.
 
     Ours is (x forward, y left), LLaViDA's is (x right, y forward).
 
@@ -62,7 +62,7 @@ def prompt_of(request: Json, template: str | None) -> str:
 
 
 def answerer(generate: Generate, template: str | None, facts: Json) -> Answerer:
-    """The function of requests around a function of a picture and a prompt."""
+    """Make the function of requests around a function of a picture and a prompt."""
 
     def answer(request: Json) -> Json:
         prompt = prompt_of(request, template)
@@ -77,7 +77,7 @@ def answerer(generate: Generate, template: str | None, facts: Json) -> Answerer:
 
 
 def load_weights(arguments: argparse.Namespace) -> tuple[str, Generate]:
-    """The real model: 1999Lyd/LLaViDA 728cce7, llavida/llava/eval/model_vqa_loader.py."""
+    """Load the real model: 1999Lyd/LLaViDA 728cce7, llavida/llava/eval/model_vqa_loader.py."""
     if not arguments.weights:
         raise LoadError("--weights must name the folder of a LLaViDA checkpoint")
     try:

@@ -19,7 +19,7 @@ TOLERANCE_S = 1e-6
 
 
 def jpegs(request: Json, count: int, spacing_s: float, tolerance_s: float) -> list[bytes]:
-    """The newest `count` frames, oldest first.
+    """Return the newest `count` frames, oldest first.
 
     Raises:
         UnanswerableError: there are fewer, or they aren't `spacing_s` apart; none is repeated or
@@ -38,7 +38,7 @@ def jpegs(request: Json, count: int, spacing_s: float, tolerance_s: float) -> li
 
 
 def decode_jpeg(jpeg: bytes) -> Any:
-    """The picture, numpy array (height, width, 3) uint8 RGB; with Pillow, or else with OpenCV.
+    """Return the picture, numpy array (height, width, 3) uint8 RGB, by Pillow or else by OpenCV.
 
     Raises:
         UnanswerableError: it is no whole JPEG.
@@ -61,7 +61,7 @@ def decode_jpeg(jpeg: bytes) -> Any:
 
 
 def past_poses(request: Json, count: int, spacing_s: float) -> list[tuple[float, float, float]]:
-    """(x, y, yaw) of the vehicle at -(count-1)·spacing, …, -spacing, 0 s, oldest first.
+    """Return the vehicle's (x, y, yaw) at -(count-1)·spacing, …, -spacing, 0 s, oldest first.
 
     In the ego frame at the request's time: x forward, y left, m; rad. Linear between the samples of
     the history, as the models' own loaders interpolate egomotion.
@@ -99,7 +99,7 @@ def _pose(samples: list[Json], t_s: float) -> tuple[float, float, float]:
 def native_array(
     name: str, values: Any, frame: str, unit: str, step_s: float, first_time_s: float
 ) -> Json:
-    """A numpy array or torch tensor in the JSON form of `ssp.vla_http/1`.
+    """Return a numpy array or torch tensor in the JSON form of `ssp.vla_http/1`.
 
     Numbers that aren't finite stand as the strings nan, inf and -inf.
     """
@@ -122,7 +122,7 @@ def _number(value: float) -> float | str:
 
 
 def texts(values: Any) -> Any:
-    """A numpy string array, or lists of strings, as nested lists of plain strings."""
+    """Return a numpy string array, or lists of strings, as nested lists of plain strings."""
     plain = values.tolist() if hasattr(values, "tolist") else values
     if isinstance(plain, (list, tuple)):
         return [texts(one) for one in plain]
@@ -130,7 +130,7 @@ def texts(values: Any) -> Any:
 
 
 def first_text(values: Any) -> str:
-    """The text of the first sample."""
+    """Return the text of the first sample."""
     while isinstance(values, list):
         if not values:
             return ""

@@ -94,7 +94,7 @@ class Handler(BaseHTTPRequestHandler):
         return 200, {"schema": SCHEMA, **said}
 
     def _answer(self) -> Outcome | None:
-        """None where the sender has gone before its turn."""
+        """Return the outcome; None where the sender has gone before its turn."""
         future = self.service.offer(self._request())
         while not wait([future], LOOK_S).done:
             if _has_gone(self.connection) and future.cancel():
@@ -142,11 +142,11 @@ class Handler(BaseHTTPRequestHandler):
             self.close_connection = True
 
     def log_message(self, *_: Any) -> None:
-        """Says nothing: what counts stands in the answers."""
+        """Log nothing: what counts stands in the answers."""
 
 
 def _has_gone(connection: socket.socket) -> bool:
-    """True when the other side has closed its connection."""
+    """Tell whether the other side has closed its connection."""
     readable, _, _ = select.select([connection], [], [], 0)
     if not readable:
         return False
@@ -188,7 +188,7 @@ class Service:
         return f"http://{host!s}:{port}"
 
     def run(self, load: Callable[[], tuple[str, Answerer]]) -> int:
-        """Serves until SIGTERM or SIGINT, which end the process; returns where loading fails.
+        """Serve until SIGTERM or SIGINT, which end the process; return where loading fails.
 
         Args:
             load: gives the model's id and the function that answers; raises LoadError.
@@ -217,7 +217,7 @@ class Service:
         return 0
 
     def offer(self, request: Json) -> Future[Outcome]:
-        """Takes a request in.
+        """Take a request in.
 
         Raises:
             RefusedError: the model isn't ready, or as many requests wait as may.
@@ -252,7 +252,7 @@ class Service:
         return 200, reply
 
     def _end(self) -> None:
-        """Lets the answer in the works go out, and ends the process."""
+        """Let the answer in the works go out, and end the process."""
         with self.lock:
             was_ready, self.ready, self.detail = self.ready, False, "the service is stopping"
             self._worker.shutdown(wait=False, cancel_futures=True)
@@ -267,7 +267,7 @@ def _no_model(_: Json) -> Json:
 
 
 def named(path: str) -> Callable[..., Any]:
-    """The function `module:function`; the working folder is looked in too.
+    """Return the function `module:function`; the working folder is looked in too.
 
     Raises:
         LoadError: there is none.
@@ -285,7 +285,7 @@ def named(path: str) -> Callable[..., Any]:
 
 
 def parser(description: str, port: int) -> argparse.ArgumentParser:
-    """The arguments that every sidecar has."""
+    """Make a parser of the arguments that every sidecar has."""
     parsed = argparse.ArgumentParser(description=description)
     parsed.add_argument("--host", default="127.0.0.1", help="listen here (default: loopback)")
     parsed.add_argument("--port", type=int, default=port, help="0: any that is free")
@@ -302,7 +302,7 @@ def serve(
     load_weights: Callable[[argparse.Namespace], tuple[str, Any]],
     answerer: Callable[[Any], Answerer],
 ) -> int:
-    """Serves a model with the arguments of parser; returns the exit status.
+    """Serve a model with the arguments of parser; return the exit status.
 
     Args:
         arguments: with ``--loader``, that function stands for the weights.
