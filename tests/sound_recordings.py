@@ -83,11 +83,16 @@ def course_of(states: Sequence[ObjectState]) -> Course:
 def sightings_of(who: str, states: Sequence[ObjectState]) -> list[Sighting]:
     return [
         Sighting(
-            1e-9 * state.stamp_ns, who, state.object_id, state.object_class.word,
-            state.x_m, state.y_m, state.speed_mps,
+            1e-9 * state.stamp_ns,
+            who,
+            state.object_id,
+            state.object_class.word,
+            state.x_m,
+            state.y_m,
+            state.speed_mps,
         )
         for state in sorted(states, key=lambda state: state.stamp_ns)
-    ]  # fmt: skip
+    ]
 
 
 def of_session(seed: int, _: Path, *, is_live: bool) -> str:
@@ -163,9 +168,12 @@ def as_fix(message: Message) -> Message:
     fix = TYPES.types[FIX](
         header=header(stamp.sec * 10**9 + stamp.nanosec, "gps"),
         status=TYPES.types["sensor_msgs/msg/NavSatStatus"](status=0, service=1),
-        latitude=place.latitude_deg, longitude=place.longitude_deg, altitude=place.altitude_m,
-        position_covariance=np.zeros(9), position_covariance_type=0,
-    )  # fmt: skip
+        latitude=place.latitude_deg,
+        longitude=place.longitude_deg,
+        altitude=place.altitude_m,
+        position_covariance=np.zeros(9),
+        position_covariance_type=0,
+    )
     return (message[0], FIX, message[2], fix)
 
 
@@ -180,8 +188,9 @@ def clip(seed: int, folder: Path) -> str:
     table = write_table(folder / "states.csv", day.states)
     ones = day.states["vut"]
     stamps_ns = [one.stamp_ns for one in ones]
-    way_m = np.cumsum([0.0, *(abs(b.speed_mps) * 1e-9 * (b.stamp_ns - a.stamp_ns)
-                              for a, b in pairwise(ones))])  # fmt: skip
+    way_m = np.cumsum(
+        [0.0, *(abs(b.speed_mps) * 1e-9 * (b.stamp_ns - a.stamp_ns) for a, b in pairwise(ones))]
+    )
     shown = (int(4.0 * np.interp(at_ns, stamps_ns, way_m)) % 256 for at_ns in day.frames_ns)
     video = write_frames(folder / "clip.avi", [picture(k) for k in shown])
     return imported("import-video", video, folder, "--states", str(table), "--hfov-deg", "90")

@@ -91,8 +91,12 @@ EXTREMES: dict[str, tuple[Any, ...]] = {
     **{f"uint{n}": _ints(n, False) for n in (8, 16, 32, 64)},
 }
 PLAIN: dict[str, Any] = {
-    "string": "ot1", "double": 1.0, "float": 1.0, "boolean": True, "octet": b"\x01"
-}  # fmt: skip
+    "string": "ot1",
+    "double": 1.0,
+    "float": 1.0,
+    "boolean": True,
+    "octet": b"\x01",
+}
 _SHAPE = re.compile(r"(sequence<)?([\w/]+)(?:<\d+>)?(?:, \d+>|>|\[(\d+)\])?")
 
 
@@ -147,11 +151,15 @@ def places(cls: Any) -> list[tuple[str, list[Put]]]:
                 n = 3 if count < 0 else count
                 values = [[value] * n for value in values if value != LONG]
         elif count is None:
-            found += [(f"{name}.{path}", [partial(_within, name, put) for put in puts])
-                      for path, puts in places(class_of(item))]  # fmt: skip
+            found += [
+                (f"{name}.{path}", [partial(_within, name, put) for put in puts])
+                for path, puts in places(class_of(item))
+            ]
         else:
-            found += [(f"{name}[].{path}", [partial(_within_all, name, put) for put in puts])
-                      for path, puts in places(class_of(item))]  # fmt: skip
+            found += [
+                (f"{name}[].{path}", [partial(_within_all, name, put) for put in puts])
+                for path, puts in places(class_of(item))
+            ]
         if count is not None and count < 0:
             values.append([])
         if values:
@@ -417,9 +425,12 @@ def tested(request: pytest.FixtureRequest, tmp_path_factory: Any) -> Iterator[St
         changes["camera"] = CAMERA
     run_file.write_text(json.dumps(RUN | changes))
     given_ = {
-        "run_file": run_file, "bag_dir": folder / "bag", "port": 0, "model": "constant_velocity",
+        "run_file": run_file,
+        "bag_dir": folder / "bag",
+        "port": 0,
+        "model": "constant_velocity",
         "shadow_hz": 10.0,
-    }  # fmt: skip
+    }
     if request.param == "vut_adapter of places":
         given_ |= {"navsat": "fix", "heading": "imu"}
     arguments = ["--ros-args", *(w for k, v in given_.items() for w in ("-p", f"{k}:={v}"))]

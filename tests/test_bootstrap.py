@@ -115,9 +115,21 @@ def index(tmp_path: Path) -> Iterator[Index]:
     openssl(made, *new, "/CN=127.0.0.1", "-keyout", "server.key", "-out", "server.csr")
     (made / "names").write_text("subjectAltName=IP:127.0.0.1\n")
     openssl(
-        made, "x509", "-req", "-in", "server.csr", "-CA", "ca.crt", "-CAkey", "ca.key",
-        "-CAcreateserial", "-extfile", "names", "-out", "server.crt",
-    )  # fmt: skip
+        made,
+        "x509",
+        "-req",
+        "-in",
+        "server.csr",
+        "-CA",
+        "ca.crt",
+        "-CAkey",
+        "ca.key",
+        "-CAcreateserial",
+        "-extfile",
+        "names",
+        "-out",
+        "server.crt",
+    )
     digest = wheel(made / "simple" / "trusted" / WHEEL)
     (made / "simple" / "trusted" / "index.html").write_text(f'<a href="{WHEEL}">{WHEEL}</a>')
     lock = tmp_path / "bootstrap" / "own.lock"

@@ -46,8 +46,9 @@ def response_of(physics: Physics, off: float = 1.0) -> Response:
     """What a measurement would find, wrong by a factor."""
     steer_1pm = math.tan(math.radians(0.1 * physics.most_deg)) / physics.wheelbase / 0.1
     lag = physics.lag
-    return Response(physics.engine * off, lag, physics.brakes / off, lag, steer_1pm * off,
-                    physics.steer_lag)  # fmt: skip
+    return Response(
+        physics.engine * off, lag, physics.brakes / off, lag, steer_1pm * off, physics.steer_lag
+    )
 
 
 class Vehicle:
@@ -66,9 +67,14 @@ class Vehicle:
         yaw, before = -math.radians(self.pose.yaw), self.body
         speed = self.drive.speed
         self.body = BodyState(
-            self.pose.x, -self.pose.y, yaw, speed, (speed - before.speed_mps) / DT,
-            self.pedals.curvature_1pm, (yaw - before.yaw_rad) / DT,
-        )  # fmt: skip
+            self.pose.x,
+            -self.pose.y,
+            yaw,
+            speed,
+            (speed - before.speed_mps) / DT,
+            self.pedals.curvature_1pm,
+            (yaw - before.yaw_rad) / DT,
+        )
         self.ours = step_body(CAR, self.ours, command, DT)
         return pressed
 

@@ -76,9 +76,13 @@ def session(folder: Path) -> TrackDay:
 def draw(run: RunSpec, session: TrackDay, size: tuple[int, int]) -> list[Any]:
     """The frames of a session through a camera of 90 degrees, 1.6 m ahead and 1.4 m up."""
     camera = Camera(
-        width_px=size[0], height_px=size[1], hfov_deg=90.0,
-        forward_m=1.6, height_m=1.4, pitch_down_rad=math.radians(2.0),
-    )  # fmt: skip
+        width_px=size[0],
+        height_px=size[1],
+        hfov_deg=90.0,
+        forward_m=1.6,
+        height_m=1.4,
+        pitch_down_rad=math.radians(2.0),
+    )
     at = {name: {one.stamp_ns: one for one in rows} for name, rows in session.states.items()}
     odometer, found = Odometer(), []
     for index, ns in enumerate(session.frames_ns):
@@ -115,8 +119,18 @@ def test_the_audit_finds_nothing_but_what_nobody_declared(
     drawn = draw(load_run(folder / "run" / "run.yaml"), session, size)
     frames = session.messages(lambda ns, image: jpeg(ns, drawn[number_of(image)]))
     source = write_bag(tmp_path / "day", [*frames, ("/info", INFO, session.zero_ns, lens)])
-    given = ("--camera-info", "/info", "--mount", "1.6,0,1.4,2", "--domain", "physical",
-             "--site", "boulevard", "--event", "cut_in")  # fmt: skip
+    given = (
+        "--camera-info",
+        "/info",
+        "--mount",
+        "1.6,0,1.4,2",
+        "--domain",
+        "physical",
+        "--site",
+        "boulevard",
+        "--event",
+        "cut_in",
+    )
     log = (
         "--log-by",
         "B. Safety",
@@ -137,8 +151,9 @@ def test_the_audit_finds_nothing_but_what_nobody_declared(
     found = []
     for name, declared in (("declared", log), ("not", ())):
         out = tmp_path / name
-        assert main(["import-bag", str(source), *OBJECTS, *given, *declared,
-                     "--out", str(out)]) == 0  # fmt: skip
+        assert (
+            main(["import-bag", str(source), *OBJECTS, *given, *declared, "--out", str(out)]) == 0
+        )
         found.append(examine(read_recording(out), event, version))
     assert [finding.detail for finding in found[0].findings] == []
     unverified = [finding for finding in found[1].findings if finding.code == "unverified"]
@@ -173,16 +188,27 @@ def test_a_clip_with_its_truth_as_a_table_measures_the_clips_event(tmp_path: Pat
     site = yaml.safe_load(find_shipped("boulevard", "site").read_text())
     road = board.road.model_dump(mode="json")
     block = site["blocks"][0]
-    block |= {"origin": road["origin"], "pieces": [{"length_m": road["length_m"]}],
-              "lanes": road["lanes"], "traffic": [], "crossing_x_m": None}  # fmt: skip
-    whole_road = {"block": "main", "from_s_m": 0.0, "to_s_m": road["length_m"], "from_l_m": -4.0,
-                  "to_l_m": 14.0}  # fmt: skip
+    block |= {
+        "origin": road["origin"],
+        "pieces": [{"length_m": road["length_m"]}],
+        "lanes": road["lanes"],
+        "traffic": [],
+        "crossing_x_m": None,
+    }
+    whole_road = {
+        "block": "main",
+        "from_s_m": 0.0,
+        "to_s_m": road["length_m"],
+        "from_l_m": -4.0,
+        "to_l_m": 14.0,
+    }
     site |= {"ot_reachable": [whole_road], "safe_stop_zones": [whole_road], "geofence": whole_road}
     (tmp_path / "clip.site.yaml").write_text(json.dumps(site))
     out = tmp_path / "rec"
     given = ("--object", "ot1=ot1", "--site", str(tmp_path / "clip.site.yaml"), "--rate", "24")
-    assert main(["import-video", str(video), "--states", str(table), *given,
-                 "--out", str(out)]) == 0  # fmt: skip
+    assert (
+        main(["import-video", str(video), "--states", str(table), *given, "--out", str(out)]) == 0
+    )
     event, provenance = imported(out)
     series = [(t_s, {s.object_id: s for s in board.states(t_s)}) for t_s in times]
     assert starts(event) == pytest.approx(starts(event_of(series)), abs=1 / board.fps)

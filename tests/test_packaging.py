@@ -111,9 +111,17 @@ def test_package_xml_names_everything_that_is_imported(package: str) -> None:
 
 # What apt has of ROS Jazzy on Ubuntu 24.04, beside everything that ends in _msgs.
 OF_ROS = {
-    "ament_cmake", "ament_cmake_python", "builtin_interfaces", "launch", "launch_ros",
-    "rcl_interfaces", "rclpy", "rosidl_default_generators", "rosidl_default_runtime", "std_srvs",
-}  # fmt: skip
+    "ament_cmake",
+    "ament_cmake_python",
+    "builtin_interfaces",
+    "launch",
+    "launch_ros",
+    "rcl_interfaces",
+    "rclpy",
+    "rosidl_default_generators",
+    "rosidl_default_runtime",
+    "std_srvs",
+}
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -284,8 +292,13 @@ def test_the_build_on_the_wheels_leaves_out_the_messages_of_cpp_alone() -> None:
     """Without introspection no subscription can be made, but stale libraries may hide that."""
     text = (ROOT / "bootstrap" / "wheels.cmake").read_text()
     regex = re.search(r'EXCLUDE REGEX "(.+)"\)', text)[1]  # type: ignore[index]
-    kept = ("generator_c", "generator_py", "typesupport_c", "typesupport_fastrtps_c",
-            "typesupport_introspection_c")  # fmt: skip
+    kept = (
+        "generator_c",
+        "generator_py",
+        "typesupport_c",
+        "typesupport_fastrtps_c",
+        "typesupport_introspection_c",
+    )
     assert not [name for name in kept if re.search(regex, f"rosidl_{name}:x.cmake")]
     assert re.search(regex, "rosidl_typesupport_introspection_cpp:x.cmake")
 

@@ -70,8 +70,9 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Path]
         listener.bind(str(root / "socket"))
         names = ("pipe", "link", "folder", "/dev/zero", "socket", "bag")
         yield {kind: root / name for kind, name in zip(KINDS, names, strict=True)} | {
-            "CLIP": root / "a.avi", "OUT": root / "out",
-        }  # fmt: skip
+            "CLIP": root / "a.avi",
+            "OUT": root / "out",
+        }
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -21,10 +21,26 @@ from ssp_core.errors import HostError, PeerError
 
 # In the order in which the data flow.
 BENCHMARKS = (
-    "topology", "wire", "consistency", "dispatch", "iso", "sil", "sil_in_process", "carla",
-    "recorder", "recording", "seek", "replay", "memory", "scoring", "analysis", "extraction",
-    "page", "report_page", "growth",
-)  # fmt: skip
+    "topology",
+    "wire",
+    "consistency",
+    "dispatch",
+    "iso",
+    "sil",
+    "sil_in_process",
+    "carla",
+    "recorder",
+    "recording",
+    "seek",
+    "replay",
+    "memory",
+    "scoring",
+    "analysis",
+    "extraction",
+    "page",
+    "report_page",
+    "growth",
+)
 # These show a page in a browser, which isn't installed with the project.
 NEED_BROWSER = ("report_page",)
 # This one speaks to CARLA's client, which is an extra.
@@ -82,9 +98,13 @@ def run_benchmark(folder: Path, name: str, long: bool) -> list[dict[str, Any]]:
     """
     path = os.pathsep.join(filter(None, (str(folder.parent), os.environ.get("PYTHONPATH"))))
     done = subprocess.run(
-        [sys.executable, file_of(name)], cwd=folder, capture_output=True, text=True, check=False,
+        [sys.executable, file_of(name)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
         env={**os.environ, "PYTHONPATH": path, "SSP_BENCH_LONG": "1" if long else ""},
-    )  # fmt: skip
+    )
     if done.returncode != 0:
         tail = "\n".join(done.stderr.splitlines()[-10:])
         raise PeerError(f"benchmark {name} failed with status {done.returncode}\n{tail}")

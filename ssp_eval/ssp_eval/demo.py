@@ -35,10 +35,20 @@ LOGS = "logs/steps"
 # All that a demonstration leaves in its folder.
 MADE = frozenset(
     {
-        MARKER, "audits", "cells", "clips", "frames", "index.html", "logs", "package",
-        "report", "requests", "runs", "tasks",
+        MARKER,
+        "audits",
+        "cells",
+        "clips",
+        "frames",
+        "index.html",
+        "logs",
+        "package",
+        "report",
+        "requests",
+        "runs",
+        "tasks",
     }
-)  # fmt: skip
+)
 _MOST = 99
 _WHOLE = 1.0 - 1e-9
 

@@ -112,8 +112,10 @@ def plan_steps(out: Path, scenarios: Sequence[str]) -> list[Step]:
     """All steps; each needs only ones before it."""
     of_each = [_of_scenario(out, scenario) for scenario in scenarios]
     # All clips first, then all simulations and so on: what takes longest begins early.
-    return [*(step for steps in zip(*of_each, strict=True) for step in steps),
-            *_evaluation(out, scenarios)]  # fmt: skip
+    return [
+        *(step for steps in zip(*of_each, strict=True) for step in steps),
+        *_evaluation(out, scenarios),
+    ]
 
 
 def _of_scenario(out: Path, scenario: str) -> list[Step]:
@@ -134,53 +136,119 @@ def _of_scenario(out: Path, scenario: str) -> list[Step]:
     ) -> Step:
         before = tuple(f"{scenario}/{one}" for one in needs)
         return Step(
-            f"{scenario}/{name}", f"{scenario}: {title}", arguments, before, session, more,
+            f"{scenario}/{name}",
+            f"{scenario}: {title}",
+            arguments,
+            before,
+            session,
+            more,
             makes=tuple(map(Path, makes)),
-        )  # fmt: skip
+        )
 
     return [
         step(
-            "clip", "make a synthetic clip and the K* bound to it",
-            "spec", "clip", scenario, "--seed", str(CLIP_SEED), "--out", str(clip.parent),
+            "clip",
+            "make a synthetic clip and the K* bound to it",
+            "spec",
+            "clip",
+            scenario,
+            "--seed",
+            str(CLIP_SEED),
+            "--out",
+            str(clip.parent),
             makes=(clip, Path(event), clip.with_suffix(".truth.json")),
         ),
         step(
-            "simulation", "compile and run the simulation",
-            "run", event, "--site", SIMULATION_SITE, "--seed", str(SIMULATION_SEED),
-            "--out", simulation, needs=("clip",), session=True, makes=(simulation,),
+            "simulation",
+            "compile and run the simulation",
+            "run",
+            event,
+            "--site",
+            SIMULATION_SITE,
+            "--seed",
+            str(SIMULATION_SEED),
+            "--out",
+            simulation,
+            needs=("clip",),
+            session=True,
+            makes=(simulation,),
         ),
         step(
-            "synthetic", "import the clip as a bag",
-            "import-video", str(clip), "--scenario", scenario, "--generator", GENERATOR,
-            "--out", f"{synthetic}/bag", needs=("clip",), makes=(synthetic,),
+            "synthetic",
+            "import the clip as a bag",
+            "import-video",
+            str(clip),
+            "--scenario",
+            scenario,
+            "--generator",
+            GENERATOR,
+            "--out",
+            f"{synthetic}/bag",
+            needs=("clip",),
+            makes=(synthetic,),
             more=lambda: (*_version(out, scenario), *declared_options(clip)),
         ),
         step(
-            "task", "compile for the track",
-            "compile", event, "--target", "track", "--site", TRACK_SITE, "--seed", str(TRACK_SEED),
-            "--validated-by", simulation, "--out", task, needs=("simulation",), makes=(task,),
+            "task",
+            "compile for the track",
+            "compile",
+            event,
+            "--target",
+            "track",
+            "--site",
+            TRACK_SITE,
+            "--seed",
+            str(TRACK_SEED),
+            "--validated-by",
+            simulation,
+            "--out",
+            task,
+            needs=("simulation",),
+            makes=(task,),
         ),
         step(
-            "physical", "run the compiled task on the track",
-            "run", task, "--out", physical, needs=("task",), session=True, makes=(physical,),
+            "physical",
+            "run the compiled task on the track",
+            "run",
+            task,
+            "--out",
+            physical,
+            needs=("task",),
+            session=True,
+            makes=(physical,),
         ),
         step(
-            "twins", "make the simulation's twins: without its object, with an irrelevant one",
-            "twins", simulation, *TWINS, needs=("simulation",),
+            "twins",
+            "make the simulation's twins: without its object, with an irrelevant one",
+            "twins",
+            simulation,
+            *TWINS,
+            needs=("simulation",),
             makes=(twins_folder(Path(simulation) / "bag"),),
         ),
         # One plan for the three recordings, so that each has as many labels in every phase.
         step(
-            "labels", "label the three recordings by one plan",
-            "labels", "new", *recordings, "--truth", str(clip.with_suffix(".truth.json")),
-            needs=_DOMAINS, makes=tuple(labels_places(Path(one) / "bag")[2] for one in recordings),
+            "labels",
+            "label the three recordings by one plan",
+            "labels",
+            "new",
+            *recordings,
+            "--truth",
+            str(clip.with_suffix(".truth.json")),
+            needs=_DOMAINS,
+            makes=tuple(labels_places(Path(one) / "bag")[2] for one in recordings),
         ),
         step(
-            "audit", "audit the three recordings",
-            "audit", *recordings, "--out", str(audit_folder(out, scenario)), needs=("labels",),
+            "audit",
+            "audit the three recordings",
+            "audit",
+            *recordings,
+            "--out",
+            str(audit_folder(out, scenario)),
+            needs=("labels",),
             makes=(audit_folder(out, scenario),),
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:

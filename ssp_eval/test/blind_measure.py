@@ -111,8 +111,10 @@ def main() -> None:
         print(f"{name}, {half}: {len(rows)} texts; rules, rules and reader")
         for group, members in groups.items():
             alone, both = (summed(column) for column in zip(*members, strict=True))
-            print(f"  {group:14s} {alone.precision:.3f} / {alone.recall:.3f}   "
-                  f"{both.precision:.3f} / {both.recall:.3f}  of {both.wanted}")  # fmt: skip
+            print(
+                f"  {group:14s} {alone.precision:.3f} / {alone.recall:.3f}   "
+                f"{both.precision:.3f} / {both.recall:.3f}  of {both.wanted}"
+            )
         if "--misses" in sys.argv and half == OPEN:
             for row, slot, given, one in found:
                 if one.given > one.right or one.wanted > one.found:

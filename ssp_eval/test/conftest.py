@@ -117,12 +117,28 @@ class RunBag:
     ) -> Any:
         x, y, yaw, speed, acceleration = pose
         return self.types["ssp_msgs/msg/ObjectState"](
-            header=self.header(stamp_ns), object_id=name, object_class=int(ObjectClass.CAR),
-            role=int(role), control_state=int(control), sequence=1, x=x, y=y, yaw=yaw, speed=speed,
-            acceleration=acceleration, yaw_rate=0.0, front=3.6, rear=0.9, width=1.8, height=1.5,
-            position_std=0.0, reference_id="", error_longitudinal=0.0, error_lateral=0.0,
+            header=self.header(stamp_ns),
+            object_id=name,
+            object_class=int(ObjectClass.CAR),
+            role=int(role),
+            control_state=int(control),
+            sequence=1,
+            x=x,
+            y=y,
+            yaw=yaw,
+            speed=speed,
+            acceleration=acceleration,
+            yaw_rate=0.0,
+            front=3.6,
+            rear=0.9,
+            width=1.8,
+            height=1.5,
+            position_std=0.0,
+            reference_id="",
+            error_longitudinal=0.0,
+            error_lateral=0.0,
             error_yaw=0.0,
-        )  # fmt: skip
+        )
 
     def tick(self, stamp_ns: int, step: int, objects: list[Any]) -> Any:
         """A tick with its lockstep counters at 0: nobody here reads them."""
@@ -150,10 +166,18 @@ class RunBag:
         focal = u / math.tan(math.radians(37.5))
         roi = self.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
         info = self.types["sensor_msgs/msg/CameraInfo"](
-            header=self.header(stamp_ns), height=height, width=width, distortion_model="plumb_bob",
-            d=np.zeros(5), k=np.array([focal, 0, u, 0, focal, v, 0, 0, 1.0]),
-            r=np.eye(3).ravel(), p=np.zeros(12), binning_x=0, binning_y=0, roi=roi,
-        )  # fmt: skip
+            header=self.header(stamp_ns),
+            height=height,
+            width=width,
+            distortion_model="plumb_bob",
+            d=np.zeros(5),
+            k=np.array([focal, 0, u, 0, focal, v, 0, 0, 1.0]),
+            r=np.eye(3).ravel(),
+            p=np.zeros(12),
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+        )
         self.write("/ssp/vut/front_camera/camera_info", info, stamp_ns)
         # Columns: the optical x, y, z axes in base_link (right, down, ahead), pitched down.
         half = (math.pi / 2 + 0.03) / 2
@@ -175,10 +199,17 @@ class RunBag:
 
     def session(self, stamp_ns: int, phase: SessionPhase, verdict: Verdict, why: list[str]) -> None:
         message = self.types["ssp_msgs/msg/SessionState"](
-            header=self.header(stamp_ns), state=int(phase), previous=0, event="test", reason="",
-            run_id="r1", scenario="cut_in", event_version=VERSION, verdict=int(verdict),
+            header=self.header(stamp_ns),
+            state=int(phase),
+            previous=0,
+            event="test",
+            reason="",
+            run_id="r1",
+            scenario="cut_in",
+            event_version=VERSION,
+            verdict=int(verdict),
             reasons=why,
-        )  # fmt: skip
+        )
         self.write("/ssp/session_state", message, stamp_ns)
 
 
@@ -325,10 +356,13 @@ def write_task(
     write_text(folder / "run.yaml", task.run.model_dump_json(by_alias=True, indent=1))
     write_text(folder / "event.yaml", find_shipped(event, "event").read_text())
     record = {
-        "kind": "tuning", "when": "2025-03-01T09:00:00Z", "who": "ssp compile",
-        "subject": f"task {task.event.name}", "version": task.version,
+        "kind": "tuning",
+        "when": "2025-03-01T09:00:00Z",
+        "who": "ssp compile",
+        "subject": f"task {task.event.name}",
+        "version": task.version,
         "reason": "middle of the range",
-    }  # fmt: skip
+    }
     append_record(folder / "log.jsonl", Record.model_validate(record))
     return folder
 

@@ -28,26 +28,40 @@ def entry(domain: str, status: str, **more: Any) -> dict[str, Any]:
     times = {"trigger": 4.0, "conflict": 4.5, "resolution": 6.0}
     sight = {"fraction": 1.0, "needed": 0.9, "how": "projected"}
     value = {
-        "domain": domain, "name": f"r-{domain}", "bag": "bag", "bag_sha256": f"sha256:{domain}",
-        "origin": "made up", "stand_in": False, "evidence": "states", "measured_from": "ticks",
-        "domain_said_by": "somebody", "log_said_by": "somebody", "crop": CROP,
-        "scenario": "cut_in", "event_version": "sha256:1", "task_version": None, "status": status,
+        "domain": domain,
+        "name": f"r-{domain}",
+        "bag": "bag",
+        "bag_sha256": f"sha256:{domain}",
+        "origin": "made up",
+        "stand_in": False,
+        "evidence": "states",
+        "measured_from": "ticks",
+        "domain_said_by": "somebody",
+        "log_said_by": "somebody",
+        "crop": CROP,
+        "scenario": "cut_in",
+        "event_version": "sha256:1",
+        "task_version": None,
+        "status": status,
         "reasons": [{**reason, "consequences": []}] if status == "refused" else [],
         "properties": {
             name: {"source": "states", "words": {"it": ["is"]}, "how": "", "equal": None}
             for name in FIELDS
         },
-        "kpr": 1.0, "epd": 0.0,
+        "kpr": 1.0,
+        "epd": 0.0,
         "coverage": {"source": "projection", "participants": {"ot1": sight}, "zone": sight},
         **more,
-    }  # fmt: skip
+    }
     crop = value["crop"]
     length_s = crop["end_s"] - crop["start_s"]
     value["phases"] = {
-        "source": "states", "start_s": crop["start_s"], "end_s": crop["end_s"],
+        "source": "states",
+        "start_s": crop["start_s"],
+        "end_s": crop["end_s"],
         **{f"{k}_s": t_s for k, t_s in times.items()},
         "phi": {k: (t_s - crop["start_s"]) / length_s for k, t_s in times.items()},
-    }  # fmt: skip
+    }
     return value
 
 
@@ -80,11 +94,15 @@ def audit_file(
     ]
     audit = Audit.model_validate(
         {
-            "schema": "ssp.audit/2", "software": "ssp", "scenario": "cut_in",
+            "schema": "ssp.audit/2",
+            "software": "ssp",
+            "scenario": "cut_in",
             "event_version": same.get("event_version", "sha256:1"),
-            "weights": dict.fromkeys(FIELDS, 1.0), "thresholds": {}, "recordings": values,
+            "weights": dict.fromkeys(FIELDS, 1.0),
+            "thresholds": {},
+            "recordings": values,
         }
-    )  # fmt: skip
+    )
     assert audit.contradiction() is None
     write_json(path, audit.model_dump(mode="json", by_alias=True))
     return path

@@ -138,8 +138,9 @@ def _clip(path: Path) -> Drive:
         for row in truth["frames"]
     )
     optics = Optics(intrinsics(camera), mounting)
-    return Drive(f"{path.parts[-3]}-{path.stem}", "clip", moments, tuple(_video(path)), optics,
-                 ("ot1",))  # fmt: skip
+    return Drive(
+        f"{path.parts[-3]}-{path.stem}", "clip", moments, tuple(_video(path)), optics, ("ot1",)
+    )
 
 
 def _state(row: dict[str, Any]) -> ObjectState:
@@ -168,8 +169,9 @@ def _real(path: Path) -> Drive:
         places = {"vut": (speed_mps * t_s, 0.0)}
         if ahead is not None:
             places["ot1"] = (speed_mps * t_s + ahead[0], ahead[1])
-        moments.append(Moment(t_s, {who: _car(who, t_s, at, speed_mps)
-                                    for who, at in places.items()}))  # fmt: skip
+        moments.append(
+            Moment(t_s, {who: _car(who, t_s, at, speed_mps) for who, at in places.items()})
+        )
     optics = Optics(lens, Mounting(1.2, height_m, down, 0.0, left))
     targets = () if ahead is None else ("ot1",)
     return Drive(path.stem, "real", tuple(moments), frames, optics, targets)
@@ -177,9 +179,17 @@ def _real(path: Path) -> Drive:
 
 def _car(who: str, t_s: float, at: tuple[float, float], speed_mps: float) -> ObjectState:
     return ObjectState(
-        who, ObjectClass.CAR, Role.VUT if who == "vut" else Role.OT, round(t_s * 1e9), *at, 0.0,
-        speed_mps, 0.0, 0.0, Size(3.6, 0.9, 1.8, 1.45),
-    )  # fmt: skip
+        who,
+        ObjectClass.CAR,
+        Role.VUT if who == "vut" else Role.OT,
+        round(t_s * 1e9),
+        *at,
+        0.0,
+        speed_mps,
+        0.0,
+        0.0,
+        Size(3.6, 0.9, 1.8, 1.45),
+    )
 
 
 def crop(drive: Drive, chance: random.Random) -> Drive:
@@ -391,10 +401,13 @@ def main(results: Path, paths: Sequence[str]) -> None:
             continue
         found = judge(make())
         row = {
-            "id": name, "group": group, "kind": kind, "half": int(name.split()[-1]) % 2,
+            "id": name,
+            "group": group,
+            "kind": kind,
+            "half": int(name.split()[-1]) % 2,
             "fails": [check.name for check in found.checks if check.state == "fails"],
             "figures": {check.name: check.figure for check in found.checks},
-        }  # fmt: skip
+        }
         rows.append(row)
         with results.open("a") as file:
             file.write(json.dumps(row) + "\n")

@@ -106,16 +106,29 @@ def terms(good: Numbers) -> LabelTerms:
     count, flags = len(good), good.astype(bool)
     four = np.repeat(flags[:, None], 4, axis=1)
     return LabelTerms(
-        matched=np.ones(count, bool), output_valid=flags, evaluable=np.ones((count, 4), bool),
-        given=four, hard=four.astype(float), soft=four.astype(float),
-        interaction_evaluable=np.ones(count, bool), interaction_correct=flags,
-        action_correct=flags, feasible=flags, trajectory_correct=flags, consistent=flags,
-        candidate=np.zeros(count, bool), defensive=np.zeros(count, bool),
-        record_t_s=0.5 * np.arange(count), risk_onset_s=0.0,
-        record=np.arange(count), text_valid=np.ones(count, bool),
-        trajectory_valid=np.ones(count, bool), answer=np.zeros((count, 6), int),
-        lon=np.zeros(count, int), lat=np.zeros(count, int),
-    )  # fmt: skip
+        matched=np.ones(count, bool),
+        output_valid=flags,
+        evaluable=np.ones((count, 4), bool),
+        given=four,
+        hard=four.astype(float),
+        soft=four.astype(float),
+        interaction_evaluable=np.ones(count, bool),
+        interaction_correct=flags,
+        action_correct=flags,
+        feasible=flags,
+        trajectory_correct=flags,
+        consistent=flags,
+        candidate=np.zeros(count, bool),
+        defensive=np.zeros(count, bool),
+        record_t_s=0.5 * np.arange(count),
+        risk_onset_s=0.0,
+        record=np.arange(count),
+        text_valid=np.ones(count, bool),
+        trajectory_valid=np.ones(count, bool),
+        answer=np.zeros((count, 6), int),
+        lon=np.zeros(count, int),
+        lat=np.zeros(count, int),
+    )
 
 
 def test_labels_that_come_in_stretches_have_wider_intervals_in_blocks() -> None:

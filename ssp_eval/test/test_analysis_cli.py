@@ -72,10 +72,19 @@ def test_component_scores_alone_give_all_tables_and_statistics(cells: Path, tmp_
     assert call("--from-cells", cells, "--out", out, "--reference", "b", *FEW) == 0
     names = table_names(out / "tables")
     assert {
-        "matrix", "by_domain", "by_model", "by_scenario_domain", "by_scenario_model", "strata",
-        "foundation_models", "ranks_model", "ranks_domain", "comparisons",
-        "intervals_over_cells", "weights_model_order",
-    } <= names  # fmt: skip
+        "matrix",
+        "by_domain",
+        "by_model",
+        "by_scenario_domain",
+        "by_scenario_model",
+        "strata",
+        "foundation_models",
+        "ranks_model",
+        "ranks_domain",
+        "comparisons",
+        "intervals_over_cells",
+        "weights_model_order",
+    } <= names
     # Without records there are no intervals over them.
     assert not {"intervals_cells", "intervals_groups", "stability"} & names
     for suffix in (".csv", ".notes.txt", ".tex"):
@@ -118,8 +127,10 @@ def test_domains_stand_beside_each_other_in_relative_terms(cells: Path, tmp_path
     rows = table(tmp_path / "tables/domain_differences.csv")
     ivcs = [one for one in rows if one["metric"] == "IVCS"]
     assert [(one["domain"], one["reference"]) for one in ivcs[::3]] == [
-        ("simulation", "synthetic"), ("physical", "synthetic"), ("physical", "simulation"),
-    ]  # fmt: skip
+        ("simulation", "synthetic"),
+        ("physical", "synthetic"),
+        ("physical", "simulation"),
+    ]
     assert [one["scenario"] for one in ivcs[:3]] == ["all", "cut_in", "vru"]
     found = {(one["domain"], one["reference"], one["scenario"], one["metric"]): one for one in rows}
     sem = found["physical", "synthetic", "cut_in", "SemAcc"]
@@ -157,21 +168,25 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_order(cells: Path, tmp_
         (("--from-cells", "{cells}"), 2, "--from-cells needs --out DIR"),
         (("{campaign}", "--format", "csv"), 2, "--format needs --tables DIR"),
         (
-            ("--from-cells", "{cells}", "--figures", "{out}", "--format", "csv"), 2,
+            ("--from-cells", "{cells}", "--figures", "{out}", "--format", "csv"),
+            2,
             "--format needs --tables DIR",
         ),
         (("--from-cells", "{cells}", "--out", "{out}", "--block", "2"), 2, "--block is of labels"),
         (
-            ("--from-cells", "{cells}", "--figures", "{out}", "--seed", "2"), 2,
+            ("--from-cells", "{cells}", "--figures", "{out}", "--seed", "2"),
+            2,
             "--resamples and --seed need --out DIR",
         ),
         (("{cells}",), 1, "but a file; component scores go with --from-cells"),
         (
-            ("--from-cells", "{cells}", "--figures", "{out}", "--expect", "cut_in"), 2,
+            ("--from-cells", "{cells}", "--figures", "{out}", "--expect", "cut_in"),
+            2,
             "--expect needs --out",
         ),
         (
-            ("--from-cells", "{cells}", "--figures", "{out}", "--tables", "{out}"), 2,
+            ("--from-cells", "{cells}", "--figures", "{out}", "--tables", "{out}"),
+            2,
             "--from-cells needs --out DIR",
         ),
         (("{campaign}", "--from-cells", "{cells}", "--out", "{out}"), 2, "stands alone"),
@@ -182,17 +197,19 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_order(cells: Path, tmp_
         (("--from-cells", "{cells}", "--out", "{out}", "--resamples", "1"), 2, "resamples"),
         (("--from-cells", "{cells}", "--out", "{out}", "--seed", "-1"), 2, "seed"),
         (
-            ("--from-cells", "{cells}", "--out", "{out}", "--reference", "z", *FEW), 1,
+            ("--from-cells", "{cells}", "--out", "{out}", "--reference", "z", *FEW),
+            1,
             "--reference: is no model with a valid cell (got 'z'); known are a, b, c",
         ),
         (("--from-cells", "{missing}", "--out", "{out}"), 1, "none.csv: can't be read"),
         (("--from-cells", "{cells}", "--out", "{cells}/x", *FEW), 1, "is no folder"),
         (
-            ("{campaign}", "--repeat", "{campaign}", "--tables", "{out}"), 1,
+            ("{campaign}", "--repeat", "{campaign}", "--tables", "{out}"),
+            1,
             "is given twice; give each campaign once",
         ),
     ],
-)  # fmt: skip
+)
 def test_wrong_options_say_what_is_right_and_write_nothing(
     cells: Path,
     campaign: Path,
@@ -203,9 +220,11 @@ def test_wrong_options_say_what_is_right_and_write_nothing(
     told: str,
 ) -> None:
     places = {
-        "cells": cells, "campaign": campaign, "out": tmp_path / "out",
+        "cells": cells,
+        "campaign": campaign,
+        "out": tmp_path / "out",
         "missing": tmp_path / "none.csv",
-    }  # fmt: skip
+    }
     assert call(*(arg.format(**places) for arg in args)) == status
     assert told in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
@@ -224,9 +243,10 @@ def test_a_campaign_gives_intervals_over_records_and_the_diagnostic(
     stored = {tuple(p.parent.name.split("__")): p for p in campaign.glob("cells/*/score.json")}
     for one in cells_of:
         path = next(
-            p for names, p in stored.items() if {one["scenario"], one["domain"]} <= set(names)
-            and one["model"] in names
-        )  # fmt: skip
+            p
+            for names, p in stored.items()
+            if {one["scenario"], one["domain"]} <= set(names) and one["model"] in names
+        )
         value = json.loads(path.read_text())[one["metric"]]
         assert one["value"] == "" if value is None else math.isclose(float(one["value"]), value)
         if one["low"]:
@@ -270,9 +290,14 @@ def test_the_matrix_of_a_campaign_gives_its_tables_again(campaign: Path, tmp_pat
     assert call("--from-cells", file, "--out", again, *FEW) == 0
     tables = [path.name for path in (again / "tables").iterdir()]
     needs_records = {
-        "intervals_groups", "intervals_cells", "first_failures",
-        "first_failures_model", "notices", "best_constants", "labels",
-    }  # fmt: skip
+        "intervals_groups",
+        "intervals_cells",
+        "first_failures",
+        "first_failures_model",
+        "notices",
+        "best_constants",
+        "labels",
+    }
     assert table_names(own) - needs_records == (
         {*table_names(again / "tables"), "statistics"} - needs_records
     )

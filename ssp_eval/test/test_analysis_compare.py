@@ -62,10 +62,13 @@ def test_holm_by_hand():
 
 def test_pairs_are_of_the_same_scenario_and_other_factor():
     rows = [
-        row("s", "synthetic", "a", 0.5), row("s", "physical", "a", 0.3),
-        row("t", "synthetic", "a", 0.9), row("t", "physical", "b", 0.1),
-        row("s", "synthetic", "b", 0.4), row("s", "physical", "b", 0.4),
-    ]  # fmt: skip
+        row("s", "synthetic", "a", 0.5),
+        row("s", "physical", "a", 0.3),
+        row("t", "synthetic", "a", 0.9),
+        row("t", "physical", "b", 0.1),
+        row("s", "synthetic", "b", 0.4),
+        row("s", "physical", "b", 0.4),
+    ]
     found = {c.metric: c for c in compare(rows, "domain", SEED)}
     jovr, ivcs = found["jovr"], found["ivcs"]
     assert (jovr.n, jovr.difference, jovr.favour) == (2, pytest.approx(0.1), 0.75)
@@ -111,17 +114,22 @@ def test_pairs_without_a_difference_make_no_p_smaller():
 
 
 def test_p_over_scenarios_is_corrected_within_its_family():
-    given_ps = [Comparison("model", "a", "b", "ivcs", 5, 0.1, p=0.5, p_scenarios=p)
-                for p in (0.25, 0.5, None)]  # fmt: skip
+    given_ps = [
+        Comparison("model", "a", "b", "ivcs", 5, 0.1, p=0.5, p_scenarios=p)
+        for p in (0.25, 0.5, None)
+    ]
     assert [one.p_scenarios_holm for one in holm(given_ps)] == [0.5, 0.5, None]
 
 
 def test_macro_means_over_runs_are_of_the_same_cells():
     rows = [
-        row("s", "physical", "a", 0.2, run="1"), row("t", "physical", "a", 0.2, run="1"),
-        row("s", "physical", "a", 0.4, run="2"), row("t", "physical", "a", 0.4, run="2"),
-        row("s", "physical", "a", 0.3, run="3"), row("u", "physical", "a", 0.9, run="3"),
-    ]  # fmt: skip
+        row("s", "physical", "a", 0.2, run="1"),
+        row("t", "physical", "a", 0.2, run="1"),
+        row("s", "physical", "a", 0.4, run="2"),
+        row("t", "physical", "a", 0.4, run="2"),
+        row("s", "physical", "a", 0.3, run="3"),
+        row("u", "physical", "a", 0.9, run="3"),
+    ]
     found = stability(rows, 200, SEED)
     assert found.runs == ("1", "2")
     (macro,) = [x for x in found.macro if x.names[0] == "model" and x.metric == "jovr"]

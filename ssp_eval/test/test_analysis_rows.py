@@ -110,10 +110,13 @@ def test_a_matrix_of_ours_gives_the_same_rows_again(tmp_path):
 @pytest.mark.parametrize(
     ("name", "word"),
     [
-        ("Syn", "synthetic"), ("sim", "simulation"), ("PHY", "physical"), ("Physical", "physical"),
+        ("Syn", "synthetic"),
+        ("sim", "simulation"),
+        ("PHY", "physical"),
+        ("Physical", "physical"),
         ("SIMULATION", "simulation"),
     ],
-)  # fmt: skip
+)
 def test_domains_are_read_by_their_short_names_too(tmp_path, name, word):
     (found,) = rows_from_csv(write(tmp_path, replaced("domain", name)))
     assert found.domain == word
@@ -162,19 +165,22 @@ def test_a_published_table_of_macro_scores_is_read(tmp_path):
     [
         ("cut_in", "macro", {"by_scenario_model", "ranks_model"}, {"by_domain", "ranks_domain"}),
         (
-            "Macro", "Phy", {"by_domain", "by_domain_model", "domain_differences"},
+            "Macro",
+            "Phy",
+            {"by_domain", "by_domain_model", "domain_differences"},
             {"by_scenario_model", "strata"},
         ),
     ],
-)  # fmt: skip
+)
 def test_means_over_scenarios_or_domains_alone_keep_the_other(
     tmp_path, scenario, domain, kept, lost
 ):
     line = f"{scenario},{domain},a,1,0.8,0.5,0.7,0.6,0.4,0.5,"
     rows = rows_from_csv(write(tmp_path, line, head=OWN))
     assert (rows[0].scenario == MACRO, rows[0].domain == MACRO) == (
-        scenario == "Macro", domain == "macro",
-    )  # fmt: skip
+        scenario == "Macro",
+        domain == "macro",
+    )
     names = {table.name for table in all_tables(rows)}
     assert kept <= names
     assert not lost & names

@@ -75,8 +75,13 @@ def evaluate(command: str, bag: Path, folder: Path, env: Mapping[str, str]) -> d
     assert words[0] == "./ssp"
     run = subprocess.run(
         [sys.executable, "-m", "ssp_core.cli", *words[1:], "--propose-labels"],
-        cwd=folder, env=dict(env), capture_output=True, text=True, timeout=DEADLINE_S, check=False,
-    )  # fmt: skip
+        cwd=folder,
+        env=dict(env),
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        check=False,
+    )
     assert run.returncode == 0, run.stderr
     (cell,) = (folder / "out" / "mine" / "cells").glob("*__mine/cell.json")
     found: dict[str, Any] = json.loads(cell.read_text())

@@ -183,9 +183,13 @@ def test_a_word_that_was_changed_or_is_of_another_bag_is_refused(
     ],
 )
 def test_a_word_that_does_not_fit_the_session_is_refused(
-    make_bag: BagMaker, tmp_path: Path, capsys: pytest.CaptureFixture[str],
-    declared: dict[str, str] | None, participants: dict[str, str], why: str,
-) -> None:  # fmt: skip
+    make_bag: BagMaker,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    declared: dict[str, str] | None,
+    participants: dict[str, str],
+    why: str,
+) -> None:
     bag = make_bag("phy/bag", domain="physical", declared=declared)
     said = word(tmp_path / "word.yaml", **participants)
     assert main(["audit", "declare", str(bag), str(said)]) == 1

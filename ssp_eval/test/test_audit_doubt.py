@@ -175,9 +175,12 @@ def test_a_field_that_may_vary_refuses_nothing() -> None:
     found = observed_differences([states, person], {"right_boundary"})
     assert [(one.refuses, one.text) for one in found] == [
         (True, "topology: Ada says segment curve, not straight; the states: the road"),
-        (False, "topology: Ada says right_boundary sidewalk, not verge; the states: it may vary "
-         "between domains"),
-    ]  # fmt: skip
+        (
+            False,
+            "topology: Ada says right_boundary sidewalk, not verge; the states: it may vary "
+            "between domains",
+        ),
+    ]
     assert all(one.refuses for one in observed_differences([states, person]))
 
 
@@ -230,11 +233,14 @@ def test_another_crop_of_the_source_is_one_with_states_too(recording: Recording)
             "event_version": event_version(bound),
             "ego": {"provenance": "measured", "speed_mps": None},
             "camera": {
-                "provenance": "measured", "hfov_deg": None, "height_m": None, "pitch_down_rad": None
+                "provenance": "measured",
+                "hfov_deg": None,
+                "height_m": None,
+                "pitch_down_rad": None,
             },
             "states": {"name": "t", "sha256": digest, "vut": "vut", "objects": {"ot1": "car"}},
         }
-    )  # fmt: skip
+    )
     facts = replace(
         recording.provenance, run=None, imported=record, event_version=event_version(bound)
     )

@@ -84,9 +84,10 @@ def test_two_that_are_exchanged() -> None:
     other = {"ot1": "ot2", "ot2": "ot1"}
     found = [
         replace(s, object_id=other.get(s.object_id, s.object_id), object_class="car")
-        if s.t_s >= 6.0 else replace(s, object_class="car")
+        if s.t_s >= 6.0
+        else replace(s, object_class="car")
         for s in seen(reported=False)
-    ]  # fmt: skip
+    ]
     assert texts(found)[0] == "ot1 and ot2 are exchanged at 6.00 s"
 
 

@@ -46,9 +46,23 @@ def read(run: Path) -> tuple[Attached, RunSpec]:
 
 def log(run: Path, *more: str) -> int:
     return main(
-        ["package", "log-change", str(run), "--field", FIELD, "--old", "20", "--new", "12",
-         "--who", "A. Engineer", "--reason", "wet road", *more]
-    )  # fmt: skip
+        [
+            "package",
+            "log-change",
+            str(run),
+            "--field",
+            FIELD,
+            "--old",
+            "20",
+            "--new",
+            "12",
+            "--who",
+            "A. Engineer",
+            "--reason",
+            "wet road",
+            *more,
+        ]
+    )
 
 
 def test_a_change_that_nobody_entered_is_found(run: Path) -> None:
@@ -102,17 +116,27 @@ def test_a_log_that_was_rewritten_is_a_broken_seal(run: Path) -> None:
 
 def entry(when: str, who: str = "A. Engineer") -> Record:
     return Record.model_validate(
-        {"kind": "site_change", "when": when, "who": who, "subject": "task", "field": FIELD,
-         "old": 20, "new": 12, "reason": "wet"}
-    )  # fmt: skip
+        {
+            "kind": "site_change",
+            "when": when,
+            "who": who,
+            "subject": "task",
+            "field": FIELD,
+            "old": 20,
+            "new": 12,
+            "reason": "wet",
+        }
+    )
 
 
 def test_an_entry_older_than_the_one_above_it_is_remarked() -> None:
     log = [
-        entry("2025-03-01T09:30:00Z"), entry("2025-03-01T09:30:00+00:00"),
-        entry("2025-03-01T09:29:59.5Z", "B"), entry("2025-03-01T09:29:59.8Z", "C"),
+        entry("2025-03-01T09:30:00Z"),
+        entry("2025-03-01T09:30:00+00:00"),
+        entry("2025-03-01T09:29:59.5Z", "B"),
+        entry("2025-03-01T09:29:59.8Z", "C"),
         entry("2025-03-01T10:00:00Z"),
-    ]  # fmt: skip
+    ]
     assert order_remark(log) == {
         "times in the log": f"entry 3 ({FIELD}, B) says 2025-03-01T09:29:59.5Z, and one above it "
         f"2025-03-01T09:30:00Z; entry 4 ({FIELD}, C) says 2025-03-01T09:29:59.8Z, and one above it "

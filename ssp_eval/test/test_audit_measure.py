@@ -59,9 +59,18 @@ def moving(name: str, cls: ObjectClass, t_s: float, motion: Motion) -> ObjectSta
     x, y = motion(t_s)
     role = Role.VUT if name == "vut" else Role.OT
     return ObjectState(
-        name, cls, role, round(t_s * 1e9), x, y, yaw, speed, (faster - speed) / 1e-2, 0.0,
+        name,
+        cls,
+        role,
+        round(t_s * 1e9),
+        x,
+        y,
+        yaw,
+        speed,
+        (faster - speed) / 1e-2,
+        0.0,
         DEFAULT_SIZES[cls],
-    )  # fmt: skip
+    )
 
 
 def scene(
@@ -80,10 +89,14 @@ def scene(
         objects = [moving("vut", ObjectClass.CAR, t_s, vut), moving("ot1", cls, t_s, ot1)]
         series.append((t_s, {o.object_id: o for o in objects}))
     given = {
-        "series": series, "vut_id": "vut", "target_ids": ("ot1",), "road": road(),
-        "start_s": 0.0, "end_s": series[-1][0],
+        "series": series,
+        "vut_id": "vut",
+        "target_ids": ("ot1",),
+        "road": road(),
+        "start_s": 0.0,
+        "end_s": series[-1][0],
         "rules": replace(NO_RULES, thresholds=thresholds, observable=observable),
-    }  # fmt: skip
+    }
     return Scene(**{**given, **more})
 
 
@@ -326,18 +339,25 @@ def test_another_road_and_another_class() -> None:
     assert words(found, ROLES, "ot1 starts in") == ("oncoming_lane",)
     walker = crossing()
     series = [
-        (t, {k: replace(s, object_class=ObjectClass.CYCLIST) if k == "ot1" else s
-             for k, s in now.items()})
+        (
+            t,
+            {
+                k: replace(s, object_class=ObjectClass.CYCLIST) if k == "ot1" else s
+                for k, s in now.items()
+            },
+        )
         for t, now in walker.series
-    ]  # fmt: skip
+    ]
     assert codes("vru_crossing", measure(replace(walker, series=series))) == ["roles_differ"]
 
 
 @settings(max_examples=8, deadline=None)
 @given(
-    x=st.floats(-1e3, 1e3), y=st.floats(-1e3, 1e3), yaw=st.floats(-3.1, 3.1),
+    x=st.floats(-1e3, 1e3),
+    y=st.floats(-1e3, 1e3),
+    yaw=st.floats(-3.1, 3.1),
     which=st.sampled_from([cut_in, crossing, lead]),
-)  # fmt: skip
+)
 def test_nothing_depends_on_where_the_site_lies(
     x: float, y: float, yaw: float, which: Callable[[], Scene]
 ) -> None:

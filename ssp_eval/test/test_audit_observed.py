@@ -55,12 +55,32 @@ def videos(event: Event, tmp_path: Path) -> dict[str, Path]:
         clip = tmp_path / f"{domain}.mp4"
         write_clip(clip, 60 + number)
         found[domain] = tmp_path / domain
-        assert main(
-            ["import-video", str(clip), "--ego-unknown", "--scenario", "cut_in", "--domain", domain,
-             "--event-version", event_version(event), "--generator", "somebody", "--declared-by",
-             "Eve Hall", "--declared-on", "2026-03-01", "--place", "hall",
-             "--out", str(found[domain] / "bag")]
-        ) == 0  # fmt: skip
+        assert (
+            main(
+                [
+                    "import-video",
+                    str(clip),
+                    "--ego-unknown",
+                    "--scenario",
+                    "cut_in",
+                    "--domain",
+                    domain,
+                    "--event-version",
+                    event_version(event),
+                    "--generator",
+                    "somebody",
+                    "--declared-by",
+                    "Eve Hall",
+                    "--declared-on",
+                    "2026-03-01",
+                    "--place",
+                    "hall",
+                    "--out",
+                    str(found[domain] / "bag"),
+                ]
+            )
+            == 0
+        )
     return found
 
 
@@ -159,9 +179,16 @@ def test_two_persons_who_differ_leave_it_unverified_and_two_who_agree_do_not(
 
 def test_a_draft_or_a_changed_file_beside_the_bag_is_an_error(videos: dict[str, Path]) -> None:
     path = look(videos["physical"])
-    write_json(videos["physical"] / "observation_bo.json", {**seen(), "who": "Bo Ek",
-               "when": "2026-03-02T10:00:00Z", "recording": "physical",
-               "bag_sha256": "sha256:" + "0" * 64})  # fmt: skip
+    write_json(
+        videos["physical"] / "observation_bo.json",
+        {
+            **seen(),
+            "who": "Bo Ek",
+            "when": "2026-03-02T10:00:00Z",
+            "recording": "physical",
+            "bag_sha256": "sha256:" + "0" * 64,
+        },
+    )
     with pytest.raises(InputError, match="is a draft"):
         read_recording(videos["physical"])
     (videos["physical"] / "observation_bo.json").unlink()
@@ -171,9 +198,11 @@ def test_a_draft_or_a_changed_file_beside_the_bag_is_an_error(videos: dict[str, 
 
 
 def test_what_somebody_saw_must_not_differ_from_what_was_measured(
-    make_bag: Callable[..., Path], make_task: Callable[..., Path], videos: dict[str, Path],
+    make_bag: Callable[..., Path],
+    make_task: Callable[..., Path],
+    videos: dict[str, Path],
     event: Event,
-) -> None:  # fmt: skip
+) -> None:
     bag = make_bag("measured/bag", task=make_task(lanes=2), like_k_star=True)
     seal(bag, bag.parent / "observation.json", changed("conflict_type.value", "crossing"))
     found = audited({**videos, "simulation": bag.parent}, event)[1]
@@ -192,8 +221,11 @@ def test_the_package_walks_from_the_audit_to_the_observation_and_to_the_recordin
     assert main(["audit", *runs, *arguments]) == 0
     out = tmp_path.parent / f"{tmp_path.name}-package"
     table, _ = make_package([tmp_path], out)
-    links = {(link.source.split("/", 1)[1], link.target.split("/", 1)[1]) for link in table.links
-             if link.kind in ("observation", "bag")}  # fmt: skip
+    links = {
+        (link.source.split("/", 1)[1], link.target.split("/", 1)[1])
+        for link in table.links
+        if link.kind in ("observation", "bag")
+    }
     seen_file = "physical/observation_ada.json"
     assert ("audit/audit.json", seen_file) in links
     assert (seen_file, "physical/bag/bag_0.mcap") in links

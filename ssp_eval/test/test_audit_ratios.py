@@ -63,8 +63,11 @@ def test_epd_of_a_clip_with_itself_is_0(phi: dict[str, float]) -> None:
     assert phase_difference(phi, phi) == 0.0
 
 
-@given(pairs=st.dictionaries(st.sampled_from(EVENT_PHASES),
-                             st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=1))  # fmt: skip
+@given(
+    pairs=st.dictionaries(
+        st.sampled_from(EVENT_PHASES), st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=1
+    )
+)
 def test_epd_is_symmetric_and_at_most_1(pairs: dict[str, tuple[float, float]]) -> None:
     ours, theirs = ({k: v[i] for k, v in pairs.items()} for i in (0, 1))
     assert phase_difference(ours, theirs) == phase_difference(theirs, ours)

@@ -58,8 +58,9 @@ def test_an_abort_explains_only_what_comes_after_it() -> None:
     late = Finding("conflict_missing", "", math.inf)
     early = Finding("participant_off_camera", "", 5.0)
     assert [r.finding.code for r in explain([abort, late, early])] == [
-        "safety_abort", "participant_off_camera",
-    ]  # fmt: skip
+        "safety_abort",
+        "participant_off_camera",
+    ]
     assert under(abort, late) == ["conflict_missing"]
 
 

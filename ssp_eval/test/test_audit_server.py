@@ -33,9 +33,13 @@ from ssp_scenario_manager.event_spec.load import load_event
 from tests.support.worlds import CAMERA, record_world, small_world
 
 TRUCK_BOX = {
-    "length_m": 8.47, "width_m": 2.89, "height_m": 3.83,
-    "forward_m": -0.25, "right_m": 0.0, "up_m": 1.91,
-}  # fmt: skip
+    "length_m": 8.47,
+    "width_m": 2.89,
+    "height_m": 3.83,
+    "forward_m": -0.25,
+    "right_m": 0.0,
+    "up_m": 1.91,
+}
 TRUCK = "vehicle.carlamotors.firetruck"
 
 
@@ -46,22 +50,39 @@ def a_scene(**changes: Any) -> CarlaScene:
         "size": asdict(DEFAULT_SIZES[ObjectClass.TRUCK]),
     }
     told = {
-        "version": "0.9.16", "client_version": "0.9.16", "map_name": "Carla/Maps/Town01",
-        "map_sha256": "sha256:a", "synchronous": True, "step_s": 0.1, "first_frame": 1234,
-        "seed": 7, "rate_hz": 10.0, "camera": {"fov": "75"}, "settings": {},
-        "weather": {"cloudiness": 10.0}, "triggers": [], "bodies": {"ot1": body},
-    }  # fmt: skip
+        "version": "0.9.16",
+        "client_version": "0.9.16",
+        "map_name": "Carla/Maps/Town01",
+        "map_sha256": "sha256:a",
+        "synchronous": True,
+        "step_s": 0.1,
+        "first_frame": 1234,
+        "seed": 7,
+        "rate_hz": 10.0,
+        "camera": {"fov": "75"},
+        "settings": {},
+        "weather": {"cloudiness": 10.0},
+        "triggers": [],
+        "bodies": {"ot1": body},
+    }
     return CarlaScene.model_validate({**told, **changes})
 
 
 def a_probe(**changes: Any) -> ServerProbe:
     rows = [{"check": c, "outcome": "pass"} for c in ("teleport", "frames", "box_in_picture")]
     told = {
-        "host": "gpu7", "port": 2000, "version": "0.9.16", "client_version": "0.9.16",
-        "started": "2025-11-20T10:00:00Z", "map_name": "Carla/Maps/Town01",
-        "map_sha256": "sha256:a", "settings": {}, "camera": {}, "rows": rows,
+        "host": "gpu7",
+        "port": 2000,
+        "version": "0.9.16",
+        "client_version": "0.9.16",
+        "started": "2025-11-20T10:00:00Z",
+        "map_name": "Carla/Maps/Town01",
+        "map_sha256": "sha256:a",
+        "settings": {},
+        "camera": {},
+        "rows": rows,
         "bodies": [{"blueprint": TRUCK, "base_type": "truck", "wheels": 4, **TRUCK_BOX}],
-    }  # fmt: skip
+    }
     report = CarlaProbeReport.model_validate({**told, **changes})
     return ServerProbe(report, "sha256:" + "0" * 64)
 
@@ -103,8 +124,11 @@ def test_what_no_server_drew_needs_no_probe(facts: Provenance) -> None:
 def test_nothing_that_a_server_drew_is_admitted_without_evidence(
     facts: Provenance,
 ) -> None:
-    failed = [{"check": "teleport", "outcome": "fail"}, {"check": "frames", "outcome": "pass"},
-              {"check": "box_in_picture", "outcome": "pass"}]  # fmt: skip
+    failed = [
+        {"check": "teleport", "outcome": "fail"},
+        {"check": "frames", "outcome": "pass"},
+        {"check": "box_in_picture", "outcome": "pass"},
+    ]
     other = {"blueprint": TRUCK, "base_type": "truck", "wheels": 4, **TRUCK_BOX, "forward_m": 0.0}
     scene = a_scene()
     for probe, text in (
@@ -174,18 +198,24 @@ def test_an_audit_refuses_what_a_counterpart_drew_and_two_bags_of_one_drive(
     told = replace(simulated.provenance, scene=a_scene(counterpart=True))
     recordings[1] = replace(simulated, provenance=told)
     drawn = Drawn(
-        of="run-1", of_sha256=told.bag_sha256, map_file="Town01.xodr",
-        map_sha256="sha256:" + "2" * 64, map_said_by="the task", frames=4, left_out=0,
+        of="run-1",
+        of_sha256=told.bag_sha256,
+        map_file="Town01.xodr",
+        map_sha256="sha256:" + "2" * 64,
+        map_said_by="the task",
+        frames=4,
+        left_out=0,
         software="ssp",
-    )  # fmt: skip
+    )
     recordings[2] = replace(physical, provenance=replace(physical.provenance, drawn=drawn))
 
     def codes() -> list[set[str]]:
         entries = judge(recordings, load_event("cut_in")[0]).audit.recordings
         assert f"{TRUCK}, box" in entries[1].disclosures["body of ot1"]
         assert entries[1].disclosures["renderer"] == COUNTERPART
-        every = [[found for r in entry.reasons for found in (r, *r.consequences)]
-                 for entry in entries]  # fmt: skip
+        every = [
+            [found for r in entry.reasons for found in (r, *r.consequences)] for entry in entries
+        ]
         return [{found.code for found in of} for of in every]
 
     found = codes()
@@ -216,9 +246,16 @@ def test_what_a_server_moved_is_held_against_its_probe_too(facts: Provenance) ->
     scene = a_scene().model_dump(by_alias=True)
     ours = {name: scene[name] for name in scene if name in CarlaPlantRecord.model_fields}
     response = dict.fromkeys(
-        ("throttle_mps2", "throttle_lag_s", "brake_mps2", "brake_lag_s", "steer_1pm",
-         "steer_lag_s"), 0.5,
-    )  # fmt: skip
+        (
+            "throttle_mps2",
+            "throttle_lag_s",
+            "brake_mps2",
+            "brake_lag_s",
+            "steer_1pm",
+            "steer_lag_s",
+        ),
+        0.5,
+    )
     plant = CarlaPlantRecord.model_validate({**ours, "responses": {"ot1": response}})
     assert words(replace(moved, plant=plant, probe=a_probe())) == []
     (found,) = words(replace(moved, plant=plant))

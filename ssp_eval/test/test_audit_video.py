@@ -60,9 +60,17 @@ def video(clip: Path, event: Event, tmp_path: Path) -> Callable[..., Recording]:
     def make(*options: str, of: Event = event) -> Recording:
         target = tmp_path / "syn"
         given = [
-            "--scenario", "cut_in", "--event-version", event_version(of),
-            "--generator", "ssp-clip/1", "--ego-unknown", "--out", str(target / "bag"), *options,
-        ]  # fmt: skip
+            "--scenario",
+            "cut_in",
+            "--event-version",
+            event_version(of),
+            "--generator",
+            "ssp-clip/1",
+            "--ego-unknown",
+            "--out",
+            str(target / "bag"),
+            *options,
+        ]
         assert main(["import-video", str(clip), *given]) == 0
         return read_recording(target)
 

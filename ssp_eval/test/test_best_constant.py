@@ -34,12 +34,16 @@ from support.score_rows import row
 def labels_of(*said: tuple[str, str, str, str], domain="synthetic", lon=("decelerate",)) -> Labels:
     """Labels 0.5 s apart: object, position, motion and conflict of each."""
     return Labels(
-        "cut_in", domain, "v", 0.0, True,
+        "cut_in",
+        domain,
+        "v",
+        0.0,
+        True,
         tuple(
             Label(0.5 * k, "conflict", True, (one[0],), *one[1:], lon, ("straight",))
             for k, one in enumerate(said)
         ),
-    )  # fmt: skip
+    )
 
 
 AHEAD = ("car", "front", "cutting_in_from_left", "active")
@@ -57,8 +61,11 @@ def test_the_commonest_label_is_said_and_its_action_driven():
     # Of 12 slots 9 are right: 3 × 2 + the car + nothing else of the third label.
     assert score.sem_acc_eff == pytest.approx(9 / 12)
     assert (score.cia_eff, score.tqsr, score.rsr, score.jovr) == (
-        pytest.approx(2 / 3), 1.0, 1, 1.0,
-    )  # fmt: skip
+        pytest.approx(2 / 3),
+        1.0,
+        1,
+        1.0,
+    )
     assert score.atc_eff == score.act_acc_eff == 1.0
 
 
@@ -115,10 +122,13 @@ def of_constant(domain, value, scenario="s", **others):
 
 
 ROWS = [
-    row("s", "synthetic", "good", 0.8), row("s", "physical", "good", 0.85),
-    row("s", "synthetic", "bad", 0.3), row("s", "physical", "bad", 0.6),
-    of_constant("synthetic", 0.5), of_constant("physical", 0.6),
-]  # fmt: skip
+    row("s", "synthetic", "good", 0.8),
+    row("s", "physical", "good", 0.85),
+    row("s", "synthetic", "bad", 0.3),
+    row("s", "physical", "bad", 0.6),
+    of_constant("synthetic", 0.5),
+    of_constant("physical", 0.6),
+]
 
 
 def tables(rows):
@@ -171,15 +181,18 @@ def test_no_difference_of_domains_stands_bare():
     """With two scenarios there is an interval over these two, however many models there are."""
     rows = [
         row(s, d, m, 0.4 + 0.1 * (d == "physical") + 0.1 * (s == "t") * (d == "physical"))
-        for s in "st" for d in ("synthetic", "physical") for m in "abcdef"
-    ]  # fmt: skip
+        for s in "st"
+        for d in ("synthetic", "physical")
+        for m in "abcdef"
+    ]
     for line in (*tables(rows)["domain_differences"], *tables(rows)["domain_differences_model"]):
         assert line["low"] is not None or NO_UNITS in line["finding"]
         assert (line["low"] is not None) == (line["scenario"] == "all")
     (line,) = [
-        one for one in tables(rows)["domain_differences"]
+        one
+        for one in tables(rows)["domain_differences"]
         if (one["scenario"], one["metric"]) == ("all", "IVCS")
-    ]  # fmt: skip
+    ]
     # Student's of 0.09 and 0.18 with one degree of freedom, not of twelve pairs.
     assert line["high"] - line["low"] == pytest.approx(2 * 12.706 * 0.09 / 2, rel=1e-4)
     # Nobody knows what the labels alone give.

@@ -33,11 +33,13 @@ from support.answerers import (
 
 REASONED = (*CONDITIONS, TURNED, GIVEN_BACK)
 WORDS = {
-    "uses_the_object": Word.OBJECT, "decides_first": Word.EXPLAINS_LATER,
-    "only_talks": Word.EXPLAINS_LATER, "ignores_it": Word.IGNORES,
+    "uses_the_object": Word.OBJECT,
+    "decides_first": Word.EXPLAINS_LATER,
+    "only_talks": Word.EXPLAINS_LATER,
+    "ignores_it": Word.IGNORES,
     "copies_its_history": Word.HISTORY,
     "looks_at_the_weather": Word.PICTURES,
-}  # fmt: skip
+}
 
 
 def moved(
@@ -159,9 +161,10 @@ def test_a_label_time_without_an_answer_is_left_out() -> None:
     whole = compared(kept)
     gone = [
         replace(one, answers={**one.answers, 0.5: None})
-        if one.condition == "twin.control.car" else one
+        if one.condition == "twin.control.car"
+        else one
         for one in kept
-    ]  # fmt: skip
+    ]
     less = compared(gone)
     assert whole is not None
     assert less is not None
@@ -209,14 +212,19 @@ def test_of_an_ordinary_campaign_nothing_is_kept() -> None:
     names = ["s__d__m", "s__d__m+black", "s__d__other"]
     assert wanted_cells(names) == frozenset()
     assert wanted_cells([*names, "s__d__m+twin.mirror.ot1"]) == {
-        "s__d__m", "s__d__m+black", "s__d__m+twin.mirror.ot1",
-    }  # fmt: skip
+        "s__d__m",
+        "s__d__m+black",
+        "s__d__m+twin.mirror.ot1",
+    }
     assert moved_by(cells_of("m", ANSWERERS["ignores_it"], 1, ("black",))) is None
 
 
 def both(answerer: Callable[[str], Answerer]) -> list[CellData]:
-    return [cell for name in ("uses_the_object", "ignores_it")
-            for cell in cells_of(name, answerer(name), 12)]  # fmt: skip
+    return [
+        cell
+        for name in ("uses_the_object", "ignores_it")
+        for cell in cells_of(name, answerer(name), 12)
+    ]
 
 
 def test_the_tables_have_every_digit_and_the_page_its_section() -> None:
@@ -227,8 +235,10 @@ def test_the_tables_have_every_digit_and_the_page_its_section() -> None:
     rows = [*csv.DictReader(io.StringIO(to_csv(tables[PATHS])))]
     row = next(r for r in rows if r["condition"] == "twin.without" and r["verdict"] == "moved")
     assert row["model"] == "uses_the_object"
-    assert float(row["p_holm"]) == effect(found_of(found, row["model"]), "twin.without",
-                                          TRAJECTORY).p_holm  # fmt: skip
+    assert (
+        float(row["p_holm"])
+        == effect(found_of(found, row["model"]), "twin.without", TRAJECTORY).p_holm
+    )
     # Nobody here says a motion or a conflict, and who ignores the object says no position.
     assert len(tables[SLOTS].rows) == 5 * (4 + 3)
     page = render(cells, None, moved=found)
@@ -247,9 +257,12 @@ def found_of(found: Moved, model: str) -> Moved:
 def test_the_forest_has_every_cause_on_its_scale() -> None:
     (forest,) = forests(moved(unsteady(ANSWERERS["uses_the_object"], 0.05, 0.1, 5)).effects)
     assert [row.name for row in forest.rows] == [
-        "object on the other side", "without the object", "frames from 0.5 s earlier",
-        "own history at 0.5 of the speed", "fog, strong",
-    ]  # fmt: skip
+        "object on the other side",
+        "without the object",
+        "frames from 0.5 s earlier",
+        "own history at 0.5 of the speed",
+        "fog, strong",
+    ]
     for row in forest.rows:
         for mark in (row.path, row.text):
             assert mark is not None

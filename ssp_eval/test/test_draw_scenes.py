@@ -85,9 +85,15 @@ def test_a_physical_session_that_was_drawn_is_a_stand_in(tmp_path: Path) -> None
     bag = record_world(tmp_path / "run", steps=1, run=small_world(domain="physical", mode="live"))
     assert facts_of(bag / "bag").stand_in is False
     told = Drawn(
-        of="run-1", of_sha256="sha256:" + "1" * 64, map_file="Town01.xodr",
-        map_sha256="sha256:" + "2" * 64, map_said_by="--map", frames=4, left_out=2, software="ssp",
-    )  # fmt: skip
+        of="run-1",
+        of_sha256="sha256:" + "1" * 64,
+        map_file="Town01.xodr",
+        map_sha256="sha256:" + "2" * 64,
+        map_said_by="--map",
+        frames=4,
+        left_out=2,
+        software="ssp",
+    )
     data = told.model_dump_json(by_alias=True).encode()
     append_attachment(bag / "bag", DRAWN_ATTACHMENT, data, "application/json")
     facts = facts_of(bag / "bag")

@@ -38,9 +38,14 @@ def verdict_hash(bag: Path) -> str:
 
 def evaluate(bag: Path, out: Path, *audits: Path) -> CellResult:
     (result,) = run_campaign(
-        [(bag, None)], [bridge_spec("constant_velocity")], InProcessClients(), out, CellOptions(),
-        propose_labels=True, admissions=load_admissions(audits),
-    )  # fmt: skip
+        [(bag, None)],
+        [bridge_spec("constant_velocity")],
+        InProcessClients(),
+        out,
+        CellOptions(),
+        propose_labels=True,
+        admissions=load_admissions(audits),
+    )
     return result
 
 
@@ -62,9 +67,11 @@ def test_an_admitted_recording_enters_domain_means(make_bag: BagMaker, tmp_path:
     result = evaluate(bag, out, file)
     assert (result.status, result.admission) == ("ok", "admitted")
     assert facts(result)["admission"] == {
-        "status": "admitted", "audit_sha256": sha256_file(file), "reasons": [],
+        "status": "admitted",
+        "audit_sha256": sha256_file(file),
+        "reasons": [],
         "crop": {**CROP, "short_before_s": 0.0, "short_after_s": 0.0},
-    }  # fmt: skip
+    }
     assert domain_rows(out) == (1, 1)
     page = write_report(out).read_text()
     assert "left out: the transfer audit" not in page
@@ -152,11 +159,13 @@ def test_a_label_outside_the_audited_clip_is_not_scored(make_bag: BagMaker, tmp_
 def test_audits_of_another_clip_contradict_each_other(tmp_path: Path) -> None:
     files = [
         audit_file(
-            tmp_path / f"{end_s}.json", "admitted", "sha256:x",
+            tmp_path / f"{end_s}.json",
+            "admitted",
+            "sha256:x",
             crop={**CROP, "end_s": end_s},
         )
         for end_s in (8.0, 9.0)
-    ]  # fmt: skip
+    ]
     with pytest.raises(InputError, match="is of another verdict or another clip of r-synthetic"):
         load_admissions(files)
 
@@ -174,9 +183,13 @@ def test_one_recording_under_two_paths_is_refused(make_bag: BagMaker, tmp_path: 
     for other in (copy, bag, next(bag.glob("*.mcap"))):
         with pytest.raises(InputError) as caught:
             run_campaign(
-                [(bag, None), (other, None)], [bridge_spec("silent")], InProcessClients(),
-                tmp_path / "out", CellOptions(), propose_labels=True,
-            )  # fmt: skip
+                [(bag, None), (other, None)],
+                [bridge_spec("silent")],
+                InProcessClients(),
+                tmp_path / "out",
+                CellOptions(),
+                propose_labels=True,
+            )
         assert caught.value.file == str(other)
         assert f"is the same recording as {bag}" in str(caught.value)
     assert not (tmp_path / "out").exists()
@@ -227,14 +240,23 @@ Change = Callable[[list[dict[str, Any]]], object]
         ("admitted", lambda e: e[1].update(verdict="aborted"), "the run's verdict is aborted"),
         ("admitted", lambda e: e[1].update(safety_events=["x at 7 s"]), "it has x at 7 s"),
         ("admitted", lambda e: e[1].update(identities=["a switch"]), "it has a switch"),
-        ("admitted", lambda e: e[1].update(
-            changes=[{"field": "seed", "old": 1, "new": 2, "logged": False}]), "seed isn't logged"),
+        (
+            "admitted",
+            lambda e: e[1].update(changes=[{"field": "seed", "old": 1, "new": 2, "logged": False}]),
+            "seed isn't logged",
+        ),
         ("admitted", lambda e: e[1]["properties"].pop("topology"), "its properties aren't"),
         ("admitted", lambda e: e[1]["properties"]["topology"].update(equal=False), "y differs"),
-        ("admitted", lambda e: e[1]["properties"]["topology"].update(words={"it": ["isn't"]}),
-         "topology differs"),
-        ("admitted", lambda e: e[1]["properties"]["topology"].update(source="unverified"),
-         "topology is unverified"),
+        (
+            "admitted",
+            lambda e: e[1]["properties"]["topology"].update(words={"it": ["isn't"]}),
+            "topology differs",
+        ),
+        (
+            "admitted",
+            lambda e: e[1]["properties"]["topology"].update(source="unverified"),
+            "topology is unverified",
+        ),
         ("admitted", lambda e: e[1].update(crop=None), "its phases aren't located"),
         ("admitted", lambda e: e[1]["phases"].update(conflict_s=None), "its phases aren't located"),
         ("admitted", lambda e: e[1]["phases"].update(conflict_s=3.0), "don't lie in its clip"),
@@ -245,11 +267,19 @@ Change = Callable[[list[dict[str, Any]]], object]
         ("admitted", lambda e: e[1].update(kpr=0.8), "its KPR is 0.8"),
         ("admitted", lambda e: e[1].update(coverage={"source": "none"}), "its camera covers"),
         ("admitted", lambda e: e[1]["coverage"]["zone"].update(fraction=0.5), "is visible for 0.5"),
-        ("admitted", lambda e: e[1].update(pictures={"checks": [
-            {"name": "ot1", "figure": 0.4, "low": 1.3, "told": "nothing is there"}]}),
-         "its pictures differ from its states: nothing is there"),
+        (
+            "admitted",
+            lambda e: e[1].update(
+                pictures={
+                    "checks": [
+                        {"name": "ot1", "figure": 0.4, "low": 1.3, "told": "nothing is there"}
+                    ]
+                }
+            ),
+            "its pictures differ from its states: nothing is there",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_status_that_its_own_values_contradict_is_no_audit(
     status: str, change: Change, message: str, tmp_path: Path
 ) -> None:
@@ -264,9 +294,14 @@ def test_a_status_that_its_own_values_contradict_is_no_audit(
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("scenario", None), ("event_version", "sha256:2"), ("origin", "session another"),
-     ("stand_in", True), ("verdict", None)],
-)  # fmt: skip
+    [
+        ("scenario", None),
+        ("event_version", "sha256:2"),
+        ("origin", "session another"),
+        ("stand_in", True),
+        ("verdict", None),
+    ],
+)
 def test_an_entry_of_another_recording_under_this_bag_s_hash_ends_the_command(
     field: str, value: object, make_bag: BagMaker, tmp_path: Path
 ) -> None:

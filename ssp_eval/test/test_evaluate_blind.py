@@ -69,12 +69,19 @@ def campaign(
         ]
         models = model_specs(given, ())
         results = run_campaign(
-            [(bag_writer(folder / "a"), None)], models, InProcessClients(), folder / "out",
-            CellOptions(), True, on_plan=plans.append,
-        )  # fmt: skip
+            [(bag_writer(folder / "a"), None)],
+            models,
+            InProcessClients(),
+            folder / "out",
+            CellOptions(),
+            True,
+            on_plan=plans.append,
+        )
     assert [(r.model, r.status, r.control) for r in results] == [
-        ("qwen", "ok", False), ("qwen+blind", "ok", True), ("smol+blind", "ok", True),
-    ]  # fmt: skip
+        ("qwen", "ok", False),
+        ("qwen+blind", "ok", True),
+        ("smol+blind", "ok", True),
+    ]
     return folder / "out", server.requests, plans[0]
 
 
@@ -100,8 +107,10 @@ def test_a_blind_cell_is_a_control_and_says_so(
 ) -> None:
     cells = {cell.model: cell for cell in load_cells(campaign[0])}
     assert [(name, c.is_blind, c.is_control) for name, c in cells.items()] == [
-        ("qwen", False, False), ("qwen+blind", True, True), ("smol+blind", True, True),
-    ]  # fmt: skip
+        ("qwen", False, False),
+        ("qwen+blind", True, True),
+        ("smol+blind", True, True),
+    ]
     facts = json.loads((cells["qwen+blind"].folder / "cell.json").read_text())
     assert (facts["model"], facts["condition"], facts["control"]) == ("qwen+blind", BLIND, True)
     assert facts["backend_options"]["images"] == "none"
@@ -117,8 +126,9 @@ def test_it_stands_among_the_controls_and_in_no_rank(
     tables = {table.name: table for table in all_tables(rows)}
     remarks = {str(r["model"]): str(r["remark"]) for r in by_column(tables["matrix"])}
     assert [name for name in remarks if "control, blind" in remarks[name]] == [
-        "qwen+blind", "smol+blind",
-    ]  # fmt: skip
+        "qwen+blind",
+        "smol+blind",
+    ]
     of_controls = {"matrix", "seeing", "answerers"}
     for name in tables.keys() - of_controls:
         assert "blind" not in str(tables[name].rows), name

@@ -31,18 +31,32 @@ from support.answering import Answering
 
 BagMaker = Callable[..., Path]
 ONES = (
-    "jovr", "sem_cov", "sem_acc_cond", "sem_acc_eff", "sem_acc_soft", "cia_eff", "act_acc_eff",
-    "stfr", "tqsr", "atc_eff", "rsr", "ivcs",
-)  # fmt: skip
+    "jovr",
+    "sem_cov",
+    "sem_acc_cond",
+    "sem_acc_eff",
+    "sem_acc_soft",
+    "cia_eff",
+    "act_acc_eff",
+    "stfr",
+    "tqsr",
+    "atc_eff",
+    "rsr",
+    "ivcs",
+)
 
 
 def evaluate(
     bag: Path, out: Path, *names: str, clients: Any = None, **options: Any
 ) -> list[CellResult]:
     return run_campaign(
-        [(bag, None)], [bridge_spec(name) for name in names], clients or InProcessClients(), out,
-        CellOptions(**options), propose_labels=True,
-    )  # fmt: skip
+        [(bag, None)],
+        [bridge_spec(name) for name in names],
+        clients or InProcessClients(),
+        out,
+        CellOptions(**options),
+        propose_labels=True,
+    )
 
 
 def cell_json(result: CellResult) -> dict[str, Any]:
@@ -104,8 +118,13 @@ def test_a_cell_s_folder_is_complete(make_bag: BagMaker, tmp_path: Path) -> None
         found = cell["hashes"].pop(name.partition(".")[0])
         assert found == sha256_file(result.folder / name), name
     assert set(cell["hashes"]) == {
-        "question", "preprocessing", "decoding", "extractor", "thresholds", "cell",
-    }  # fmt: skip
+        "question",
+        "preprocessing",
+        "decoding",
+        "extractor",
+        "thresholds",
+        "cell",
+    }
     asked = [json.loads(line) for line in (result.folder / "requests.jsonl").open()]
     assert [one["request_id"] for one in asked] == [r.request_id for r in responses]
     for one in asked:
@@ -155,9 +174,15 @@ def test_who_interrupts_is_told_what_is_kept(
         def direct(bags: Any, models: Any, settings: Settings, *_: Any, **__: Any) -> Any:
             with asking() as (on_plan, on_record):
                 return run_campaign(
-                    bags, models, clients, settings.out, settings.options, True,
-                    on_plan=on_plan, on_record=on_record,
-                )  # fmt: skip
+                    bags,
+                    models,
+                    clients,
+                    settings.out,
+                    settings.options,
+                    True,
+                    on_plan=on_plan,
+                    on_record=on_record,
+                )
 
         monkeypatch.setattr("ssp_eval.evaluate.cli.evaluate_bags", direct)
 
@@ -186,10 +211,15 @@ def test_missing_answers_cost_their_records_only(
         error = int(ErrorCode.BACKEND) if index == 5 else 0
         return ModelReply(
             Response(
-                request.request_id, request.stamp_ns, "m", "m/1", "A car is ahead.",
-                error_code=error, error_msg="out of memory" if error else "",
+                request.request_id,
+                request.stamp_ns,
+                "m",
+                "m/1",
+                "A car is ahead.",
+                error_code=error,
+                error_msg="out of memory" if error else "",
             )
-        )  # fmt: skip
+        )
 
     out, bag = tmp_path / "out", make_bag()
     (result,) = evaluate(bag, out, "m", clients=Answering(some))
@@ -285,9 +315,7 @@ def test_no_labels_and_twice_the_same_cell_are_said(make_bag: BagMaker, tmp_path
         run_campaign([(bag, None)], models, clients, tmp_path / "out", options)
     twin = make_bag("twin")
     with pytest.raises(InputError, match="and so is"):
-        run_campaign(
-            [(bag, None), (twin, None)], models, clients, tmp_path / "out", options, True
-        )  # fmt: skip
+        run_campaign([(bag, None), (twin, None)], models, clients, tmp_path / "out", options, True)
 
 
 def test_a_bridge_that_died_is_seen_in_table_and_report(

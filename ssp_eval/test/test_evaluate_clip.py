@@ -184,9 +184,13 @@ def imported(path: Path, ego: str, frames: int = 30) -> Path:
         "scenario": None,
         "event_version": None,
         "ego": {"provenance": ego, "speed_mps": 10.0 if ego == "declared" else None},
-        "camera": {"provenance": "unknown", "hfov_deg": None, "height_m": None,
-                   "pitch_down_rad": None},
-    }  # fmt: skip
+        "camera": {
+            "provenance": "unknown",
+            "hfov_deg": None,
+            "height_m": None,
+            "pitch_down_rad": None,
+        },
+    }
     with BagWriter(path) as writer:
         writer.attach("import.json", json.dumps(facts).encode(), "application/json")
         topic = "/ssp/vut/front_camera/image/compressed"

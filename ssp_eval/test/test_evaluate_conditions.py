@@ -120,9 +120,14 @@ def test_controls_are_added_once_and_checks_get_no_conditions() -> None:
     specs = with_controls([mine, bridge_spec("perfect")])
     names = [spec.shown for spec in specs]
     assert names == [
-        "mine", "mine+black", "mine+shuffled", "perfect", "constant_velocity", "copy_history",
+        "mine",
+        "mine+black",
+        "mine+shuffled",
+        "perfect",
+        "constant_velocity",
+        "copy_history",
         "silent",
-    ]  # fmt: skip
+    ]
     assert [spec.control for spec in specs] == [False, True, True, False, True, True, True]
     attached = with_controls([attached_spec("far"), attached_spec("silent")])
     shown = [spec.shown for spec in attached if spec.attached]
@@ -150,8 +155,11 @@ def test_a_campaign_with_controls(make_bag: BagMaker, tmp_path: Path) -> None:
     assert all(result.status == "ok" or result.model == "silent" for result in results)
     black = json.loads((tmp_path / "cells/cut_in__simulation__seeing+black/cell.json").read_text())
     assert (black["model"], black["condition"], black["condition_seed"], black["control"]) == (
-        "seeing+black", BLACK, CONDITION_SEED, True,
-    )  # fmt: skip
+        "seeing+black",
+        BLACK,
+        CONDITION_SEED,
+        True,
+    )
     keys = {request.request_id.split("-")[0] for request in client.requests}
     assert len(keys) == len(client.requests) == 27
     raw = (tmp_path / "cells/cut_in__simulation__seeing+black/raw.jsonl").read_text()

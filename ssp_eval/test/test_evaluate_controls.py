@@ -184,8 +184,12 @@ def test_a_frame_that_is_no_picture_costs_answers_and_no_campaign(
     assert losses["mine"] == {"bridge answered an error": 9}
     assert losses["mine+black"] == {"nothing to ask": 9}
     assert [r.model for r in results if r.is_failure] == [
-        "mine", "constant_velocity", "copy_history", "perfect", "silent",
-    ]  # fmt: skip
+        "mine",
+        "constant_velocity",
+        "copy_history",
+        "perfect",
+        "silent",
+    ]
 
 
 def test_an_answerer_that_was_named_as_a_model_stays_one(

@@ -15,9 +15,14 @@ from support.answerers import ANSWERERS, LABELS, Answerer, cells_of, flipping, s
 
 FEW = ("twin.without.ot1", "twin.control.car", "repeat")
 MANY = (
-    "twin.without.ot1", "twin.mirror.ot1", "twin.class.ot1.truck", "twin.shift.ot1.m0500",
-    "twin.shift.ot1.p0500", "twin.control.car", "repeat",
-)  # fmt: skip
+    "twin.without.ot1",
+    "twin.mirror.ot1",
+    "twin.class.ot1.truck",
+    "twin.shift.ot1.m0500",
+    "twin.shift.ot1.p0500",
+    "twin.control.car",
+    "repeat",
+)
 
 
 def finding(answerer: Answerer, recordings: int, conditions: tuple[str, ...] = FEW) -> Finding:
@@ -57,10 +62,11 @@ def test_the_order_is_drawn_for_each_recording_and_the_repeat_is_the_last() -> N
 
 def test_a_bridge_with_other_options_has_a_stage_of_its_own() -> None:
     models = [
-        ModelSpec("m"), ModelSpec("m", condition="twin.control.car"),
+        ModelSpec("m"),
+        ModelSpec("m", condition="twin.control.car"),
         *(ModelSpec("m", {"give_back": fact}, condition=f"reasoning.{fact}") for fact in "abc"),
         ModelSpec("m", condition="repeat"),
-    ]  # fmt: skip
+    ]
     orders = set()
     for number in range(20):
         first, *others, last = stages_of(models, f"sha256:{number}", LABELS)

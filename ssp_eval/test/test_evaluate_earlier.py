@@ -22,8 +22,9 @@ from ssp_vla_bridge.messages import ErrorCode, Request, Response
 from support.answering import Answering
 
 BagMaker = Callable[..., Path]
-MODEL = ModelSpec("m", {"base_url": "http://host:1/v1", "model": "q"}, backend="openai",
-                  interface="waypoints")  # fmt: skip
+MODEL = ModelSpec(
+    "m", {"base_url": "http://host:1/v1", "model": "q"}, backend="openai", interface="waypoints"
+)
 
 
 class Numbered(Answering):
@@ -80,8 +81,9 @@ def test_going_back_asks_nothing_and_the_files_don_t_grow(campaign: Campaign) ->
     assert not (campaign.folder / EARLIER_FILE).exists()
     campaign(1.0)
     assert (campaign.texts(), campaign.texts(EARLIER_FILE)) == (
-        answers(range(9, 18)), answers(range(9)),
-    )  # fmt: skip
+        answers(range(9, 18)),
+        answers(range(9)),
+    )
     for _ in range(3):
         back = campaign(0.0)
         assert (back.asked, back.reused, back.score) == (0, 9, first.score)

@@ -53,10 +53,22 @@ def run_attached(bag: Path, folder: Path, script: tuple[str, ...], *options: str
             parameters: dict[str, object] = {"script": ",".join(script), "count": folder / "count"}
             bridge = group.start_node("mine", "fake_bridge", parameters)
             command = [
-                sys.executable, "-m", "ssp_core.cli", "evaluate", str(bag), "--propose-labels",
-                "--attach", "mine", "--timeout", str(ANSWER_S), "--out", str(out), "--json",
-                "--no-controls", *options,
-            ]  # fmt: skip
+                sys.executable,
+                "-m",
+                "ssp_core.cli",
+                "evaluate",
+                str(bag),
+                "--propose-labels",
+                "--attach",
+                "mine",
+                "--timeout",
+                str(ANSWER_S),
+                "--out",
+                str(out),
+                "--json",
+                "--no-controls",
+                *options,
+            ]
             run = subprocess.run(
                 command, env=environment, capture_output=True, text=True, timeout=600, check=False
             )

@@ -31,9 +31,13 @@ def peak_bytes(bag: Path, labels: Path | None, out: Path) -> int:
     tracemalloc.start()
     try:
         (result,) = run_campaign(
-            [(bag, labels)], [bridge_spec("copy_history")], InProcessClients(), out, CellOptions(),
+            [(bag, labels)],
+            [bridge_spec("copy_history")],
+            InProcessClients(),
+            out,
+            CellOptions(),
             labels is None,
-        )  # fmt: skip
+        )
         assert result.status == "ok"
         return tracemalloc.get_traced_memory()[1]
     finally:

@@ -224,9 +224,13 @@ def test_one_adapter_for_all_overrides_each_model_s_own(make_bag: BagMaker, tmp_
     spec = bridge_spec('m={"backend": "constant_velocity", "adapter": "waypoints"}')
     with pytest.raises(InputError, match="unknown mode"):
         run_campaign(
-            [(make_bag(), None)], [spec], InProcessClients(), tmp_path / "out",
-            CellOptions(adapter="waypoints:other"), True,
-        )  # fmt: skip
+            [(make_bag(), None)],
+            [spec],
+            InProcessClients(),
+            tmp_path / "out",
+            CellOptions(adapter="waypoints:other"),
+            True,
+        )
     assert not (tmp_path / "out").exists()
 
 
@@ -244,9 +248,21 @@ def test_usual_options_are_no_secrets(options: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["api_key", "API-KEY", "x-api-key", "apikey", "openai_api_key", "hf_token", "token",
-             "authorization", "password", "client_secret", "key"]
-)  # fmt: skip
+    "name",
+    [
+        "api_key",
+        "API-KEY",
+        "x-api-key",
+        "apikey",
+        "openai_api_key",
+        "hf_token",
+        "token",
+        "authorization",
+        "password",
+        "client_secret",
+        "key",
+    ],
+)
 @given(value=st.text(min_size=1))
 def test_names_of_secrets_are_refused_whatever_they_hold(name: str, value: str) -> None:
     with pytest.raises(InputError, match="api_key_env") as caught:

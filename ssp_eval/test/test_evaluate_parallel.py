@@ -116,9 +116,14 @@ def test_workers_give_what_one_process_gives(
     first = run_campaign(bags, models, InProcessClients(), one, CellOptions(), True)
     told, records = [], []
     second = run_parallel(
-        bags, models, settings(many), 2, engine,
-        on_plan=told.append, on_record=lambda: records.append(1),
-    )  # fmt: skip
+        bags,
+        models,
+        settings(many),
+        2,
+        engine,
+        on_plan=told.append,
+        on_record=lambda: records.append(1),
+    )
     alone, together = content(one), content(many)
     assert alone.keys() == together.keys()
     for name, value in alone.items():
@@ -200,9 +205,19 @@ def test_each_worker_has_bridges_of_its_own(
     out = tmp_path / "out"
     run = CliRunner().invoke(
         evaluate,
-        [*(str(bag) for bag, _ in bags), "--bridge", "constant_velocity", "--propose-labels",
-         "--out", str(out), "--workers", "2", "--json", "--no-controls"],
-    )  # fmt: skip
+        [
+            *(str(bag) for bag, _ in bags),
+            "--bridge",
+            "constant_velocity",
+            "--propose-labels",
+            "--out",
+            str(out),
+            "--workers",
+            "2",
+            "--json",
+            "--no-controls",
+        ],
+    )
     assert run.exit_code == 0, run.output
     cells = [json.loads(line) for line in run.output.splitlines() if line.startswith("{")]
     assert [cell["status"] for cell in cells] == ["ok", "ok"]
@@ -219,8 +234,9 @@ def test_the_terminal_ends_every_worker_in_order(
     script.write_text(SLOW)
     process = subprocess.Popen(
         [sys.executable, str(script), str(out), *(str(bag) for bag, _ in bags)],
-        start_new_session=True, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        start_new_session=True,
+        stderr=subprocess.PIPE,
+    )
     group = process.pid
     try:
         deadline = time.monotonic() + DEADLINE_S

@@ -29,9 +29,14 @@ pytestmark = [pytest.mark.ros, pytest.mark.system]
 BagMaker = Callable[..., Path]
 KEY = "a-key-of-the-service-0123456789"
 PLAN = {
-    "name": "trajectory", "shape": [3, 2], "data": [0, 0, 4, 0, 8, 0], "frame": "ego_xy",
-    "unit": "m", "step_s": 0.5, "first_time_s": 0.0,
-}  # fmt: skip
+    "name": "trajectory",
+    "shape": [3, 2],
+    "data": [0, 0, 4, 0, 8, 0],
+    "frame": "ego_xy",
+    "unit": "m",
+    "step_s": 0.5,
+    "first_time_s": 0.0,
+}
 
 
 class Service(ThreadingHTTPServer):
@@ -178,13 +183,27 @@ def test_the_time_to_start_is_an_option(make_bag: BagMaker, tmp_path: Path) -> N
     with free_domain() as domain_id:
         run = subprocess.run(
             [
-                sys.executable, "-m", "ssp_core.cli", "evaluate", str(make_bag()), "--json",
-                "--propose-labels", "--attach", "nobody", "--start-timeout", "0.5", "--out",
-                str(tmp_path / "out"), "--no-controls",
+                sys.executable,
+                "-m",
+                "ssp_core.cli",
+                "evaluate",
+                str(make_bag()),
+                "--json",
+                "--propose-labels",
+                "--attach",
+                "nobody",
+                "--start-timeout",
+                "0.5",
+                "--out",
+                str(tmp_path / "out"),
+                "--no-controls",
             ],
-            env=session_environment(domain_id, PROFILE), capture_output=True, text=True,
-            timeout=600, check=False,
-        )  # fmt: skip
+            env=session_environment(domain_id, PROFILE),
+            capture_output=True,
+            text=True,
+            timeout=600,
+            check=False,
+        )
     assert run.returncode == 1
     line = json.loads(run.stdout)
     assert (line["status"], line["missing"]) == ("failed", 9)

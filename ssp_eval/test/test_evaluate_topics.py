@@ -94,17 +94,25 @@ def test_the_command_line_reaches_1_with_the_perfect_bridge(
     make_bag: BagMaker, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     arguments = [
-        str(make_bag()), "--propose-labels", "--bridge", "perfect", "--out",
-        str(tmp_path / "out"), "--json",
-    ]  # fmt: skip
+        str(make_bag()),
+        "--propose-labels",
+        "--bridge",
+        "perfect",
+        "--out",
+        str(tmp_path / "out"),
+        "--json",
+    ]
     # Not through click's runner: the executor wants a standard error with a file descriptor.
     assert evaluate_command.main(arguments, standalone_mode=False) == 0
     printed = capfd.readouterr()
     lines = {line["model"]: line for line in map(json.loads, printed.out.splitlines())}
     assert lines["perfect"]["score"]["ivcs"] == pytest.approx(1.0)
     assert {name: line["control"] for name, line in lines.items()} == {
-        "perfect": False, "constant_velocity": True, "copy_history": True, "silent": True,
-    }  # fmt: skip
+        "perfect": False,
+        "constant_velocity": True,
+        "copy_history": True,
+        "silent": True,
+    }
     assert [line["sent"] for line in lines.values()] == [9] * 4
     told = " ".join(printed.err.split())
     assert "labels in approach/trigger/conflict/resolution, cut_in: simulation 4/0/5/0" in told
@@ -142,15 +150,24 @@ def test_an_attached_bridge_outlives_its_evaluations(make_bag: BagMaker, tmp_pat
                 out = tmp_path / f"out{attempt}"
                 run = subprocess.run(
                     [*command, "--attach", "mine", "--out", str(out), "--json"],
-                    env=environment, capture_output=True, text=True, timeout=600, check=False,
-                )  # fmt: skip
+                    env=environment,
+                    capture_output=True,
+                    text=True,
+                    timeout=600,
+                    check=False,
+                )
                 assert run.returncode == 0, run.stderr
                 lines = [json.loads(line) for line in run.stdout.splitlines()]
                 # The answerers are in the command's own process, in nobody's ROS domain.
                 assert [line["model"] for line in lines] == [
-                    "mine", "mine+black", "mine+shuffled", "constant_velocity", "copy_history",
-                    "perfect", "silent",
-                ]  # fmt: skip
+                    "mine",
+                    "mine+black",
+                    "mine+shuffled",
+                    "constant_velocity",
+                    "copy_history",
+                    "perfect",
+                    "silent",
+                ]
                 assert {line["missing"] for line in lines} == {0}
                 assert bridge.returncode is None
                 assert not (out / "logs").exists()
@@ -187,19 +204,38 @@ def test_the_evaluator_s_node_takes_a_models_file(make_bag: BagMaker, tmp_path: 
             )
             run = subprocess.run(
                 [
-                    sys.executable, "-m", "ssp_eval.ros.evaluator_node", "--ros-args", "-p",
-                    f"bags:=[{bag}]", "-p", f"models_file:={models}", "-p", f"out:={out}",
-                    "-p", "pictures:=true",
+                    sys.executable,
+                    "-m",
+                    "ssp_eval.ros.evaluator_node",
+                    "--ros-args",
+                    "-p",
+                    f"bags:=[{bag}]",
+                    "-p",
+                    f"models_file:={models}",
+                    "-p",
+                    f"out:={out}",
+                    "-p",
+                    "pictures:=true",
                 ],
-                env=environment, capture_output=True, text=True, timeout=600, check=False,
-            )  # fmt: skip
+                env=environment,
+                capture_output=True,
+                text=True,
+                timeout=600,
+                check=False,
+            )
     assert run.returncode == 0, run.stderr
     told = [line.removeprefix("cut_in__simulation__") for line in run.stdout.splitlines()]
     assert told == [
-        "mine: ok", "mine+black: ok", "mine+shuffled: ok",
-        *(f"mine+{name}: ok" for name in PICTURES), "mine+repeat: ok",
-        "constant_velocity: ok", "copy_history: ok", "perfect: ok", "silent: ok",
-    ]  # fmt: skip
+        "mine: ok",
+        "mine+black: ok",
+        "mine+shuffled: ok",
+        *(f"mine+{name}: ok" for name in PICTURES),
+        "mine+repeat: ok",
+        "constant_velocity: ok",
+        "copy_history: ok",
+        "perfect: ok",
+        "silent: ok",
+    ]
     assert "of these 54 for controls" in run.stderr
     assert "(-p controls:=false leaves them out)" in run.stderr
     cell = json.loads((out / "cells" / "cut_in__simulation__mine" / "cell.json").read_text())

@@ -88,8 +88,9 @@ def test_a_model_is_asked_about_each_twin_at_the_labels_times(bag: Path, tmp_pat
     results = evaluated(bag, out, [SEEING], client, twins=True)
     names = ["seeing", f"seeing+twin.{WITHOUT}", f"seeing+twin.{OTHER}", "seeing+repeat"]
     assert [(r.model, r.status, r.control) for r in results] == [
-        (names[0], "ok", False), *((name, "ok", True) for name in names[1:]),
-    ]  # fmt: skip
+        (names[0], "ok", False),
+        *((name, "ok", True) for name in names[1:]),
+    ]
     said = {c.model: [(r.t_s, r.text) for r in c.records] for c in load_cells(out)}
     assert [t_s for t_s, _ in said[names[1]]] == [t_s for t_s, _ in said[names[0]]]
     assert {text for _, text in said[names[1]]} == {"mean 200"}
@@ -198,8 +199,9 @@ def test_workers_ask_the_same(bag: Path, tmp_path: Path, monkeypatch: pytest.Mon
     assert [path.name for path in sorted((parallel / "cells").iterdir())] == names
     assert len(names) == 8
     for name in names:
-        records = [(root / "cells" / name / "records.jsonl").read_bytes()
-                   for root in (alone, parallel)]  # fmt: skip
+        records = [
+            (root / "cells" / name / "records.jsonl").read_bytes() for root in (alone, parallel)
+        ]
         assert records[0] == records[1]
 
 
@@ -219,7 +221,7 @@ def test_conditions_take_turns_and_the_recording_is_asked_about_again_at_the_end
             for line in (path / "requests.jsonl").read_text().splitlines()
         ]
         for path in (tmp_path / "cells").iterdir()
-    }  # fmt: skip
+    }
     # No condition finds another one's answers, whatever they show.
     assert len({key for keys in cells.values() for key in keys}) == 4 * 9
     of = {key: (name, index) for name, keys in cells.items() for index, key in enumerate(keys)}

@@ -123,10 +123,7 @@ class GuessingChat(RecordedChat):
         if self.reads:
             proposed = json.loads(self.replies.get(asked["text"], {"reply": "{}"})["reply"])
         else:
-            proposed = {
-                slot: [{}] if slot == "objects" else {}
-                for slot in asked["slots"]
-            }  # fmt: skip
+            proposed = {slot: [{}] if slot == "objects" else {} for slot in asked["slots"]}
         for slot, value in proposed.items():
             for one in value if isinstance(value, list) else [] if value is None else [value]:
                 one["label"] = self.rng.choice(labels_of(slot))

@@ -19,12 +19,32 @@ from ssp_eval.extract.measure import measure, parse_corpus
 FOLDER = Path(ssp_eval.extract.__file__).parent
 # What knows labels, scores, audits or recordings.
 FORBIDDEN = (
-    "ssp_eval.labels", "ssp_eval.score", "ssp_eval.evaluate", "ssp_eval.audit", "ssp_eval.report",
-    "ssp_eval.package", "ssp_eval.demo", "ssp_core.bag", "ssp_scenario_manager", "ssp_vla_bridge",
-)  # fmt: skip
+    "ssp_eval.labels",
+    "ssp_eval.score",
+    "ssp_eval.evaluate",
+    "ssp_eval.audit",
+    "ssp_eval.report",
+    "ssp_eval.package",
+    "ssp_eval.demo",
+    "ssp_core.bag",
+    "ssp_scenario_manager",
+    "ssp_vla_bridge",
+)
 # The parts of the rules, each behind those that it may import.
-PARTS = ("tokens", "options", "lexicon", "match", "speaker", "scope", "world", "clause", "bind",
-         "decide", "checks", "engine")  # fmt: skip
+PARTS = (
+    "tokens",
+    "options",
+    "lexicon",
+    "match",
+    "speaker",
+    "scope",
+    "world",
+    "clause",
+    "bind",
+    "decide",
+    "checks",
+    "engine",
+)
 TEXTS = (
     "A car is ahead on the right and keeps its lane. We maintain speed and stay in our lane.",
     "The car is cutting in from the right. There is a risk of collision. We slow down.",
@@ -70,8 +90,11 @@ def test_nothing_that_knows_labels_is_imported_by_what_is_imported() -> None:
 
 def test_a_part_of_the_rules_imports_none_that_stands_behind_it() -> None:
     for at, part in enumerate(PARTS):
-        known = {name.split(".")[2] for name in imports(FOLDER / f"{part}.py")
-                 if name.startswith("ssp_eval.extract.")}  # fmt: skip
+        known = {
+            name.split(".")[2]
+            for name in imports(FOLDER / f"{part}.py")
+            if name.startswith("ssp_eval.extract.")
+        }
         assert known <= set(PARTS[:at]), f"{part} imports {known - set(PARTS[:at])}"
 
 

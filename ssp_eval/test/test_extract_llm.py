@@ -53,7 +53,11 @@ def test_nothing_but_the_text_and_the_empty_slots_is_sent() -> None:
     assert request["temperature"] == 0.0
     assert list(inspect.signature(Extractor.__call__).parameters) == ["self", "text"]
     assert list(inspect.signature(build_request).parameters) == [
-        "model", "text", "empty", "use_schema"]  # fmt: skip
+        "model",
+        "text",
+        "empty",
+        "use_schema",
+    ]
 
 
 def test_where_the_rules_found_everything_or_there_is_no_text_nobody_is_asked() -> None:
@@ -76,7 +80,8 @@ def test_where_the_rules_found_everything_or_there_is_no_text_nobody_is_asked() 
         "I would say that it decelerates.",
         "[]",
         "null",
-        '{"objects": [', "{" * 5000,
+        '{"objects": [',
+        "{" * 5000,
         '{"motion": NaN}',
         {"motion": "same_direction"},
         {"motion": ["same_direction"]},
@@ -97,7 +102,7 @@ def test_where_the_rules_found_everything_or_there_is_no_text_nobody_is_asked() 
         {"objects": one("cyclist", "velomobile")},
         {"objects": [one("cyclist", "velomobile")] * 50},
     ],
-)  # fmt: skip
+)
 def test_what_isnt_as_asked_fills_nothing(content: Any) -> None:
     with serving(answering(content)) as server:
         found = extractor(server.url)(TEXT)
@@ -242,8 +247,18 @@ def test_the_command(
     path.write_text(json.dumps({"id": 1, "text": TEXT}) + "\n", encoding="utf-8")
     monkeypatch.setenv("TEST_LLM_KEY", KEY)
     with serving(answering(GOOD)) as server:
-        given = ["extract", str(path), "--llm", "tested", "--base-url", server.url,
-                 "--api-key-env", "TEST_LLM_KEY", "--cache", str(tmp_path / "kept")]  # fmt: skip
+        given = [
+            "extract",
+            str(path),
+            "--llm",
+            "tested",
+            "--base-url",
+            server.url,
+            "--api-key-env",
+            "TEST_LLM_KEY",
+            "--cache",
+            str(tmp_path / "kept"),
+        ]
         assert main(given) == 0
         first = capsys.readouterr()
         assert main(given) == 0

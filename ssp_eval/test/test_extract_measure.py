@@ -87,15 +87,26 @@ def test_counts_by_slot_style_class_and_span() -> None:
     assert found.spans["lon_action"] == {"inside": 1, "overlapping": 1, "elsewhere": 0}
     assert found.spans["objects"] == {"inside": 0, "overlapping": 0, "elsewhere": 1}
     assert found.confusion["lon_action"] == {
-        ("stop", "stop"): 2, ("–", "maintain"): 1, ("stop", "–"): 1}  # fmt: skip
+        ("stop", "stop"): 2,
+        ("–", "maintain"): 1,
+        ("stop", "–"): 1,
+    }
     assert found.confusion["objects"] == {
-        ("car", "car+bus"): 1, ("car", "car"): 1, ("–", "nobody"): 1, ("–", "–"): 1}  # fmt: skip
+        ("car", "car+bus"): 1,
+        ("car", "car"): 1,
+        ("–", "nobody"): 1,
+        ("–", "–"): 1,
+    }
     assert vars(found.classes["car"]) == {"given": 2, "wanted": 2, "right": 2}
     assert vars(found.classes["bus"]) == {"given": 1, "wanted": 0, "right": 0}
     assert vars(found.styles["terse"]["all"]) == {"given": 4, "wanted": 2, "right": 2}
     assert vars(found.slots["all"]) == {"given": 6, "wanted": 5, "right": 3}
     assert [(one.key, one.slot) for one in found.misses] == [
-        ("a", "objects"), ("c", "objects"), ("c", "lon_action"), ("d", "lon_action")]  # fmt: skip
+        ("a", "objects"),
+        ("c", "objects"),
+        ("c", "lon_action"),
+        ("d", "lon_action"),
+    ]
     assert found.slots["conflict"].f1 is None
 
 

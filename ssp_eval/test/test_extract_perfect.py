@@ -36,9 +36,13 @@ def test_every_label_of_one_road_user_comes_back(critical: str) -> None:
         lon_action, lat_action = next(actions)
         text = scene_text((critical,), position, motion, conflict)
         assert read(f"{text} {action_sentence(lon_action, lat_action)}") == {
-            "objects": (critical,), "position": position, "motion": motion,
-            "conflict": conflict, "lon_action": lon_action, "lat_action": lat_action,
-        }, text  # fmt: skip
+            "objects": (critical,),
+            "position": position,
+            "motion": motion,
+            "conflict": conflict,
+            "lon_action": lon_action,
+            "lat_action": lat_action,
+        }, text
 
 
 def test_every_pair_of_road_users_comes_back() -> None:
@@ -51,15 +55,23 @@ def test_every_pair_of_road_users_comes_back() -> None:
             continue
         text = scene_text(pair, position, motion, conflict)
         assert read(f"{text} {action_sentence(lon_action, lat_action)}") == {
-            "objects": tuple(sorted(pair)), "position": position, "motion": motion,
-            "conflict": conflict, "lon_action": lon_action, "lat_action": lat_action,
-        }, text  # fmt: skip
+            "objects": tuple(sorted(pair)),
+            "position": position,
+            "motion": motion,
+            "conflict": conflict,
+            "lon_action": lon_action,
+            "lat_action": lat_action,
+        }, text
 
 
 def test_nobody_comes_back() -> None:
     for (lon_action, lat_action), conflict in product(ACTIONS, ("no_conflict", None)):
         text = scene_text((), None, None, conflict)
         assert read(f"{text} {action_sentence(lon_action, lat_action)}") == {
-            "objects": (), "position": None, "motion": None,
-            "conflict": conflict, "lon_action": lon_action, "lat_action": lat_action,
-        }, text  # fmt: skip
+            "objects": (),
+            "position": None,
+            "motion": None,
+            "conflict": conflict,
+            "lon_action": lon_action,
+            "lat_action": lat_action,
+        }, text

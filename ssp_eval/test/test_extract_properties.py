@@ -29,16 +29,54 @@ from ssp_eval.extract.tokens import tokenise
 
 # Every word of the lexicon, and what else texts hold.
 WORDS = sorted(set(re.findall(r"[a-z']+", "".join((FOLDER / f).read_text("utf-8") for f in FILES))))
-PIECES = [*WORDS, ".", ",", "?", "\n", ":", ";", '"', "(", "[", "left", "right", "not",
-          "if", "the", "a", "frame 2", "lane", "İ", "ﬁ", "—", "don't", "3.5"]  # fmt: skip
+PIECES = [
+    *WORDS,
+    ".",
+    ",",
+    "?",
+    "\n",
+    ":",
+    ";",
+    '"',
+    "(",
+    "[",
+    "left",
+    "right",
+    "not",
+    "if",
+    "the",
+    "a",
+    "frame 2",
+    "lane",
+    "İ",
+    "ﬁ",
+    "—",
+    "don't",
+    "3.5",
+]
 
 sentences = st.lists(st.sampled_from(PIECES), max_size=40).map(" ".join)
 # What models wrap their words in: markdown, JSON, tags, brackets and other scripts.
 WRAPPED = [
-    "{}", "**{}**: {}", "# {}\n{}", "- {}\n- {}", "| {} | {} |\n|---|---|", "({})", "[{}, {}]",
-    '{{"action": "{}", "risk": "{}"}}', "<think>{}</think>{}", "```json\n{}\n```", "~~{}~~ {}",
-    "1. {}\n2. {}", "“{}” — {}", "\ufeff{}\r\n{}", "İ{}ß{}ﬁ", "{}\u2028{}\x00", "((({}", "{}]]",
-]  # fmt: skip
+    "{}",
+    "**{}**: {}",
+    "# {}\n{}",
+    "- {}\n- {}",
+    "| {} | {} |\n|---|---|",
+    "({})",
+    "[{}, {}]",
+    '{{"action": "{}", "risk": "{}"}}',
+    "<think>{}</think>{}",
+    "```json\n{}\n```",
+    "~~{}~~ {}",
+    "1. {}\n2. {}",
+    "“{}” — {}",
+    "\ufeff{}\r\n{}",
+    "İ{}ß{}ﬁ",
+    "{}\u2028{}\x00",
+    "((({}",
+    "{}]]",
+]
 formatted = st.builds(
     lambda form, one, other: form.format(one, other), st.sampled_from(WRAPPED), sentences, sentences
 )
@@ -164,10 +202,33 @@ def test_a_megabyte_of_one_thing_says_nothing(unit: str) -> None:
     assert extract(unit * (1_000_000 // len(unit))) == Slots()
 
 
-GROWING = ["if ", "[", "\n", "brake ", "7 ", "a car and ", "no car or ", '{"a":', "- ", "?\n",
-           "it ", "a car ahead, ", "<think>", "<a", "frame 1 ", "\"if\" ", "was ", "nobody ",
-           "left ", "brake and ", "it is ahead. ", "keep my ", "braking is not ", "critical: ",
-           "the car on the left of "]  # fmt: skip
+GROWING = [
+    "if ",
+    "[",
+    "\n",
+    "brake ",
+    "7 ",
+    "a car and ",
+    "no car or ",
+    '{"a":',
+    "- ",
+    "?\n",
+    "it ",
+    "a car ahead, ",
+    "<think>",
+    "<a",
+    "frame 1 ",
+    '"if" ',
+    "was ",
+    "nobody ",
+    "left ",
+    "brake and ",
+    "it is ahead. ",
+    "keep my ",
+    "braking is not ",
+    "critical: ",
+    "the car on the left of ",
+]
 
 
 @pytest.mark.parametrize("unit", GROWING)
@@ -255,8 +316,19 @@ def test_the_longest_phrase_at_a_word_is_found(text: str, kind: str, value: str)
 
 
 def test_every_cue_of_scope_is_one_that_the_rules_know() -> None:
-    flags = {"denied", "imagined", "possible", "future", "past", "planned", "intended", "rejected",
-             "quoted", "later", ""}  # fmt: skip
+    flags = {
+        "denied",
+        "imagined",
+        "possible",
+        "future",
+        "past",
+        "planned",
+        "intended",
+        "rejected",
+        "quoted",
+        "later",
+        "",
+    }
     reaches = {"forward", "back", "clause", "sentence", "condition", "none"}
     for name, cue in lexicon().cues.items():
         assert cue["flag"] in flags, name

@@ -65,9 +65,11 @@ def test_the_perfect_control_is_read_as_it_was_meant() -> None:
     extractor = Extractor()
     actions = list(product(VOCABULARIES["lon_action"], VOCABULARIES["lat_action"]))
     scenes = product(
-        VOCABULARIES["objects"], (*VOCABULARIES["position"], None),
-        (*VOCABULARIES["motion"], None), (*VOCABULARIES["conflict"], None),
-    )  # fmt: skip
+        VOCABULARIES["objects"],
+        (*VOCABULARIES["position"], None),
+        (*VOCABULARIES["motion"], None),
+        (*VOCABULARIES["conflict"], None),
+    )
     for number, (name, position, motion, conflict) in enumerate(scenes):
         if number % 9 == 0 and not contradicts(name, motion):
             plan = action_sentence(*actions[number % len(actions)])

@@ -24,9 +24,16 @@ from ssp_eval.extract.review.form import form
 from ssp_eval.extract.review.subset import Candidate, choose
 
 CHROMIUM = [
-    "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-]  # fmt: skip
+    "chromium",
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
 COMMON = "A car is ahead. Brake."
 TEXTS = [
     *(f"{COMMON} Sentence {number} says nothing." for number in range(40)),
@@ -59,9 +66,11 @@ def filled(review: Path, reviewer: int, **changes: str) -> Path:
     by_id = {item.review_id: dict(item.extracted) for item in key.items}
     by_id[key.items[0].review_id] |= changes
     value = {
-        "schema": ANSWERS_SCHEMA, "subset": key.subset, "reviewer": reviewer,
+        "schema": ANSWERS_SCHEMA,
+        "subset": key.subset,
+        "reviewer": reviewer,
         "answers": {name: {**one, "comment": ""} for name, one in by_id.items()},
-    }  # fmt: skip
+    }
     path = review / f"answers_{reviewer}.json"
     path.write_text(json.dumps(value))
     return path
@@ -122,8 +131,11 @@ def test_the_form_is_answered_by_keys_and_exports_what_is_read_back(
     with tempfile.TemporaryDirectory() as profile:
         done = subprocess.run(
             [*CHROMIUM, f"--user-data-dir={profile}", "--dump-dom", path.as_uri()],
-            capture_output=True, text=True, timeout=600, check=True,
-        )  # fmt: skip
+            capture_output=True,
+            text=True,
+            timeout=600,
+            check=True,
+        )
     found = re.search(r'<pre id="out">([^<]+)<', done.stdout)
     assert found, done.stdout[-2000:]
     as_json, title = json.loads(base64.b64decode(found[1]))
@@ -155,7 +167,9 @@ def test_agreement_errors_and_what_to_settle(
     found = json.loads(capsys.readouterr().out)
     assert found["texts"] == 12
     assert {(one["review_id"], one["slot"]) for one in found["disagreements"]} == {
-        (item.review_id, "conflict"), (item.review_id, "position")}  # fmt: skip
+        (item.review_id, "conflict"),
+        (item.review_id, "position"),
+    }
     [error] = found["errors"]
     kind = "false_negative" if extracted["motion"] == "none" else "wrong"
     assert (error["review_id"], error["slot"], error["kind"]) == (item.review_id, "motion", kind)
@@ -174,9 +188,16 @@ def test_agreement_errors_and_what_to_settle(
 
 @pytest.mark.parametrize(
     ("slot", "written"),
-    [("motion", "flying"), ("motion", ""), ("objects", "car+nobody"), ("objects", "car+dog"),
-     ("objects", "+"), ("position", "nobody"), ("mood", "grim")],
-)  # fmt: skip
+    [
+        ("motion", "flying"),
+        ("motion", ""),
+        ("objects", "car+nobody"),
+        ("objects", "car+dog"),
+        ("objects", "+"),
+        ("position", "nobody"),
+        ("mood", "grim"),
+    ],
+)
 def test_answers_are_read_strictly(review: Path, slot: str, written: str) -> None:
     path, key = filled(review, 1, **{slot: written}), load_key(review / "key.json")
     with pytest.raises(InputError, match=slot) as caught:

@@ -10,8 +10,14 @@ import yaml
 from ssp_eval.data.records import Slot
 from ssp_eval.extract import extract
 
-SHORT = {"o": "objects", "p": "position", "m": "motion", "c": "conflict",
-         "lon": "lon_action", "lat": "lat_action"}  # fmt: skip
+SHORT = {
+    "o": "objects",
+    "p": "position",
+    "m": "motion",
+    "c": "conflict",
+    "lon": "lon_action",
+    "lat": "lat_action",
+}
 FILE = Path(__file__).with_name("extract_sentences.yaml")
 GROUPS = yaml.safe_load(FILE.read_text(encoding="utf-8"))
 CASES = [

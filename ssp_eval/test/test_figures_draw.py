@@ -112,9 +112,11 @@ def test_no_text_lies_on_another_is_cut_off_or_too_small(case: str, kind: str) -
         for (a, one, _), (b, other, _) in itertools.combinations(texts, 2):
             # Letters without descenders leave a px of air in their rectangles.
             apart = (
-                one[2] <= other[0] + 1 or other[2] <= one[0] + 1
-                or one[3] <= other[1] + 2 or other[3] <= one[1] + 2
-            )  # fmt: skip
+                one[2] <= other[0] + 1
+                or other[2] <= one[0] + 1
+                or one[3] <= other[1] + 2
+                or other[3] <= one[1] + 2
+            )
             assert apart, f"{name}: {a!r} lies on {b!r}"
 
 

@@ -91,8 +91,10 @@ def test_every_caption_says_that_no_vehicle_is_in_a_stand_in(tmp_path: Path) -> 
 def test_only_some_and_a_reference_that_is_none(tmp_path: Path) -> None:
     done = write_figures(rows_of(), tmp_path, "openemma", ("domains",))
     assert {path.stem for path in done.files} == {
-        "domains_components", "domains_ranks", "domains_contributions",
-    }  # fmt: skip
+        "domains_components",
+        "domains_ranks",
+        "domains_contributions",
+    }
     with pytest.raises(InputError, match="nobody"):
         write_figures(rows_of(), tmp_path / "none", "nobody")
     assert not (tmp_path / "none").exists()
@@ -106,8 +108,11 @@ def test_the_command_draws_from_component_scores(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert "(4 files)" in done.output
     assert sorted(path.name for path in out.iterdir()) == [
-        "matrix.pdf", "matrix.png", "matrix.svg", "matrix.txt",
-    ]  # fmt: skip
+        "matrix.pdf",
+        "matrix.png",
+        "matrix.svg",
+        "matrix.txt",
+    ]
     wrong = [
         [*given, "--only", "phases"],
         ["--from-cells", str(cells)],

@@ -26,12 +26,16 @@ OPTICS = Optics(
 VUT = box("vut", ObjectClass.CAR, 0.0, 0.0)
 VIEW = OPTICS.view(VUT.pose)
 LABELS = Labels(
-    "cut_in", "physical", "v", 0.0, False,
+    "cut_in",
+    "physical",
+    "v",
+    0.0,
+    False,
     tuple(
         Label(t_s, "approach", True, ("pedestrian",), "front", None, None, ("stop",), ("straight",))
         for t_s in (0.5, 1.0, 1.5)
     ),
-)  # fmt: skip
+)
 
 
 def test_the_height_falls_with_the_distance_and_is_that_of_a_pinhole() -> None:
@@ -72,8 +76,10 @@ def subject(**others: Any) -> Any:
 def test_each_label_has_the_size_in_the_newest_frame_that_it_can_have_seen() -> None:
     sizes, whose = label_sizes(subject())
     assert "ot1" in whose
-    at = [object_height_px(VIEW, box("ot1", ObjectClass.PEDESTRIAN, 200.0 / (k + 1), 0), [])
-          for k in (5, 10, 12)]  # fmt: skip
+    at = [
+        object_height_px(VIEW, box("ot1", ObjectClass.PEDESTRIAN, 200.0 / (k + 1), 0), [])
+        for k in (5, 10, 12)
+    ]
     assert [one.height_px for one in sizes] == pytest.approx(at)
     assert [one.t_s for one in sizes] == [0.5, 1.0, 1.5]
 

@@ -54,22 +54,35 @@ def test_what_is_hidden_or_outside_has_no_box() -> None:
 def truth_file(path: Path, camera: object) -> Path:
     def record(state: ObjectState) -> dict[str, object]:
         return {
-            "object_id": state.object_id, "object_class": state.object_class.word,
-            "role": state.role.name.lower(), "x_m": state.x_m, "y_m": state.y_m, "yaw_rad": 0.0,
+            "object_id": state.object_id,
+            "object_class": state.object_class.word,
+            "role": state.role.name.lower(),
+            "x_m": state.x_m,
+            "y_m": state.y_m,
+            "yaw_rad": 0.0,
             "speed_mps": 0.0,
-            "size": {"front_m": state.size.front_m, "rear_m": state.size.rear_m,
-                     "width_m": state.size.width_m, "height_m": state.size.height_m},
-        }  # fmt: skip
+            "size": {
+                "front_m": state.size.front_m,
+                "rear_m": state.size.rear_m,
+                "width_m": state.size.width_m,
+                "height_m": state.size.height_m,
+            },
+        }
 
     value = {
-        "schema": "ssp.truth/1", "scenario": "cut_in", "domain": "synthetic", "fps": 10.0,
+        "schema": "ssp.truth/1",
+        "scenario": "cut_in",
+        "domain": "synthetic",
+        "fps": 10.0,
         "frames": [
-            {"t_s": 0.1 * k,
-             "objects": [record(VUT), record(thing("ot1", ObjectClass.CAR, 12.9 + k))]}
+            {
+                "t_s": 0.1 * k,
+                "objects": [record(VUT), record(thing("ot1", ObjectClass.CAR, 12.9 + k))],
+            }
             for k in range(3)
         ],
         "camera": camera,
-    }  # fmt: skip
+    }
     path.write_text(json.dumps(value))
     return path
 

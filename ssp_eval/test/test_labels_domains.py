@@ -121,9 +121,13 @@ def evaluated(
     audit = audit_file(out.parent / "audit.json", "admitted", *recordings.values(), **whole)
     admissions = load_admissions([audit])
     results = run_campaign(
-        [(recordings[d], labels[d]) for d in recordings], [bridge_spec(name) for name in models],
-        InProcessClients(), out, CellOptions(), admissions=admissions,
-    )  # fmt: skip
+        [(recordings[d], labels[d]) for d in recordings],
+        [bridge_spec(name) for name in models],
+        InProcessClients(),
+        out,
+        CellOptions(),
+        admissions=admissions,
+    )
     found: dict[str, dict[str, float]] = {}
     for result in results:
         assert result.score is not None
@@ -166,8 +170,11 @@ def test_domains_that_do_not_compare_by_their_labels_stay_out_of_domain_means(
     for name, (out, _) in campaigns.items():
         cells = load_cells(out)
         rows = rows_from_cells(cells)
-        told = {one.kind: one for one in notices(rows, cells) if "Labels of" in one.text
-                or "the labels of" in one.text}  # fmt: skip
+        told = {
+            one.kind: one
+            for one in notices(rows, cells)
+            if "Labels of" in one.text or "the labels of" in one.text
+        }
         page = write_report(out).read_text()
         assert ("not comparable between domains by its labels" in page) == (name == "grid")
         assert "in approach/trigger/conflict/resolution by " in page
@@ -252,9 +259,15 @@ def test_where_no_plan_fits_all_nothing_is_written(
     ],
 )
 def test_what_cannot_be_planned_together_is_said(
-    domains: tuple[str, ...], options: list[str], code: int, what: str, tmp_path: Path,
-    recordings: dict[str, Path], record: Callable[..., Path], capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    domains: tuple[str, ...],
+    options: list[str],
+    code: int,
+    what: str,
+    tmp_path: Path,
+    recordings: dict[str, Path],
+    record: Callable[..., Path],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     other = None
     if "other" in domains:
         other = record(tmp_path, "physical", scenario="merge")
@@ -325,18 +338,38 @@ def video(tmp_path: Path) -> Path:
 def imported(video: Path) -> Path:
     """The video as a bag that is declared to show the shipped cut_in."""
     out, version = video.parent / "synthetic" / "bag", load_event("cut_in")[1]
-    assert main(
-        ["import-video", str(video), "--ego-unknown", "--scenario", "cut_in", "--event-version",
-         version, "--domain", "synthetic", "--rate", "24", "--out", str(out)]
-    ) == 0  # fmt: skip
+    assert (
+        main(
+            [
+                "import-video",
+                str(video),
+                "--ego-unknown",
+                "--scenario",
+                "cut_in",
+                "--event-version",
+                version,
+                "--domain",
+                "synthetic",
+                "--rate",
+                "24",
+                "--out",
+                str(out),
+            ]
+        )
+        == 0
+    )
     return out
 
 
 @pytest.mark.parametrize("kind", ["bag", "video"])
 def test_a_video_alone_gets_a_template_by_the_phases_of_its_k_star(
-    kind: str, of_k_star: list[Path], video: Path, imported: Path, tmp_path: Path,
+    kind: str,
+    of_k_star: list[Path],
+    video: Path,
+    imported: Path,
+    tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     out = tmp_path / "out"
     given = [str(imported if kind == "bag" else video), *map(str, of_k_star), "--out", str(out)]
     if kind == "video":
@@ -383,10 +416,17 @@ def test_the_states_of_an_imported_clip_may_lie_in_its_truth_file(
             ("vut", "ot1"), poses_of_k_star(t_s, ahead_m=34.0), strict=True
         ):
             objects.append(
-                {"object_id": name, "object_class": "car", "role": "vut" if name == "vut" else "ot",
-                 "x_m": x, "y_m": y, "yaw_rad": yaw, "speed_mps": speed,
-                 "size": {"front_m": 3.6, "rear_m": 0.9, "width_m": 1.8, "height_m": 1.5}}
-            )  # fmt: skip
+                {
+                    "object_id": name,
+                    "object_class": "car",
+                    "role": "vut" if name == "vut" else "ot",
+                    "x_m": x,
+                    "y_m": y,
+                    "yaw_rad": yaw,
+                    "speed_mps": speed,
+                    "size": {"front_m": 3.6, "rear_m": 0.9, "width_m": 1.8, "height_m": 1.5},
+                }
+            )
         frames.append({"t_s": t_s, "objects": objects})
     truth.write_text(json.dumps({"schema": "ssp.truth/1", "scenario": "cut_in", "frames": frames}))
     runs = [str(bag.parent) for bag in (imported, *of_k_star)]
@@ -397,9 +437,11 @@ def test_the_states_of_an_imported_clip_may_lie_in_its_truth_file(
 
 
 def test_a_review_keeps_the_plan(
-    recordings: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    recordings: dict[str, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     out = tmp_path / "labels.json"
     assert main(["labels", "new", str(recordings["simulation"]), "--out", str(out)]) == 0
     before = load_labels(out)

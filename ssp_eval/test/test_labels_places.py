@@ -24,8 +24,12 @@ from ssp_eval.data.labels import (
     phase_counts,
 )
 
-AT = [{"phase": "approach", "s": 0.5}, {"phase": "trigger", "u": 0.5},
-      {"phase": "conflict", "u": 0.5}, {"phase": "resolution", "s": 0.25}]  # fmt: skip
+AT = [
+    {"phase": "approach", "s": 0.5},
+    {"phase": "trigger", "u": 0.5},
+    {"phase": "conflict", "u": 0.5},
+    {"phase": "resolution", "s": 0.25},
+]
 
 
 def content(plan: str | None = "phase", places: list[dict[str, Any]] | None = None) -> Any:
@@ -33,18 +37,29 @@ def content(plan: str | None = "phase", places: list[dict[str, Any]] | None = No
     given = AT if places is None else places
     labels = [
         {
-            "t_s": float(k), "phase": at["phase"], "risk_visible": at["phase"] != "approach",
-            "objects": ["car"], "position": "front", "motion": "same_direction",
-            "conflict": "active", "lon_actions": ["decelerate"], "lat_actions": ["straight"],
+            "t_s": float(k),
+            "phase": at["phase"],
+            "risk_visible": at["phase"] != "approach",
+            "objects": ["car"],
+            "position": "front",
+            "motion": "same_direction",
+            "conflict": "active",
+            "lon_actions": ["decelerate"],
+            "lat_actions": ["straight"],
             **({"at": dict(at)} if plan == "phase" else {}),
         }
         for k, at in enumerate(given)
-    ]  # fmt: skip
+    ]
     return {
-        "schema": "ssp.labels/1", "scenario": "cut_in", "domain": "simulation",
-        "event_version": "sha256:0", "risk_time_s": 1.0, "first_frame_dynamics": False,
-        "labels": labels, **({} if plan is None else {"plan": plan}),
-    }  # fmt: skip
+        "schema": "ssp.labels/1",
+        "scenario": "cut_in",
+        "domain": "simulation",
+        "event_version": "sha256:0",
+        "risk_time_s": 1.0,
+        "first_frame_dynamics": False,
+        "labels": labels,
+        **({} if plan is None else {"plan": plan}),
+    }
 
 
 def made(**more: Any) -> Labels:
@@ -114,8 +129,11 @@ def test_a_file_without_a_plan_is_on_the_clock_and_keeps_its_hash() -> None:
         (lambda v: v["labels"][2].update(at={"u": 0.5}), "labels[2].at", "have the keys phase"),
         (lambda v: v["labels"][2]["at"].update(phase="end"), "labels[2].at", "of approach"),
         (lambda v: v["labels"][2]["at"].update(s=1.0), "labels[2].at", "the keys phase .* and u"),
-        (lambda v: v["labels"][0].update(at={"phase": "approach", "u": 0.5}), "labels[0].at",
-         "the keys phase .* and s"),
+        (
+            lambda v: v["labels"][0].update(at={"phase": "approach", "u": 0.5}),
+            "labels[0].at",
+            "the keys phase .* and s",
+        ),
         (lambda v: v["labels"][2].update(at={"phase": "conflict"}), "labels[2].at", "and u"),
         (lambda v: v["labels"][2]["at"].update(u=1.0), "labels[2].at", "no fraction"),
         (lambda v: v["labels"][2]["at"].update(u=0), "labels[2].at", "no fraction"),
@@ -123,7 +141,7 @@ def test_a_file_without_a_plan_is_on_the_clock_and_keeps_its_hash() -> None:
         (lambda v: v["labels"][3]["at"].update(s=-0.1), "labels[3].at", "must not be negative"),
         (lambda v: v["labels"][3]["at"].update(s="0.25"), "labels[3].at", "valid number"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_place_is_refused_with_its_field(
     change: Callable[[Any], object], field: str, what: str
 ) -> None:
@@ -137,15 +155,21 @@ def test_a_wrong_place_is_refused_with_its_field(
 @pytest.mark.parametrize(
     ("change", "what"),
     [
-        (lambda v: v["labels"][1].update(phase="approach"),
-         "labels[1].phase: approach, and its place in the plan is trigger u=0.5"),
-        (lambda v: v["labels"][1].update(phase="conflict", at={"phase": "conflict", "u": 0.6}),
-         "labels[2].at: conflict u=0.5 stands after conflict u=0.6"),
-        (lambda v: v["labels"][1].update(phase="approach", at={"phase": "approach", "s": 1.0}),
-         "labels[1].at: approach s=1 stands after approach s=0.5"),
+        (
+            lambda v: v["labels"][1].update(phase="approach"),
+            "labels[1].phase: approach, and its place in the plan is trigger u=0.5",
+        ),
+        (
+            lambda v: v["labels"][1].update(phase="conflict", at={"phase": "conflict", "u": 0.6}),
+            "labels[2].at: conflict u=0.5 stands after conflict u=0.6",
+        ),
+        (
+            lambda v: v["labels"][1].update(phase="approach", at={"phase": "approach", "s": 1.0}),
+            "labels[1].at: approach s=1 stands after approach s=0.5",
+        ),
         (lambda v: v["labels"][1].update(t_s=1.9), "labels[2].t_s: 0.100 s after the label before"),
     ],
-)  # fmt: skip
+)
 def test_the_check_names_labels_that_are_not_where_their_plan_has_them(
     change: Callable[[Any], object], what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -196,9 +220,14 @@ def test_domains_compare_by_equal_places_or_by_equal_numbers_on_the_clock() -> N
 def test_scenarios_are_compared_each_by_itself() -> None:
     one, more = made(), made(places=[*AT, {"phase": "resolution", "s": 0.75}])
     found = compare_by_scenario(
-        [("b", "synthetic", one), ("a", "synthetic", one), ("b", "simulation", more),
-         ("a", "simulation", one), ("a", "simulation", more)]
-    )  # fmt: skip
+        [
+            ("b", "synthetic", one),
+            ("a", "synthetic", one),
+            ("b", "simulation", more),
+            ("a", "simulation", one),
+            ("a", "simulation", more),
+        ]
+    )
     assert list(found) == ["a", "b"]
     assert found["a"].aligned
     assert not found["b"].comparable

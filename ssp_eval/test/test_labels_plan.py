@@ -184,7 +184,7 @@ def test_labels_of_which_the_same_frame_is_shown_are_no_plan() -> None:
             r"late has no frame at or before 5\.250 s",
         ),
     ],
-)  # fmt: skip
+)
 def test_where_there_is_no_plan_phase_and_durations_are_named(of: list[Timeline], why: str) -> None:
     with pytest.raises(NoPlan, match=why) as caught:
         plan_labels(of)
@@ -243,12 +243,14 @@ def test_every_plan_keeps_the_rules_in_every_recording(recordings: list[Timeline
             k = PHASES.index(at.phase)
             assert starts[k] <= t_s < starts[k + 1]
             assert one.crop.holds(t_s)
-        critical = [t for t, at in zip(label_times, plan.at, strict=True)
-                    if at.phase in (TRIGGER, CONFLICT)]  # fmt: skip
+        critical = [
+            t for t, at in zip(label_times, plan.at, strict=True) if at.phase in (TRIGGER, CONFLICT)
+        ]
         shown = [max(s for s in one.frames_s if s <= t + 0.5e-9) for t in critical]
         assert all(0.0 < b - a <= 0.6 + 1e-9 for a, b in pairwise(shown))
         risk_s = one.risk_s(plan)
         assert risk_s == min(one.trigger_s, shown[0])
         # Nothing of the approach is a candidate of METHOD 6.9, and the first trigger label is.
-        assert all(t < risk_s for t, at in zip(label_times, plan.at, strict=True)
-                   if at.phase == "approach")  # fmt: skip
+        assert all(
+            t < risk_s for t, at in zip(label_times, plan.at, strict=True) if at.phase == "approach"
+        )

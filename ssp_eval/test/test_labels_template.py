@@ -181,9 +181,13 @@ def filled(**changes: Any) -> dict[str, Any]:
     phases = ["approach", "trigger", "conflict", "resolution"]
     for label, phase in zip(value["labels"], phases, strict=True):
         label.update(
-            phase=phase, risk_visible=phase != "approach", objects=["car"], conflict="active",
-            lon_actions=["decelerate"], lat_actions=["straight"],
-        )  # fmt: skip
+            phase=phase,
+            risk_visible=phase != "approach",
+            objects=["car"],
+            conflict="active",
+            lon_actions=["decelerate"],
+            lat_actions=["straight"],
+        )
     for path, new_value in changes.items():
         if path.startswith("l"):
             index, key = int(path[1]), path[3:]

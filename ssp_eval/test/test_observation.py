@@ -230,8 +230,9 @@ def test_observations_are_found_with_their_recording(bag_writer: Bags, tmp_path:
     seal(session, session / "observation.json", changed("who", "Bo Ek"))
     seal(imported, default_place(imported, "Ada Vance"), answers())
     assert [p.name for p in find_observations(session)] == [
-        "observation.json", "observation_ada_vance.json",
-    ]  # fmt: skip
+        "observation.json",
+        "observation_ada_vance.json",
+    ]
     assert [p.name for p in find_observations(imported)] == ["clip_bag.observation_ada_vance.json"]
     assert find_observations(other) == []
     found = load_observations(session, footage_of(session))

@@ -120,8 +120,10 @@ def test_sealing_binds_checks_and_enters_into_the_log(
     sealed = json.loads((run / "observation_ada_vance.json").read_text())
     (entry,) = read_log(run / "bag.log.jsonl")
     assert (entry.kind, entry.who, entry.version) == (
-        "observation", "Ada Vance", sealed["bag_sha256"],
-    )  # fmt: skip
+        "observation",
+        "Ada Vance",
+        sealed["bag_sha256"],
+    )
     assert entry.details["seal"] == sealed["seal"]
     assert main(arguments) == 1
     assert "exists already" in capfd.readouterr().err
@@ -384,9 +386,14 @@ def test_zooming_and_moving_mark_nothing_and_a_double_click_shows_the_whole(
     )
     for kind, dx in (("mousePressed", 200), ("mouseMoved", 120), ("mouseReleased", 120)):
         browser.ask(
-            "Input.dispatchMouseEvent", type=kind, x=box[0] + dx, y=box[1] + 100, button="left",
-            buttons=1, clickCount=1,
-        )  # fmt: skip
+            "Input.dispatchMouseEvent",
+            type=kind,
+            x=box[0] + dx,
+            y=box[1] + 100,
+            button="left",
+            buttons=1,
+            clickCount=1,
+        )
     browser.click("#stage")
     browser.click("#stage")
     assert browser.evaluate("$('picture').style.transform") == ""

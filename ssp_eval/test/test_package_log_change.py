@@ -164,9 +164,12 @@ def test_a_broken_seal_or_log_is_refused(
 
 @pytest.mark.parametrize("folder", ["run", "run/task"])
 def test_a_forgotten_change_is_entered_beside_the_recording(
-    folder: str, make_task: Maker, make_bag: Maker, tmp_path: Path,
+    folder: str,
+    make_task: Maker,
+    make_bag: Maker,
+    tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     task = make_task("run/task")
     set_run(task, speed_mps=12.0)
     bag = make_bag("run/bag", task=task, duration_s=0.1)

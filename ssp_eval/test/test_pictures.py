@@ -237,9 +237,14 @@ def test_artefacts_that_stand_still_are_not_taken_for_the_road() -> None:
 
 @pytest.mark.parametrize(
     ("recorded", "seen", "state"),
-    [(0.06, 0.06, "holds"), (0.06, -0.06, "fails"), (0.06, 0.0, "fails"), (0.0, 0.0, "holds"),
-     (0.0, 0.08, "fails")],
-)  # fmt: skip
+    [
+        (0.06, 0.06, "holds"),
+        (0.06, -0.06, "fails"),
+        (0.06, 0.0, "fails"),
+        (0.0, 0.0, "holds"),
+        (0.0, 0.08, "fails"),
+    ],
+)
 def test_turning_is_held_against_the_yaw_rate(recorded: float, seen: float, state: str) -> None:
     assert turning_check([Turn(k * 0.1, recorded, seen) for k in range(10)]).state == state
 

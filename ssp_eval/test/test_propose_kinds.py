@@ -36,10 +36,17 @@ def truth(
 ) -> Truth:
     rules = replace(NO_RULES, thresholds=thresholds, observable=observable)
     given = {
-        "scenario": "made_up", "domain": "simulation", "event_version": "sha256:0",
-        "start_s": 0.0, "end_s": series[-1][0], "vut_id": "vut", "target_ids": ("ot1",),
-        "series": series, "source": "made up", "rules": rules,
-    }  # fmt: skip
+        "scenario": "made_up",
+        "domain": "simulation",
+        "event_version": "sha256:0",
+        "start_s": 0.0,
+        "end_s": series[-1][0],
+        "vut_id": "vut",
+        "target_ids": ("ot1",),
+        "series": series,
+        "source": "made up",
+        "rules": rules,
+    }
     return Truth(**{**given, **more})  # type: ignore[arg-type]  # a dictionary of fields
 
 
@@ -81,11 +88,15 @@ def occluded(trigger_s: float = 4.0, truck: bool = True) -> Truth:
         x_m = 10.0 * min(t_s, 5.0) + 10.0 * braking_s - 2.0 * braking_s**2
         objects = [
             state(
-                "ot1", ObjectClass.PEDESTRIAN, 76.0, -5.0 + walked, math.pi / 2,
+                "ot1",
+                ObjectClass.PEDESTRIAN,
+                76.0,
+                -5.0 + walked,
+                math.pi / 2,
                 1.6 if walked else 0.0,
             ),
             state("vut", ObjectClass.CAR, x_m, 0.0, 0.0, 10.0 - 4.0 * braking_s),
-        ]  # fmt: skip
+        ]
         if truck:
             objects.insert(1, state("ot2", ObjectClass.TRUCK, 67.0, -3.6))
         series.append((t_s, objects))

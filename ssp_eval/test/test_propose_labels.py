@@ -62,9 +62,13 @@ def cut_in(side: float = -1.0, vut_mps: float = 10.0, car_mps: float = 9.0) -> T
         y_m = side * LANE_M * 0.5 * (1.0 + math.cos(math.pi * progress))
         left_mps = -side * rate * LANE_M * 0.5 * math.pi / 2.5 * math.sin(math.pi * progress)
         car = state(
-            "ot1", ObjectClass.CAR, 14.0 + car_mps * t_s, y_m,
-            math.atan2(left_mps, car_mps), math.hypot(car_mps, left_mps),
-        )  # fmt: skip
+            "ot1",
+            ObjectClass.CAR,
+            14.0 + car_mps * t_s,
+            y_m,
+            math.atan2(left_mps, car_mps),
+            math.hypot(car_mps, left_mps),
+        )
         series.append((t_s, [car, vut(vut_mps * t_s, vut_mps)]))
     return truth(series, "ot1")
 
@@ -78,9 +82,13 @@ def crossing(from_left: bool = False) -> Truth:
         walked_m = max(0.0, t_s - 4.0) * 1.5
         walking = t_s >= 4.0
         walker = state(
-            "ot1", ObjectClass.PEDESTRIAN, 80.0, sign * (7.0 - walked_m),
-            -sign * math.pi / 2.0, 1.5 if walking else 0.0,
-        )  # fmt: skip
+            "ot1",
+            ObjectClass.PEDESTRIAN,
+            80.0,
+            sign * (7.0 - walked_m),
+            -sign * math.pi / 2.0,
+            1.5 if walking else 0.0,
+        )
         # The VUT brakes at 3 m/s² from 5 s on, to a standstill before the pedestrian.
         braking_s = min(max(0.0, t_s - 5.0), 10.0 / 3.0)
         x_m = 10.0 * min(t_s, 5.0) + 10.0 * braking_s - 1.5 * braking_s**2
@@ -110,11 +118,15 @@ def test_cut_in_phases_and_slots(side: float, word: str) -> None:
     assert len(labels.labels) == 9
     first, last = labels.labels[0], labels.labels[-1]
     assert (first.phase, first.conflict, first.lon_actions) == (
-        "approach", "no_conflict", ("maintain",),
-    )  # fmt: skip
+        "approach",
+        "no_conflict",
+        ("maintain",),
+    )
     assert (first.objects, first.position, first.motion) == (
-        ("car",), f"front_{word}", "same_direction",
-    )  # fmt: skip
+        ("car",),
+        f"front_{word}",
+        "same_direction",
+    )
     moving = [label for label in labels.labels if 4.2 < label.t_s < 6.2]
     assert moving
     assert {label.motion for label in moving} == {f"cutting_in_from_{word}"}
@@ -149,9 +161,11 @@ def test_crossing_phases_and_slots(from_left: bool) -> None:
 
 @settings(max_examples=10, deadline=None)
 @given(
-    x_m=st.floats(-1e4, 1e4), y_m=st.floats(-1e4, 1e4), yaw_rad=st.floats(-math.pi, math.pi),
+    x_m=st.floats(-1e4, 1e4),
+    y_m=st.floats(-1e4, 1e4),
+    yaw_rad=st.floats(-math.pi, math.pi),
     make=st.sampled_from([cut_in, crossing]),
-)  # fmt: skip
+)
 def test_labels_don_t_depend_on_where_the_site_lies(
     x_m: float, y_m: float, yaw_rad: float, make: Callable[[], Truth]
 ) -> None:
@@ -195,9 +209,7 @@ def test_own_motion_widens_the_actions_only_without_a_conflict() -> None:
 
 def test_no_event_and_no_conflict_are_said() -> None:
     source = cut_in()
-    away = [
-        (t_s, [replace(states[0], y_m=-20.0), states[1]]) for t_s, states in source.series
-    ]  # fmt: skip
+    away = [(t_s, [replace(states[0], y_m=-20.0), states[1]]) for t_s, states in source.series]
     with pytest.raises(InputError, match="enters the VUT's corridor"):
         propose(replace(source, series=away))
     far = [
@@ -334,16 +346,26 @@ def test_command_line_from_a_truth_file(tmp_path: Path) -> None:
         ("cut_in", [], "TTC is under 3 s (the shipped K* cut_in)"),
         ("cut_in", ["--event", "cut_in"], "TTC is under 3 s (K* cut_in)"),
         ("cut_in", ["--event", "FILE"], "TTC is under 2 s (K* cut_in)"),
-        ("merge", [], "TTC is under 2.5 s or the gap between the arrivals is under 1.5 s (no K*, "
-         "the defaults: none is shipped for merge)"),
-        ("cut_in", ["--event-version", "sha256:1"], "(no K*, the defaults: the shipped cut_in is "
-         "not sha256:1)"),
+        (
+            "merge",
+            [],
+            "TTC is under 2.5 s or the gap between the arrivals is under 1.5 s (no K*, "
+            "the defaults: none is shipped for merge)",
+        ),
+        (
+            "cut_in",
+            ["--event-version", "sha256:1"],
+            "(no K*, the defaults: the shipped cut_in is not sha256:1)",
+        ),
     ],
-)  # fmt: skip
+)
 def test_whose_thresholds_hold_for_a_truth_file_is_said(
-    scenario: str, more: list[str], rule: str, tmp_path: Path,
+    scenario: str,
+    more: list[str],
+    rule: str,
+    tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     source, out = tmp_path / "clip.truth.json", tmp_path / "labels.json"
     source.write_text(json.dumps({**truth_file(cut_in()), "scenario": scenario}))
     own = tmp_path / "own.event.yaml"

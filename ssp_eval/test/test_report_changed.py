@@ -68,35 +68,74 @@ def replaced(file: Path, old: str, new: str) -> None:
 
 Change = Callable[[Path], object]
 CHANGES: list[tuple[str, Change, str]] = [
-    ("records", lambda c: replaced(c / "records.jsonl", "maintain", "decelerate"),
-     "records.jsonl was changed since the cell was evaluated"),
-    ("score", lambda c: edit(c / "score.json", lambda v: v.update(ivcs=1.0)),
-     "score.json was changed since"),
-    ("raw", lambda c: replaced(c / "raw.jsonl", "latency_s", "latency_s "),
-     "raw.jsonl was changed since"),
+    (
+        "records",
+        lambda c: replaced(c / "records.jsonl", "maintain", "decelerate"),
+        "records.jsonl was changed since the cell was evaluated",
+    ),
+    (
+        "score",
+        lambda c: edit(c / "score.json", lambda v: v.update(ivcs=1.0)),
+        "score.json was changed since",
+    ),
+    (
+        "raw",
+        lambda c: replaced(c / "raw.jsonl", "latency_s", "latency_s "),
+        "raw.jsonl was changed since",
+    ),
     ("requests", lambda c: (c / "requests.jsonl").unlink(), "requests.jsonl came or went since"),
-    ("labels", lambda c: replaced(c / "labels.json", "cutting_in", "crossing"),
-     "labels.json was changed since"),
-    ("status", lambda c: edit(c / "cell.json", lambda v: v.update(stand_in=True)),
-     "cell.json was changed since it was written"),
-    ("unsealed", lambda c: edit(c / "cell.json", lambda v: v["hashes"].pop("cell")),
-     "cell.json names no hash of itself"),
-    ("hash", lambda c: edit(c / "cell.json", lambda v: v["hashes"].update(score="sha256:0")),
-     "cell.json was changed since it was written"),
-    ("copied", lambda c: replaced(c / "cell.json", MODELS[0], "mine") or resealed(c),
-     "it is the cell cut_in__simulation__mine, and lies in another one's folder"),
-    ("no audit", lambda c: resealed(c, lambda v: v["admission"].update(audit_sha256=None)),
-     "it says admitted and names no audit"),
+    (
+        "labels",
+        lambda c: replaced(c / "labels.json", "cutting_in", "crossing"),
+        "labels.json was changed since",
+    ),
+    (
+        "status",
+        lambda c: edit(c / "cell.json", lambda v: v.update(stand_in=True)),
+        "cell.json was changed since it was written",
+    ),
+    (
+        "unsealed",
+        lambda c: edit(c / "cell.json", lambda v: v["hashes"].pop("cell")),
+        "cell.json names no hash of itself",
+    ),
+    (
+        "hash",
+        lambda c: edit(c / "cell.json", lambda v: v["hashes"].update(score="sha256:0")),
+        "cell.json was changed since it was written",
+    ),
+    (
+        "copied",
+        lambda c: replaced(c / "cell.json", MODELS[0], "mine") or resealed(c),
+        "it is the cell cut_in__simulation__mine, and lies in another one's folder",
+    ),
+    (
+        "no audit",
+        lambda c: resealed(c, lambda v: v["admission"].update(audit_sha256=None)),
+        "it says admitted and names no audit",
+    ),
     ("audit gone", lambda c: shutil.rmtree(c.parents[1] / "audits"), "isn't in audits/"),
-    ("other bag", lambda c: resealed(c, lambda v: v["hashes"].update(bag="sha256:0")),
-     "it is not known of"),
-    ("refused", lambda c: resealed(c, lambda v: v["admission"].update(status="refused")),
-     "it is scored though the audit refused its recording"),
-    ("unpaired", lambda c: resealed(c, lambda v: v["admission"].update(status="unpaired")),
-     "it says unpaired of event version"),
-    ("version", lambda c: resealed(c, lambda v: v.update(event_version="sha256:0")),
-     "it says admitted of event version sha256:0, and by"),
-]  # fmt: skip
+    (
+        "other bag",
+        lambda c: resealed(c, lambda v: v["hashes"].update(bag="sha256:0")),
+        "it is not known of",
+    ),
+    (
+        "refused",
+        lambda c: resealed(c, lambda v: v["admission"].update(status="refused")),
+        "it is scored though the audit refused its recording",
+    ),
+    (
+        "unpaired",
+        lambda c: resealed(c, lambda v: v["admission"].update(status="unpaired")),
+        "it says unpaired of event version",
+    ),
+    (
+        "version",
+        lambda c: resealed(c, lambda v: v.update(event_version="sha256:0")),
+        "it says admitted of event version sha256:0, and by",
+    ),
+]
 
 
 @pytest.mark.parametrize(("change", "why"), [c[1:] for c in CHANGES], ids=[c[0] for c in CHANGES])

@@ -181,8 +181,10 @@ def test_who_drew_a_recording_is_known_of_ours_and_of_what_names_a_generator(
     drawn = Participation("live", {CAMERA: ("simulated",)})
     assert replace(ours, run=live, participation=drawn).renderer == OUR_RENDERER
     for generator, renderer in (
-        ("ssp-clip/1", OUR_RENDERER), ("esmini 3.2", "esmini 3.2"), ("unknown", None),
-    ):  # fmt: skip
+        ("ssp-clip/1", OUR_RENDERER),
+        ("esmini 3.2", "esmini 3.2"),
+        ("unknown", None),
+    ):
         said = ImportRecord.model_construct(generator=generator)
         assert replace(ours, run=None, imported=said).renderer == renderer
 
@@ -199,9 +201,11 @@ def test_nothing_above_the_matrix_says_what_a_difference_comes_from(campaign: Pa
     assert "No difference between these says how pictures of a camera" in above
     assert "Whether the recordings hold the same event is judged" not in above  # nobody did
     (told,) = {
-        note for table in all_tables(rows_from_campaign(campaign)) for note in table.notes
+        note
+        for table in all_tables(rows_from_campaign(campaign))
+        for note in table.notes
         if table.name == "domain_differences" and "cause" in note
-    }  # fmt: skip
+    }
     assert "which of all that they differ in causes a difference isn't shown" in told
 
 

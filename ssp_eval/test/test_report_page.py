@@ -38,9 +38,15 @@ from tests.system.browser import Browser
 BagMaker = Callable[..., Path]
 MODELS = ("constant_velocity", "perfect")
 GEOMETRY = {
-    "fx_px": 500.0, "fy_px": 500.0, "cx_px": 480.0, "cy_px": 270.0, "width_px": 960,
-    "height_px": 540, "height_m": 1.4, "pitch_down_rad": 0.05,
-}  # fmt: skip
+    "fx_px": 500.0,
+    "fy_px": 500.0,
+    "cx_px": 480.0,
+    "cy_px": 270.0,
+    "width_px": 960,
+    "height_px": 540,
+    "height_m": 1.4,
+    "pitch_down_rad": 0.05,
+}
 
 
 class Collector(HTMLParser):
@@ -206,11 +212,18 @@ def test_a_wrong_field_of_a_cell_is_named(
 @pytest.mark.parametrize(
     "line",
     [
-        "5", "{", '{"t_s": 1}', '{"label_t_s": "x"}', '{"label_t_s": 1, "frames": [{}]}',
-        '{"label_t_s": 1, "frames": 5}', '{"label_t_s": 1, "history": [{"x_m": 1}]}',
-        '{"label_t_s": 1, "missing": 5}', '{"label_t_s": NaN}', "[" * 100000,
+        "5",
+        "{",
+        '{"t_s": 1}',
+        '{"label_t_s": "x"}',
+        '{"label_t_s": 1, "frames": [{}]}',
+        '{"label_t_s": 1, "frames": 5}',
+        '{"label_t_s": 1, "history": [{"x_m": 1}]}',
+        '{"label_t_s": 1, "missing": 5}',
+        '{"label_t_s": NaN}',
+        "[" * 100000,
     ],
-)  # fmt: skip
+)
 def test_a_damaged_request_is_named_by_its_line(line: str, tmp_path: Path) -> None:
     file = tmp_path / "requests.jsonl"
     file.write_text('{"label_t_s": 1.0, "t_s": null, "missing": ""}\n' + line + "\n")
@@ -326,9 +339,11 @@ def test_a_cell_says_how_it_was_asked_read_and_what_is_missing(
     make_bag: BagMaker, tmp_path: Path
 ) -> None:
     spec = ModelSpec(
-        "m", backend="openai", interface="openemma",
+        "m",
+        backend="openai",
+        interface="openemma",
         facts=ModelFacts(30.5, 3.3, "moe"),
-    )  # fmt: skip
+    )
     run_campaign([(make_bag(), None)], [spec], Answering(lossy), tmp_path, CellOptions(), True)
     page = write_report(tmp_path).read_text()
     cell = page.split('<details class="cell"')[1].split('<details class="record"')[0]
@@ -386,8 +401,13 @@ def test_from_a_score_back_by_clicking(campaign: Path) -> None:
             f"[...document.querySelectorAll('#{cell}-0 .walk b')].map((step) => step.innerText)"
         )
         assert [step for step in steps if step != "frame sent"] == [
-            "score", "evidence", "raw output", "request", "recording", "K*",
-        ]  # fmt: skip
+            "score",
+            "evidence",
+            "raw output",
+            "request",
+            "recording",
+            "K*",
+        ]
         links = browser.evaluate(
             f"[...document.querySelectorAll('#{cell}-0 .walk a')].map((link) => link.href)"
         )

@@ -40,9 +40,17 @@ from support.score_rows import row
 
 BagMaker = Callable[..., Path]
 PAGE_TABLES = (
-    *MEAN_TABLES, "strata", "domain_differences", "domain_differences_model",
-    "ranks_model", "ranks_domain", "seeing", "answerers", "best_constants", "first_failures",
-)  # fmt: skip
+    *MEAN_TABLES,
+    "strata",
+    "domain_differences",
+    "domain_differences_model",
+    "ranks_model",
+    "ranks_domain",
+    "seeing",
+    "answerers",
+    "best_constants",
+    "first_failures",
+)
 DIGITS = {"ratio": 3, "signed": 3, "seconds": 2}
 
 
@@ -153,9 +161,10 @@ def test_the_page_shows_the_numbers_of_the_tables(written: Path, data: dict[str,
     for name in PAGE_TABLES:
         shown, rows = found.tables.get(name, []), data[name]["data"]
         columns = [
-            column for column in columns_of(data[name])
+            column
+            for column in columns_of(data[name])
             if column["kind"] != "text" or any(row[column["name"]] for row in rows)
-        ]  # fmt: skip
+        ]
         if name == "first_failures":  # the page has models and controls apart
             rows = sorted(rows, key=lambda row: row["model"] != "opencv_baseline")
         fields = [row for row in shown if row]

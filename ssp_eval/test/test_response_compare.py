@@ -84,8 +84,9 @@ def test_a_late_response_is_told_by_its_delay_and_by_what_it_costs() -> None:
     # Aligned the curves are the same: it is the key figures that differ.
     assert found.verdict == "unlike"
     assert [f.name for f in found.figures if not f.within] == [
-        "ttc_at_braking", "remaining_distance",
-    ]  # fmt: skip
+        "ttc_at_braking",
+        "remaining_distance",
+    ]
     assert causes(pair(late, BRAKES)) == pytest.approx({"delay": -0.3})
 
 
@@ -172,8 +173,10 @@ def test_synthetic_is_compared_where_it_has_states() -> None:
     assert set(three.curves) == {"simulation", "physical"}
     pairs = [(p.reference, p.comparison) for p in respond([BRAKES] * 3, LIMITS).pairs]
     assert pairs == [
-        ("physical", "simulation"), ("synthetic", "simulation"), ("synthetic", "physical"),
-    ]  # fmt: skip
+        ("physical", "simulation"),
+        ("synthetic", "simulation"),
+        ("synthetic", "physical"),
+    ]
 
 
 def test_key_figures_are_of_the_object_of_the_event() -> None:
@@ -215,8 +218,13 @@ def test_a_limit_without_a_source_is_refused(tmp_path: Path) -> None:
 
 def test_grades_begin_above_their_bounds() -> None:
     assert [grade(x) for x in (0.95, 0.94, 0.81, 0.80, 0.59, 0.58)] == [
-        "excellent", "good", "good", "fair", "fair", "poor",
-    ]  # fmt: skip
+        "excellent",
+        "good",
+        "good",
+        "fair",
+        "fair",
+        "poor",
+    ]
 
 
 def test_two_hundred_stand_in_runs_are_ordered_by_lag_and_by_gain() -> None:

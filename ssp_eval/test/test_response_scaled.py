@@ -55,7 +55,7 @@ DRIVES = {
     "the stand-in": np.interp(
         T_S, stand_in_drive(0.0, 1.0).t_s, stand_in_drive(0.0, 1.0, 3.2).acceleration_mps2
     ),
-}  # fmt: skip
+}
 
 
 def rated(reference: Drive, comparison: Drive) -> float:

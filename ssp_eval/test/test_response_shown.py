@@ -116,9 +116,14 @@ def test_the_report_shows_what_the_audit_says_and_scores_the_same(
             told = response.model_dump(mode="json", by_alias=True)
             write_json(file, {**json.loads(file.read_text()), "response": told})
         (result,) = run_campaign(
-            [(bag, None)], [bridge_spec("constant_velocity")], InProcessClients(), out,
-            CellOptions(), propose_labels=True, admissions=load_admissions([file]),
-        )  # fmt: skip
+            [(bag, None)],
+            [bridge_spec("constant_velocity")],
+            InProcessClients(),
+            out,
+            CellOptions(),
+            propose_labels=True,
+            admissions=load_admissions([file]),
+        )
         assert result.admission == "admitted"
         scores.append(json.loads((result.folder / "score.json").read_text()))
         page = write_report(out).read_text()

@@ -158,10 +158,18 @@ def test_the_verb_lists_explains_and_writes(
 
 def candidate(version: str, rank: int | None = 1, scenario: str = "cut_in") -> Listed:
     return Listed(
-        scenario=scenario, event_version=version, rank=rank, priority=0.5, no_response=1.0,
-        turned=0.0, width=0.5, ranks={"m": (1, 1)}, first_failures={"risk_response": (1, 2)},
-        reasons=["no risk response: m (synthetic)"], cells=[],
-    )  # fmt: skip
+        scenario=scenario,
+        event_version=version,
+        rank=rank,
+        priority=0.5,
+        no_response=1.0,
+        turned=0.0,
+        width=0.5,
+        ranks={"m": (1, 1)},
+        first_failures={"risk_response": (1, 2)},
+        reasons=["no risk response: m (synthetic)"],
+        cells=[],
+    )
 
 
 def write_list(path: Path, *events: Listed) -> Path:

@@ -30,10 +30,12 @@ def drive(seed: int, *, hz: float = 50.0, noise_m: float = 0.02, spread: float =
     aside_m = 3.5 / (1.0 + np.exp(-(at_s - 6.0) / 0.5)) - 3.5
     places = {"vut": along_m + 0j, "ot1": 15.0 + 10.0 * faster * at_s + 1j * aside_m}
     return {
-        who: Track(times_s, p + noise_m * (of_states.normal(size=p.shape) + 1j * of_states.normal(
-            size=p.shape)))
+        who: Track(
+            times_s,
+            p + noise_m * (of_states.normal(size=p.shape) + 1j * of_states.normal(size=p.shape)),
+        )
         for who, p in places.items()
-    }  # fmt: skip
+    }
 
 
 def each(tracks: Tracks, change: Callable[[Track], Track]) -> Tracks:

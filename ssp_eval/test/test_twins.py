@@ -29,11 +29,20 @@ from tests.support.seals import with_checksums
 from tests.support.worlds import HELD, IMAGE, TICK, cutting_in, record_world, small_world
 
 ALL = {
-    "camera.0500", "class.ot1.truck", "class.ot2.car",
-    "control.car", "history.0500", "mirror.ot1", "mirror.ot2",
-    "shift.ot1.m0500", "shift.ot1.p0500", "shift.ot2.m0500", "shift.ot2.p0500", "without.ot1",
+    "camera.0500",
+    "class.ot1.truck",
+    "class.ot2.car",
+    "control.car",
+    "history.0500",
+    "mirror.ot1",
+    "mirror.ot2",
+    "shift.ot1.m0500",
+    "shift.ot1.p0500",
+    "shift.ot2.m0500",
+    "shift.ot2.p0500",
+    "without.ot1",
     "without.ot2",
-}  # fmt: skip
+}
 # The lorry stands.
 IDLE = {"shift.ot2.m0500", "shift.ot2.p0500"}
 

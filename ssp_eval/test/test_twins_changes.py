@@ -61,12 +61,29 @@ def test_a_change_has_a_name_for_folders(text: str, name: str) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "", "blur=ot1", "without", "without=", "without=ot1:x", "without=../x", "class=ot1",
-        "class=ot1:tank", "class=ot1:unknown", "shift=ot1", "shift=ot1:0", "shift=ot1:nan",
-        "shift=ot1:11", "shift=ot1:0.0005", "camera=-0.5", "camera=0", "history=1", "history=-0.1",
-        "history=nan", "control=tank", f"without={CONTROL_ID}",
+        "",
+        "blur=ot1",
+        "without",
+        "without=",
+        "without=ot1:x",
+        "without=../x",
+        "class=ot1",
+        "class=ot1:tank",
+        "class=ot1:unknown",
+        "shift=ot1",
+        "shift=ot1:0",
+        "shift=ot1:nan",
+        "shift=ot1:11",
+        "shift=ot1:0.0005",
+        "camera=-0.5",
+        "camera=0",
+        "history=1",
+        "history=-0.1",
+        "history=nan",
+        "control=tank",
+        f"without={CONTROL_ID}",
     ],
-)  # fmt: skip
+)
 def test_what_is_no_change_is_refused_with_the_forms(text: str) -> None:
     with pytest.raises(InputError, match=r"--change.*write "):
         parse_change(text)
@@ -131,10 +148,14 @@ def test_a_slowed_history_keeps_to_a_bend() -> None:
     def at(step: int) -> ObjectState:
         angle = speed_mps * step * STEP_NS / 1e9 / radius_m
         return object_state(
-            "vut", x_m=radius_m * math.sin(angle), y_m=radius_m * (1 - math.cos(angle)),
-            yaw_rad=angle, speed_mps=speed_mps, yaw_rate_radps=speed_mps / radius_m,
+            "vut",
+            x_m=radius_m * math.sin(angle),
+            y_m=radius_m * (1 - math.cos(angle)),
+            yaw_rad=angle,
+            speed_mps=speed_mps,
+            yaw_rate_radps=speed_mps / radius_m,
             stamp_ns=step * STEP_NS,
-        )  # fmt: skip
+        )
 
     found = slowed([at(step) for step in range(200)], 0.5)[-1]
     wanted = at(199 // 2)

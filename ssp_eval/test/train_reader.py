@@ -96,8 +96,9 @@ def examples(files: Sequence[str] = tuple(WORTH), most: int | None = None) -> li
             if row.get("half", "open") != "open":
                 continue
             answers = row.get("labels") or [row["slots"]]
-            labels = {slot: [_label(row["text"], one.get(slot)) for one in answers]
-                      for slot in SLOT_NAMES}  # fmt: skip
+            labels = {
+                slot: [_label(row["text"], one.get(slot)) for one in answers] for slot in SLOT_NAMES
+            }
             reading = read(row["text"])
             style = row["style"] + {True: ", plain", False: ", hard", None: ""}[row.get("plain")]
             found.append(
@@ -128,9 +129,10 @@ def perfect() -> list[Example]:
         for slot in SLOT_NAMES:
             said = getattr(reading.slots, slot)
             labels[slot] = [
-                _label(text, None if said is None else {"value": said.value,
-                                                        "evidence": said.evidence})
-            ]  # fmt: skip
+                _label(
+                    text, None if said is None else {"value": said.value, "evidence": said.evidence}
+                )
+            ]
         found.append(Example(f"p{number}", PERFECT, PERFECT, text, labels, reading, view(reading)))
     return found
 
@@ -312,8 +314,12 @@ def threshold(name: str, chosen: Sequence[tuple[Example, Choice]]) -> Threshold:
 
     rules = tally(Threshold(2.0, 0.0))
     least = max(rules.precision + 0.005, 0.9)
-    tried = [(Threshold(fill, keep), tally(Threshold(fill, keep))) for fill in FILLS
-             for keep in KEEPS if keep <= fill]  # fmt: skip
+    tried = [
+        (Threshold(fill, keep), tally(Threshold(fill, keep)))
+        for fill in FILLS
+        for keep in KEEPS
+        if keep <= fill
+    ]
     good = [(one, found) for one, found in tried if found.precision >= least]
     if not good:
         return max(tried, key=lambda pair: pair[1].precision)[0]
@@ -333,8 +339,11 @@ def main() -> None:
     """Learn, measure and, if asked, write."""
     chosen = examples()
     crossed = cross_weights(chosen)
-    found = {one.key: all_candidates(crossed[one.part], one.view, one.reading.slots)
-             for one in chosen if one.view.clauses}  # fmt: skip
+    found = {
+        one.key: all_candidates(crossed[one.part], one.view, one.reading.slots)
+        for one in chosen
+        if one.view.clauses
+    }
     chosen = [one for one in chosen if one.view.clauses]
     choices: dict[str, dict[str, Choice]] = defaultdict(dict)
     for name in SLOT_NAMES:
@@ -356,19 +365,22 @@ def main() -> None:
                 limits = Threshold(2.0, 0.0), thresholds[name]
                 for group in ("all", name, example.style):
                     groups[group] = [
-                        tally.plus(Tally.of(
-                            choices[name][example.key].value(limit), example.right(name)
-                        ))
+                        tally.plus(
+                            Tally.of(choices[name][example.key].value(limit), example.right(name))
+                        )
                         for tally, limit in zip(groups[group], limits, strict=True)
-                    ]  # fmt: skip
+                    ]
         print(f"{file}, rules and then rules with reader, precision / recall")
         for group, (rules, both) in groups.items():
-            print(f"  {group:14s} {rules.precision:.3f} / {rules.recall:.3f}   "
-                  f"{both.precision:.3f} / {both.recall:.3f}")  # fmt: skip
+            print(
+                f"  {group:14s} {rules.precision:.3f} / {rules.recall:.3f}   "
+                f"{both.precision:.3f} / {both.recall:.3f}"
+            )
     if "--write" in sys.argv:
         weights = feature_weights(chosen)
-        joined_all = {name: joining(name, [(one, found[one.key]) for one in chosen])
-                      for name in SLOT_NAMES}  # fmt: skip
+        joined_all = {
+            name: joining(name, [(one, found[one.key]) for one in chosen]) for name in SLOT_NAMES
+        }
         weights = replace(weights, joining=joined_all, thresholds=thresholds)
         files.FILE.write_text(written(weights), encoding="utf-8")
         size = files.FILE.stat().st_size

@@ -63,8 +63,9 @@ class InProcessRecorder(Closing):
             self._writer.attach(name, data, media_type)
         for topic in bag_topics(run):
             latched = topic.profile in LATCHED
-            self._writer.add_topic(topic.name, topic.msgtype, OFFERED[topic.profile],
-                                   latched=latched)  # fmt: skip
+            self._writer.add_topic(
+                topic.name, topic.msgtype, OFFERED[topic.profile], latched=latched
+            )
             self._records[topic.name] = TopicRecord(topic.name, topic.msgtype)
         self._poses = TransformFilter()
         self._newest: dict[str, ObjectState] = {}
@@ -95,9 +96,14 @@ class InProcessRecorder(Closing):
             self.take(names.state_topic(state.object_id), encode_state(state), state.stamp_ns)
         self._vut_states += len(report.vut_states) if report.running else 0
         tick = WorldTick(
-            now_ns, report.step, report.running, True, self._heartbeats, self._vut_states,
+            now_ns,
+            report.step,
+            report.running,
+            True,
+            self._heartbeats,
+            self._vut_states,
             report.truths,
-        )  # fmt: skip
+        )
         self.take(names.WORLD_TICK, encode_tick(tick), now_ns)
         self.take(names.CLOCK, encode_clock(now_ns), now_ns)
         for fault in report.faults:
@@ -123,9 +129,13 @@ class InProcessRecorder(Closing):
             self.take(names.TF, encode_transforms(news), stamp_ns)
         self._heartbeats += 1
         beat = Heartbeat(
-            now_ns, names.SCENARIO_MANAGER, self._heartbeats, now_ns, session,
+            now_ns,
+            names.SCENARIO_MANAGER,
+            self._heartbeats,
+            now_ns,
+            session,
             dict(self._references),
-        )  # fmt: skip
+        )
         self.take(names.HEARTBEAT, encode_heartbeat(beat), now_ns)
 
     def sent(self, object_id: str, reference: bytes, stamp_ns: int) -> None:
@@ -140,9 +150,13 @@ class InProcessRecorder(Closing):
         received = {r.name: r.messages for r in self._records.values()}
         counted = Counted(received, _NOTHING, _NOTHING)
         name, media_type, data = report_attachment(
-            self._records.values(), counted, run_id=self._run.run_id, lost_limit=0, warnings=(),
+            self._records.values(),
+            counted,
+            run_id=self._run.run_id,
+            lost_limit=0,
+            warnings=(),
             sealed=seals(self._attachments),
-        )  # fmt: skip
+        )
         self._writer.attach(name, data, media_type)
         self._writer.close()
 

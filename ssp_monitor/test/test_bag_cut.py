@@ -125,9 +125,18 @@ def test_everything_without_a_span_is_the_same_bag(session, tmp_path):
 
 def test_topics_are_chosen_by_pattern(session, tmp_path, capsys):
     status, shown, _ = run(
-        capsys, session, "--topics", "/c*", "--topics", "/state", "--exclude", "/cam/*",
-        "-o", tmp_path / "a", "--json",
-    )  # fmt: skip
+        capsys,
+        session,
+        "--topics",
+        "/c*",
+        "--topics",
+        "/state",
+        "--exclude",
+        "/cam/*",
+        "-o",
+        tmp_path / "a",
+        "--json",
+    )
     assert status == 0
     assert json.loads(shown)["messages"] == {"/clock": 101, "/state": 4}
     for wrong in (["--topics", "/nowhere"], ["--exclude", "*"]):

@@ -183,9 +183,15 @@ def test_stamps_that_stand_still_or_leap_fall_back_to_the_recorders_time(tmp_pat
 def test_raw_images_are_exported(tmp_path, capsys):
     image = scene(1)
     raw = message(
-        RAW_TYPE, header=header(START_NS), height=48, width=64, encoding="rgb8", is_bigendian=0,
-        step=192, data=np.ascontiguousarray(image[..., ::-1]).reshape(-1),
-    )  # fmt: skip
+        RAW_TYPE,
+        header=header(START_NS),
+        height=48,
+        width=64,
+        encoding="rgb8",
+        is_bigendian=0,
+        step=192,
+        data=np.ascontiguousarray(image[..., ::-1]).reshape(-1),
+    )
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/raw", RAW_TYPE)
         writer.write("/raw", serialize(raw), START_NS, START_NS)
@@ -218,18 +224,28 @@ def test_types_of_every_shape(tmp_path, capsys):
         b"float32 tenth\nbool yes\nuint64 large\nint32[] numbers\nstring[2] words\n"
         b"uint8[4] id\nuint8[] blob\nbuiltin_interfaces/Time[] times\nuint64[] larges\n"
         b"their_msgs/Part[] one\ntheir_msgs/Part[] two\nuint32 publish_sequence\n"
-        + b"=" * 80 + b"\nMSG: their_msgs/Part\nfloat64 z\n"
-        + b"=" * 80 + b"\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-    )  # fmt: skip
+        + b"=" * 80
+        + b"\nMSG: their_msgs/Part\nfloat64 z\n"
+        + b"=" * 80
+        + b"\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    )
     store = store_from(TypeDefinition("their_msgs/msg/All", "ros2msg", definition.decode()))
     part = store.types["their_msgs/msg/Part"]
     time = store.types["builtin_interfaces/msg/Time"]
     value = store.types["their_msgs/msg/All"](
-        tenth=0.1, yes=True, large=2**64 - 1, numbers=np.array([1, -2], np.int32),
-        words=["a", "ü"], id=np.arange(4, dtype=np.uint8), blob=np.zeros(9, np.uint8),
-        times=[time(1, 5)], larges=np.array([2**63], np.uint64), one=[part(0.5), part(1.0)],
-        two=[], publish_sequence=7,
-    )  # fmt: skip
+        tenth=0.1,
+        yes=True,
+        large=2**64 - 1,
+        numbers=np.array([1, -2], np.int32),
+        words=["a", "ü"],
+        id=np.arange(4, dtype=np.uint8),
+        blob=np.zeros(9, np.uint8),
+        times=[time(1, 5)],
+        larges=np.array([2**63], np.uint64),
+        one=[part(0.5), part(1.0)],
+        two=[],
+        publish_sequence=7,
+    )
     path = tmp_path / "x.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.LZ4)
@@ -245,12 +261,23 @@ def test_types_of_every_shape(tmp_path, capsys):
     assert "/all: left out of the table: blob (bytes)" in notes
     (row,) = table(tmp_path / "out" / "all.csv")
     assert row == {
-        "log_time_ns": str(2**63), "log_time_s": "9223372036.854775808", "publish_time_ns": "5",
-        "publish_time_s": "0.000000005", "publish_sequence": "0", "tenth": "0.1", "yes": "true",
-        "large": str(2**64 - 1), "numbers": "[1, -2]", "words": '["a", "\\u00fc"]',
-        "id": "[0, 1, 2, 3]", "times_ns": "[1000000005]", "larges": f"[{2**63}]",
-        "publish_sequence_": "7", "one": '[{"z": 0.5}, {"z": 1.0}]', "two": "[]",
-    }  # fmt: skip
+        "log_time_ns": str(2**63),
+        "log_time_s": "9223372036.854775808",
+        "publish_time_ns": "5",
+        "publish_time_s": "0.000000005",
+        "publish_sequence": "0",
+        "tenth": "0.1",
+        "yes": "true",
+        "large": str(2**64 - 1),
+        "numbers": "[1, -2]",
+        "words": '["a", "\\u00fc"]',
+        "id": "[0, 1, 2, 3]",
+        "times_ns": "[1000000005]",
+        "larges": f"[{2**63}]",
+        "publish_sequence_": "7",
+        "one": '[{"z": 0.5}, {"z": 1.0}]',
+        "two": "[]",
+    }
 
 
 def test_a_bag_of_rosbags_is_exported(tmp_path, capsys):

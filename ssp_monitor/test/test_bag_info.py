@@ -137,8 +137,10 @@ def test_files_without_metadata_are_shown_and_said_to_be_so(tmp_path, clock_cdr,
     assert status == 0
     assert "there is no metadata.yaml" in shown
     assert [line.split()[0] for line in shown.splitlines() if line.startswith("bag_")] == [
-        "bag_0.mcap", "bag_2.mcap", "bag_10.mcap",
-    ]  # fmt: skip
+        "bag_0.mcap",
+        "bag_2.mcap",
+        "bag_10.mcap",
+    ]
     assert "was not closed by its recorder" in shown
     assert json.loads(info(capsys, folder, "--json")[1])["messages"] == 2 * 105
 
@@ -190,12 +192,18 @@ def test_a_foreign_encoding_is_shown(tmp_path, capsys):
 
 def test_what_the_recorder_said_is_told(tmp_path, clock_cdr, capsys):
     report = {
-        "schema": "ssp.recording/1", "received": 9, "written": 7, "lost": 1, "dropped": 2,
-        "lost_limit": 0, "warnings": ["the disk was slow"],
+        "schema": "ssp.recording/1",
+        "received": 9,
+        "written": 7,
+        "lost": 1,
+        "dropped": 2,
+        "lost_limit": 0,
+        "warnings": ["the disk was slow"],
         "topics": [
-            {"name": "/a", "lost": 1, "dropped": 2}, {"name": "/b", "lost": 0, "dropped": 0},
+            {"name": "/a", "lost": 1, "dropped": 2},
+            {"name": "/b", "lost": 0, "dropped": 0},
         ],
-    }  # fmt: skip
+    }
     with BagWriter(tmp_path / "bag") as writer:
         writer.attach("recording.json", json.dumps(report).encode(), "application/json")
     shown = info(capsys, tmp_path / "bag")[1].splitlines()
@@ -227,22 +235,29 @@ def test_columns_are_aligned(small_bag, tmp_path):
     [
         (None, "unreadable"),
         ([], ""),
-        ([{"reliability": "best_effort", "durability": "volatile", "depth": 5}],
-         "best effort, depth 5"),
-        ([{"reliability": 1, "durability": 1, "history": 2, "depth": 0}],
-         "reliable, latched, depth all"),
-        ([{"reliability": "reliable", "depth": 1}] * 2 + [{}],
-         "2 x reliable, depth 1; ?, depth ?"),
+        (
+            [{"reliability": "best_effort", "durability": "volatile", "depth": 5}],
+            "best effort, depth 5",
+        ),
+        (
+            [{"reliability": 1, "durability": 1, "history": 2, "depth": 0}],
+            "reliable, latched, depth all",
+        ),
+        ([{"reliability": "reliable", "depth": 1}] * 2 + [{}], "2 x reliable, depth 1; ?, depth ?"),
     ],
-)  # fmt: skip
+)
 def test_quality_of_service_in_words(profiles, text):
     assert qos_text(profiles) == text
 
 
 def test_sizes_and_times_in_words():
     assert [size_text(n) for n in (0, 999, 1000, 45_200_000, 10**16)] == [
-        "0 B", "999 B", "1.0 kB", "45.2 MB", "10000.0 TB",
-    ]  # fmt: skip
+        "0 B",
+        "999 B",
+        "1.0 kB",
+        "45.2 MB",
+        "10000.0 TB",
+    ]
     assert span_text(None, None) == "no times"
     assert span_text(0, 1_500_000_000) == "1.500 s from 0.000 s"
     assert "2554-07-21" in span_text(2**64 - 2, 2**64 - 1)  # the last time that MCAP can hold

@@ -52,9 +52,13 @@ def test_a_sound_bag_passes(small_bag, capsys):
         said = json.loads(shown)
         assert said.pop("seal").startswith("sealed by its writer, 1 chunks, end ")
         assert said == {
-            "path": str(path), "ok": True, "messages": {"/clock": 10}, "problems": [],
-            "undecoded": {}, "remarks": [],
-        }  # fmt: skip
+            "path": str(path),
+            "ok": True,
+            "messages": {"/clock": 10},
+            "problems": [],
+            "undecoded": {},
+            "remarks": [],
+        }
 
 
 def test_a_flipped_byte_fails(small_bag, capsys, clock_cdr):

@@ -302,9 +302,11 @@ def test_it_is_ready_only_when_every_required_topic_is_heard(session, monitor):
         (TriggerEvent, names.TRIGGER_EVENT, ros.STATE),
     )
     expected = [
-        "/ssp/walker/state", "/ssp/session_state", "/ssp/trigger_event",
+        "/ssp/walker/state",
+        "/ssp/session_state",
+        "/ssp/trigger_event",
         "/ssp/vut/front_camera/image/compressed",
-    ]  # fmt: skip
+    ]
 
     def await_missing(*topics: str) -> None:
         session.spin_until(

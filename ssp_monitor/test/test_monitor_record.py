@@ -106,8 +106,9 @@ def test_topics_are_found_late_and_heard_as_their_publishers_offer_them(talker, 
     ]
     talker.create_publisher(String, "/lab/excluded", 10)
     talker.create_publisher(String, "/lab/_hidden", 10)
-    process = recorder("--all", "--exclude", "excluded$", "-o", tmp_path / "bag", "--json",
-                       "--reserve-mb", 0)  # fmt: skip
+    process = recorder(
+        "--all", "--exclude", "excluded$", "-o", tmp_path / "bag", "--json", "--reserve-mb", 0
+    )
     for publisher in (early, *mixed):
         wait_heard(talker, publisher)
     late = talker.create_publisher(String, "/lab/late", qos(BEST, VOLATILE))
@@ -142,8 +143,9 @@ def test_topics_are_found_late_and_heard_as_their_publishers_offer_them(talker, 
 def test_named_topics_are_recorded_for_a_time(talker, recorder, tmp_path):
     hidden = talker.create_publisher(String, "/lab/_hidden", 10)
     talker.create_publisher(String, "/lab/other", 10)
-    process = recorder("/lab/_hidden", "lab/absent", "-o", tmp_path / "bag", "--duration", 8,
-                       "--reserve-mb", 0)  # fmt: skip
+    process = recorder(
+        "/lab/_hidden", "lab/absent", "-o", tmp_path / "bag", "--duration", 8, "--reserve-mb", 0
+    )
     wait_heard(talker, hidden)
     hidden.publish(String(data="x"))
     shown, told = process.communicate(timeout=DEADLINE_S)
@@ -219,8 +221,18 @@ def test_images_become_video_and_what_is_no_image_stays(talker, recorder, tmp_pa
     import numpy as np
 
     camera = talker.create_publisher(CompressedImage, "/lab/camera", qos(RELIABLE, VOLATILE))
-    process = recorder("--all", "--video", "h264", "-o", tmp_path / "bag", "--json",
-                       "--split-mb", 0.1, "--reserve-mb", 0)  # fmt: skip
+    process = recorder(
+        "--all",
+        "--video",
+        "h264",
+        "-o",
+        tmp_path / "bag",
+        "--json",
+        "--split-mb",
+        0.1,
+        "--reserve-mb",
+        0,
+    )
     wait_heard(talker, camera)
     noise = np.random.default_rng(1)
     for _ in range(10):

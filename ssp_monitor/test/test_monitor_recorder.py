@@ -80,8 +80,9 @@ def test_topics_may_come_while_it_writes(tmp_path, clock_cdr):
     assert state.files > 1
     with BagReader(tmp_path / "bag") as bag:
         assert {name: info.count for name, info in bag.topics.items()} == {
-            "/clock": 50, **{f"/late{k}": 30 for k in range(50)},
-        }  # fmt: skip
+            "/clock": 50,
+            **{f"/late{k}": 30 for k in range(50)},
+        }
 
 
 def test_an_unknown_type_is_refused_at_once(tmp_path):
@@ -107,9 +108,12 @@ def test_what_the_codec_refuses_is_recorded_as_it_came(tmp_path):
     )
     with BagReader(tmp_path / "bag") as bag:
         assert [(m.topic, m.data) for m in bag.messages()] == [
-            ("/camera", b"va"), ("/camera/original", b"x1"), ("/camera", b"vb"),
-            ("/camera/original", b"!2"), ("/camera", b"vc"),
-        ]  # fmt: skip
+            ("/camera", b"va"),
+            ("/camera/original", b"x1"),
+            ("/camera", b"vb"),
+            ("/camera/original", b"!2"),
+            ("/camera", b"vc"),
+        ]
         assert bag.topics["/camera"].msgtype == VIDEO
         assert bag.topics["/camera/original"].msgtype == IMAGE.msgtype
     assert recorder.originals == {"/camera": "/camera/original"}
@@ -245,12 +249,18 @@ def test_the_bag_says_what_is_in_it_and_what_is_missing(tmp_path, clock_cdr):
     assert (report["run_id"], report["lost_limit"], report["warnings"]) == ("r", 5, ["w"])
     assert report["topics"] == [
         {
-            "name": "/clock", "type": CLOCK_TYPE, "received": 100, "written": len(written),
-            "bytes": sum(len(m.data) for m in written), "lost": 7, "dropped": state.dropped,
+            "name": "/clock",
+            "type": CLOCK_TYPE,
+            "received": 100,
+            "written": len(written),
+            "bytes": sum(len(m.data) for m in written),
+            "lost": 7,
+            "dropped": state.dropped,
             "passed_over": 0,
-            "first_ns": written[0].log_time_ns, "last_ns": written[-1].log_time_ns,
+            "first_ns": written[0].log_time_ns,
+            "last_ns": written[-1].log_time_ns,
         }
-    ]  # fmt: skip
+    ]
 
 
 def test_a_bag_that_lacks_something_is_found_out(small_bag):
@@ -294,9 +304,13 @@ def test_a_bag_holds_every_topic_of_every_object(run_mapping):
         for kind in ("state", "reference", "reference_ack", "rules"):
             assert f"/ssp/{object_id}/{kind}" in topics
     assert {name for name, t in topics.items() if t.required} == {
-        "/ssp/world/tick", "/ssp/vut/state", "/ssp/ot1/state", "/ssp/walker/state",
-        "/ssp/session_state", "/ssp/vut/front_camera/image/compressed",
-    }  # fmt: skip
+        "/ssp/world/tick",
+        "/ssp/vut/state",
+        "/ssp/ot1/state",
+        "/ssp/walker/state",
+        "/ssp/session_state",
+        "/ssp/vut/front_camera/image/compressed",
+    }
     assert all(t.msgtype in typestore().types for t in topics.values())
 
 

@@ -39,8 +39,15 @@ def patterns(*texts: str) -> tuple[Pattern, ...]:
     ],
 )
 def test_what_is_asked_for_is_recorded(selection, wanted):
-    graph = ["/a", "/b/image", "/b/image/compressed", "/rosout", "/parameter_events",
-             "/x/_hidden", "/_all/hidden"]  # fmt: skip
+    graph = [
+        "/a",
+        "/b/image",
+        "/b/image/compressed",
+        "/rosout",
+        "/parameter_events",
+        "/x/_hidden",
+        "/_all/hidden",
+    ]
     assert [name for name in graph if selection.wants(name)] == wanted.split()
     assert selection.looks == (selection != Selection())
     found = TopicDiscovery(selection).look([(name, [STRING]) for name in graph], installed_type)
@@ -127,9 +134,25 @@ def test_a_warning_whose_figures_move_is_one_warning():
 
 @pytest.mark.parametrize(
     "text",
-    ["(", ")", "a)", "(a", "[a", "[", "*", "a**", "+a", "a|*", "\\1", "a\\", "[b-a]", "a" * 1001,
-     "(" * 500 + ")" * 500, "a{99999999999}"],
-)  # fmt: skip
+    [
+        "(",
+        ")",
+        "a)",
+        "(a",
+        "[a",
+        "[",
+        "*",
+        "a**",
+        "+a",
+        "a|*",
+        "\\1",
+        "a\\",
+        "[b-a]",
+        "a" * 1001,
+        "(" * 500 + ")" * 500,
+        "a{99999999999}",
+    ],
+)
 def test_what_is_no_expression_is_refused(text):
     with pytest.raises(InputError, match="--exclude"):
         Pattern(text, "--exclude")

@@ -66,8 +66,10 @@ def post(
     page: PageServer, name: str = "abort", token: str | None = TOKEN, **more: Any
 ) -> tuple[int, Any]:
     async def work(client: aiohttp.ClientSession) -> tuple[int, Any]:
-        headers = {**({"Authorization": f"Bearer {token}"} if token is not None else {}),
-                   **more.pop("headers", {})}  # fmt: skip
+        headers = {
+            **({"Authorization": f"Bearer {token}"} if token is not None else {}),
+            **more.pop("headers", {}),
+        }
         url = f"{page.url}api/command/{name}"
         if name != "abort" and not {"data", "json"} & more.keys():
             more["json"] = {"shown": "4@1"}
@@ -258,11 +260,13 @@ POST = f"POST /api/command/abort HTTP/1.1\r\nHost: HOST\r\nAuthorization: Bearer
 @pytest.mark.parametrize(
     ("half", "status"),
     [
-        ("", b""), ("GE", b""), ("GET / HTTP/1.1\r\nHost: HO", b""),
+        ("", b""),
+        ("GE", b""),
+        ("GET / HTTP/1.1\r\nHost: HO", b""),
         (f"{POST}Content-Length: 100\r\n\r\nabc", b"408"),
         (f"{POST}Transfer-Encoding: chunked\r\n\r\n5\r\nab", b"408"),
     ],
-)  # fmt: skip
+)
 def test_half_a_request_is_closed(half, status, manager, monkeypatch):
     monkeypatch.setattr(server, "REQUEST_S", 0.3)
     page = PageServer("127.0.0.1", 0, TOKEN, manager)
@@ -277,15 +281,18 @@ def test_half_a_request_is_closed(half, status, manager, monkeypatch):
 @pytest.mark.parametrize(
     "data",
     [
-        "nonsense\r\n\r\n", "\x16\x03\x01\x02\x00", "GET / HTTP/9.9\r\n\r\n",
-        "GET / HTTP/1.1\r\nHost HOST\r\n\r\n", f"GET /{'a' * 9000} HTTP/1.1\r\nHost: HOST\r\n\r\n",
+        "nonsense\r\n\r\n",
+        "\x16\x03\x01\x02\x00",
+        "GET / HTTP/9.9\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost HOST\r\n\r\n",
+        f"GET /{'a' * 9000} HTTP/1.1\r\nHost: HOST\r\n\r\n",
         "GET / HTTP/1.1\r\nHost: HOST\r\nX: " + "y" * 9000 + "\r\n\r\n",
         f"{POST}Content-Length: -5\r\n\r\n",
         f"{POST}Content-Length: 5\r\nContent-Length: 6\r\n\r\n",
         f"{POST}Transfer-Encoding: chunked\r\n\r\nZZZ\r\n",
         f"{POST}Content-Encoding: gzip\r\nContent-Length: 5\r\n\r\nabcde",
     ],
-)  # fmt: skip
+)
 def test_a_malformed_request_is_answered_and_leaves_no_traceback(
     data, page, manager, caplog, capfd
 ):

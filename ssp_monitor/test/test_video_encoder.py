@@ -53,10 +53,16 @@ def raw_message(number: int, encoding: str) -> BagMessage:
     height, width = image.shape[:2]
     cdr = serialize(
         message(
-            RAW_TYPE, header=header(stamp_ns, "camera_optical"), height=height, width=width,
-            encoding=encoding, is_bigendian=0, step=image.strides[0], data=image.reshape(-1),
+            RAW_TYPE,
+            header=header(stamp_ns, "camera_optical"),
+            height=height,
+            width=width,
+            encoding=encoding,
+            is_bigendian=0,
+            step=image.strides[0],
+            data=image.reshape(-1),
         )
-    )  # fmt: skip
+    )
     return BagMessage(TOPIC, stamp_ns, stamp_ns, cdr, number)
 
 

@@ -212,7 +212,7 @@ _ENDING_WORDS: dict[Ending, frozenset[str]] = {
         {"time_limit", "rate_limit", "rate_limit_exceeded", "not_finished", "unfinished"}
         | {"insufficient_system_resource", "user_stopped", "stopped_by_user", "in_progress"}
     ),
-}  # fmt: skip
+}
 _ENDING_OF = {word: ending for ending, words in _ENDING_WORDS.items() for word in words}
 _ENDING_PARTS: dict[Ending, frozenset[str]] = {
     Ending.FILTERED: frozenset(
@@ -233,7 +233,7 @@ _ENDING_PARTS: dict[Ending, frozenset[str]] = {
         {"length", "limit", "max", "maximum", "budget", "truncated", "truncation", "context"}
         | {"exceeded", "exhausted"}
     ),
-}  # fmt: skip
+}
 
 
 def ending(finish_reason: str | None) -> Ending:

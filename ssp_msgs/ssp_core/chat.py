@@ -274,16 +274,26 @@ _FILTERED = re.compile(
     re.IGNORECASE,
 )
 _TOPICS = (
-    ("length", re.compile(
-        r"context (?:length|window|size)|context_length|maximum context|exceed_context"
-        r"|too many (?:\w+ )?tokens|max(?:imum)? (?:model|sequence|input|prompt) length"
-        r"|max_(?:new|completion)?_?tokens\W{0,3} (?:is too large|must be)|completion tokens"
-        r"|max_model_len|token count exceeds"
-        r"|(?:prompt|input|request) (?:is |was )?too (?:long|large)", re.I)),
-    ("images", re.compile(
-        r"\b(?:images?|image_url|vision|multi-?modal|pictures?|mmproj)\b"
-        r"|content\W{1,4}(?:must be|should be|expected) a? ?(?:valid )?str", re.I)),
-)  # fmt: skip
+    (
+        "length",
+        re.compile(
+            r"context (?:length|window|size)|context_length|maximum context|exceed_context"
+            r"|too many (?:\w+ )?tokens|max(?:imum)? (?:model|sequence|input|prompt) length"
+            r"|max_(?:new|completion)?_?tokens\W{0,3} (?:is too large|must be)|completion tokens"
+            r"|max_model_len|token count exceeds"
+            r"|(?:prompt|input|request) (?:is |was )?too (?:long|large)",
+            re.I,
+        ),
+    ),
+    (
+        "images",
+        re.compile(
+            r"\b(?:images?|image_url|vision|multi-?modal|pictures?|mmproj)\b"
+            r"|content\W{1,4}(?:must be|should be|expected) a? ?(?:valid )?str",
+            re.I,
+        ),
+    ),
+)
 
 
 def _topic(code: int, said: str, body: bytes) -> str:
@@ -437,9 +447,13 @@ def _is_filtered(error: Any) -> bool:
 
 # Where servers say why an answer ended; the first one that says something counts.
 _REASONS = (
-    "finish_reason", "finishReason", "done_reason", "stop_reason", "finish_details",
+    "finish_reason",
+    "finishReason",
+    "done_reason",
+    "stop_reason",
+    "finish_details",
     "native_finish_reason",
-)  # fmt: skip
+)
 
 
 def _finish_reason(choice: Mapping[str, Any]) -> str | None:

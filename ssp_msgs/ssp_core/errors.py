@@ -81,9 +81,13 @@ class InputError(SspError):
     def in_file(self, file: str | Path | None) -> InputError:
         """Return the same error, which stands in that file."""
         return InputError(
-            self.problem, file=file, line=self.line, field=self.field, value=self.value,
+            self.problem,
+            file=file,
+            line=self.line,
+            field=self.field,
+            value=self.value,
             remedy=self.remedy,
-        )  # fmt: skip
+        )
 
     def _message(self) -> str:
         place = self.file or ""

@@ -212,9 +212,11 @@ def _meeting(a: Point, b: Point, c: Point, d: Point) -> str:
     if _turn(a, b, c) * _turn(a, b, d) < 0.0 and _turn(c, d, a) * _turn(c, d, b) < 0.0:
         return "crosses"
     nearest = min(
-        _to_segment_m(a, c, d), _to_segment_m(b, c, d), _to_segment_m(c, a, b),
+        _to_segment_m(a, c, d),
+        _to_segment_m(b, c, d),
+        _to_segment_m(c, a, b),
         _to_segment_m(d, a, b),
-    )  # fmt: skip
+    )
     return "touches" if nearest <= TOUCHING_M else ""
 
 

@@ -201,10 +201,11 @@ def _first_time_s(path: Path) -> float:
                     for one in tracks
                 )
                 raise InputError(
-                    f"has {len(tracks)} video tracks: {listed}", file=path,
+                    f"has {len(tracks)} video tracks: {listed}",
+                    file=path,
                     remedy=f"make a file of the one that is meant: ffmpeg -i {path.name} "
                     "-map 0:NUMBER -c copy one.mp4",
-                )  # fmt: skip
+                )
             if not tracks or tracks[0].start_time is None or tracks[0].time_base is None:
                 return 0.0
             first_s = float(tracks[0].start_time * tracks[0].time_base)
@@ -275,9 +276,10 @@ def sound_video(path: Path, end_s: float | None = None) -> Soundness:
             told_frames = stream.frames  # a closed container says nothing
     except (av.error.FFmpegError, IndexError, ValueError, OverflowError) as error:
         raise InputError(
-            f"is no video that can be decoded: {error}", file=path,
+            f"is no video that can be decoded: {error}",
+            file=path,
             remedy="common formats such as MP4 (H.264) or AVI will do",
-        ) from error  # fmt: skip
+        ) from error
     slack_s = (_SLACK_FRAMES + damaged) / rate
     if not times_s:
         raise InputError("has no frame that can be decoded", file=path)
@@ -440,9 +442,10 @@ def _against_edits(edits: bytes, scale: int, media_s: float, units: int, slack_s
 
 def _no_axis(path: Path, why: str) -> InputError:
     return InputError(
-        f"has a time axis that can't be: {why}", file=path,
+        f"has a time axis that can't be: {why}",
+        file=path,
         remedy="get the file again from its source, or re-encode it with a constant frame rate",
-    )  # fmt: skip
+    )
 
 
 Image = NDArray[np.uint8]

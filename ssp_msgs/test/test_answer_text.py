@@ -50,7 +50,7 @@ from ssp_core.answer_text import Ending, ending, plain_width, split_answer
         ("[Reasoning] A bus ahead. [Action] I stop.", "[Reasoning] A bus ahead. [Action] I stop."),
         ("I think that I slow down.", "I think that I slow down."),
     ],
-)  # fmt: skip
+)
 def test_the_answer_is_what_stands_outside_of_reasoning_and_before_the_next_turn(output, text):
     assert split_answer(output).text == text
 
@@ -68,19 +68,37 @@ def test_what_was_left_out_is_noted():
 @pytest.mark.parametrize(
     ("reason", "wanted"),
     [
-        (None, Ending.WHOLE), ("", Ending.WHOLE), ("stop", Ending.WHOLE), ("STOP", Ending.WHOLE),
-        ("end_turn", Ending.WHOLE), ("length", Ending.LIMIT), ("MAX_TOKENS", Ending.LIMIT),
-        ("maxTokens", Ending.LIMIT), ("model_length", Ending.LIMIT), ("abort", Ending.BROKEN),
-        ("error", Ending.BROKEN), ("Cancelled", Ending.BROKEN), ("SAFETY", Ending.FILTERED),
-        ("maxPredictedTokensReached", Ending.LIMIT), ("ERROR_LIMIT", Ending.LIMIT),
-        ("FinishReason.MAX_TOKENS", Ending.LIMIT), ("contextFull", Ending.LIMIT),
-        ("userStopped", Ending.BROKEN), ("time_limit", Ending.BROKEN), ("timed_out", Ending.BROKEN),
-        ("upstream_error", Ending.BROKEN), ("not_finished", Ending.BROKEN),
-        ("content_filter: SAFETY", Ending.FILTERED), ("ERROR_TOXIC", Ending.FILTERED),
-        ("eosFound", Ending.WHOLE), ("null", Ending.WHOLE), ("tool_calls", Ending.UNKNOWN),
-        ("content_filter", Ending.FILTERED), ("shift_change", Ending.UNKNOWN),
+        (None, Ending.WHOLE),
+        ("", Ending.WHOLE),
+        ("stop", Ending.WHOLE),
+        ("STOP", Ending.WHOLE),
+        ("end_turn", Ending.WHOLE),
+        ("length", Ending.LIMIT),
+        ("MAX_TOKENS", Ending.LIMIT),
+        ("maxTokens", Ending.LIMIT),
+        ("model_length", Ending.LIMIT),
+        ("abort", Ending.BROKEN),
+        ("error", Ending.BROKEN),
+        ("Cancelled", Ending.BROKEN),
+        ("SAFETY", Ending.FILTERED),
+        ("maxPredictedTokensReached", Ending.LIMIT),
+        ("ERROR_LIMIT", Ending.LIMIT),
+        ("FinishReason.MAX_TOKENS", Ending.LIMIT),
+        ("contextFull", Ending.LIMIT),
+        ("userStopped", Ending.BROKEN),
+        ("time_limit", Ending.BROKEN),
+        ("timed_out", Ending.BROKEN),
+        ("upstream_error", Ending.BROKEN),
+        ("not_finished", Ending.BROKEN),
+        ("content_filter: SAFETY", Ending.FILTERED),
+        ("ERROR_TOXIC", Ending.FILTERED),
+        ("eosFound", Ending.WHOLE),
+        ("null", Ending.WHOLE),
+        ("tool_calls", Ending.UNKNOWN),
+        ("content_filter", Ending.FILTERED),
+        ("shift_change", Ending.UNKNOWN),
     ],
-)  # fmt: skip
+)
 def test_reasons_are_read_in_any_spelling(reason, wanted):
     assert ending(reason) is wanted
 

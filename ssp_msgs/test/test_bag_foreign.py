@@ -38,10 +38,13 @@ KINDS: dict[str, dict[str, Any]] = {
     "no topics in the summary": {"repeat_channels": False},
     "no types in the summary": {"repeat_schemas": False},
     "no summary": {
-        "index_types": IndexType.NONE, "use_statistics": False, "use_summary_offsets": False,
-        "repeat_channels": False, "repeat_schemas": False,
+        "index_types": IndexType.NONE,
+        "use_statistics": False,
+        "use_summary_offsets": False,
+        "repeat_channels": False,
+        "repeat_schemas": False,
     },
-}  # fmt: skip
+}
 
 
 def some_messages() -> list[BagMessage]:

@@ -35,9 +35,12 @@ def state(stamp_ns: int, sequence: int) -> object:
 def tick(stamp_ns: int, step: int) -> object:
     cls = typestore().types[TICK]
     values = {
-        "header": header(stamp_ns), "step": step, "running": True, "lockstep": True,
+        "header": header(stamp_ns),
+        "step": step,
+        "running": True,
+        "lockstep": True,
         "objects": [state(stamp_ns, step), state(stamp_ns, step + 1)],
-    }  # fmt: skip
+    }
     fields = {name: values.get(name, 7) for name, _ in typestore().fielddefs[TICK][1]}
     return cls(**fields)
 
@@ -68,8 +71,11 @@ def test_rosbags_decodes_custom_types_from_the_bag_alone(bag: Path) -> None:
     with AnyReader([bag]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
         assert counts == {
-            "/ssp/ot1/state": 100, "/ssp/world/tick": 100, "/ssp/image": 10, "/ssp/never": 0,
-        }  # fmt: skip
+            "/ssp/ot1/state": 100,
+            "/ssp/world/tick": 100,
+            "/ssp/image": 10,
+            "/ssp/never": 0,
+        }
         seen = 0
         for connection, stamp, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)
@@ -96,10 +102,19 @@ def test_rosbags_reads_the_offered_qos(bag: Path) -> None:
 def test_metadata_agrees_with_the_file_and_has_every_key(bag: Path) -> None:
     information = yaml.safe_load((bag / "metadata.yaml").read_text())[ROOT_KEY]
     assert set(information) == {
-        "version", "storage_identifier", "duration", "starting_time", "message_count",
-        "topics_with_message_count", "compression_format", "compression_mode",
-        "relative_file_paths", "files", "custom_data", "ros_distro",
-    }  # fmt: skip
+        "version",
+        "storage_identifier",
+        "duration",
+        "starting_time",
+        "message_count",
+        "topics_with_message_count",
+        "compression_format",
+        "compression_mode",
+        "relative_file_paths",
+        "files",
+        "custom_data",
+        "ros_distro",
+    }
     assert information["version"] == 9
     assert information["relative_file_paths"] == ["run_1_0.mcap"]
     assert information["duration"]["nanoseconds"] == 99 * STEP_NS

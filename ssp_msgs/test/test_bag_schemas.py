@@ -33,19 +33,29 @@ TWELVE = b"\0\1\0\0" + bytes(12)
 # Name and encoding of the type, its definition, encoding of the message, the message.
 READ = {
     "CRLF": (
-        "vendor_msgs/msg/Lateral", "ros2msg", b"int64 stamp\r\nfloat32 angle\r\n", "cdr", TWELVE),
+        "vendor_msgs/msg/Lateral",
+        "ros2msg",
+        b"int64 stamp\r\nfloat32 angle\r\n",
+        "cdr",
+        TWELVE,
+    ),
     "ros2idl": ("vendor_msgs/msg/Lateral", "ros2idl", IDL.encode(), "cdr", TWELVE),
     "ros2idl, CRLF": (
-        "vendor_msgs/msg/Lateral", "ros2idl", IDL.replace("\n", "\r\n").encode(), "cdr", TWELVE),
+        "vendor_msgs/msg/Lateral",
+        "ros2idl",
+        IDL.replace("\n", "\r\n").encode(),
+        "cdr",
+        TWELVE,
+    ),
     "none, but known": (STRING, "", b"", "cdr", text("hello")),
-}  # fmt: skip
+}
 UNREAD = {
     "JSON": ("vendor.Lateral", "jsonschema", b'{"type": "object"}', "json", b"{}"),
     "JSON without a type": ("", "", b"", "json", b"{}"),
     "protobuf": ("vendor.Lateral", "protobuf", b"\n\xff\xfe\x80", "protobuf", b"\x08\x01"),
     "unknown, as rosbag2 says it": ("vendor_msgs/msg/Lateral", "unknown", b"", "cdr", TWELVE),
     "nonsense": ("vendor_msgs/msg/Lateral", "ros2msg", b"= = =\n", "cdr", TWELVE),
-}  # fmt: skip
+}
 
 
 def write(path: Path, kind: tuple[str, str, bytes, str, bytes], **options: bool) -> Path:

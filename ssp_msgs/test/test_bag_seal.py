@@ -150,8 +150,7 @@ def swapped(data: bytearray, file: Path) -> str:
 
 def swapped_with_seals(data: bytearray, file: Path) -> str:
     all_of_them = list(frames(file))
-    begins = [a.offset for a, b in pairwise(all_of_them)
-              if b.opcode == Opcode.CHUNK]  # fmt: skip
+    begins = [a.offset for a, b in pairwise(all_of_them) if b.opcode == Opcode.CHUNK]
     one, other, behind = begins[1:4]
     data[one:behind] = data[other:behind] + data[one:other]
     return "chunk 3 of bag_0.mcap stands where chunk 2"
@@ -185,8 +184,16 @@ def the_end(data: bytearray, file: Path) -> str:
     return "behind chunk 6 of bag_0.mcap"
 
 
-EDITS = (a_byte, a_state, swapped, swapped_with_seals, an_attachment, a_topic_in_the_summary,
-         a_seal, the_end)  # fmt: skip
+EDITS = (
+    a_byte,
+    a_state,
+    swapped,
+    swapped_with_seals,
+    an_attachment,
+    a_topic_in_the_summary,
+    a_seal,
+    the_end,
+)
 
 
 @pytest.mark.parametrize("edit", EDITS)
@@ -230,8 +237,7 @@ def test_a_message_that_is_taken_out_is_named(bag: Path) -> None:
 def test_a_chunk_that_is_taken_out_is_named(bag: Path) -> None:
     file = file_of(bag)
     data, all_of_them = file.read_bytes(), list(frames(file))
-    begins = [a.offset for a, b in pairwise(all_of_them)
-              if b.opcode == Opcode.CHUNK]  # fmt: skip
+    begins = [a.offset for a, b in pairwise(all_of_them) if b.opcode == Opcode.CHUNK]
     file.write_bytes(with_checksums(bytearray(data[: begins[2]] + data[begins[3] :])))
     assert "chunk 3 of bag_0.mcap is missing" in files_seal([file], whole=False).altered
 

@@ -34,9 +34,13 @@ print(len(definition("ssp_msgs/msg/WorldTick").text))
 def run_copy(site: Path, prefix: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": str(site), "AMENT_PREFIX_PATH": prefix}
     return subprocess.run(
-        [sys.executable, "-c", SHOW], env=environment, capture_output=True, text=True,
-        check=False, timeout=600,
-    )  # fmt: skip
+        [sys.executable, "-c", SHOW],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+    )
 
 
 @pytest.mark.parametrize("place", ["site/ssp_core/interfaces", "prefix/share/ssp_msgs/msg"])
@@ -127,9 +131,10 @@ def test_a_type_comes_with_all_that_it_uses(prefix: Path) -> None:
     # The text alone is enough for a reader that knows none of these packages.
     store = store_from(TypeDefinition("lab_msgs/msg/Rig", written.encoding, written.text))
     tag = store.types["other_msgs/msg/Tag"](name="left")
-    assert store.deserialize_cdr(
-        store.serialize_cdr(tag, "other_msgs/msg/Tag"), "other_msgs/msg/Tag"
-    ) == tag  # fmt: skip
+    assert (
+        store.deserialize_cdr(store.serialize_cdr(tag, "other_msgs/msg/Tag"), "other_msgs/msg/Tag")
+        == tag
+    )
 
 
 @pytest.mark.parametrize(

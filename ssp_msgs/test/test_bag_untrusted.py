@@ -275,10 +275,19 @@ def test_what_looks_like_chunks_is_not_searched_for_ever(tmp_path: Path) -> None
     count = 250_000
     size = count * 49
     pieces = [
-        struct.pack("<BQQQQIIQ", Opcode.CHUNK, size - k * 49 - 9, 0, 0, size - k * 49 - 49, 1, 0,
-                    size - k * 49 - 49)
+        struct.pack(
+            "<BQQQQIIQ",
+            Opcode.CHUNK,
+            size - k * 49 - 9,
+            0,
+            0,
+            size - k * 49 - 49,
+            1,
+            0,
+            size - k * 49 - 49,
+        )
         for k in range(count)
-    ]  # fmt: skip
+    ]
     data = file_bytes([SCHEMA, CHANNEL, b"\x40" * 9, *pieces])
     tail = len(data) - len(MCAP0_MAGIC) - 29 - 13
     (tmp_path / "a.mcap").write_bytes(data[:tail])

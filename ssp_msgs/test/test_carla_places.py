@@ -97,8 +97,9 @@ def test_carlas_camera_sees_a_point_where_ours_does(
     x, y = pose.to_parent(ahead_m, left_m)
     ours = project(view_from(pose, camera), [(x, y, up_m)])
     placed = camera_pose(pose, CAR, camera, flat_ground)
-    depth, right, up = (np.array([x, -y, up_m])
-                        - (placed.x_m, placed.y_m, placed.z_m)) @ placed.rotation  # fmt: skip
+    depth, right, up = (
+        np.array([x, -y, up_m]) - (placed.x_m, placed.y_m, placed.z_m)
+    ) @ placed.rotation
     if not ours.in_front[0]:
         return
     u = (camera.width_px - 1) / 2 + camera.focal_px * right / depth
@@ -120,9 +121,7 @@ def test_a_box_of_our_size_is_where_our_own_camera_shows_it(
 
     size, vut, camera = DEFAULT_SIZES[object_class], Pose2(0.0, 0.0, 0.0), Camera()
     stretch = math.hypot(1.0, slope)  # a metre of road is less on the map
-    box = BodyBox(
-        size.length_m, size.width_m, size.height_m, -0.45, 0.12, size.height_m / 2.0
-    )  # fmt: skip
+    box = BodyBox(size.length_m, size.width_m, size.height_m, -0.45, 0.12, size.height_m / 2.0)
     at = Pose2(25.0 / stretch, 1.5, 0.0)
     seen = camera_pose(vut, CAR, camera, ground)
     placed = vehicle_pose(at, size, box, ground)
@@ -191,9 +190,12 @@ def test_a_map_is_compared_without_mark_and_line_ends() -> None:
 
 
 FACTS = ServerFacts(
-    "0.9.16", "0.9.16", "Carla/Maps/Town01", "sha256:a",
+    "0.9.16",
+    "0.9.16",
+    "Carla/Maps/Town01",
+    "sha256:a",
     actors=("spectator", "traffic.traffic_light", "traffic.speed_limit.30"),
-)  # fmt: skip
+)
 
 
 def test_an_empty_world_of_the_wanted_map_is_accepted() -> None:

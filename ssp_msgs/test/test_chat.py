@@ -177,9 +177,12 @@ def test_a_plain_reply():
     usage = {"prompt_tokens": 5, "completion_tokens": 2, "total_tokens": 7, "more": {"x": 1}}
     body = reply({"content": "Hi."}, model="m-1", system_fingerprint="fp", usage=usage)
     assert read_completion(body) == Completion(
-        text="Hi.", finish_reason="stop", model="m-1", system_fingerprint="fp",
+        text="Hi.",
+        finish_reason="stop",
+        model="m-1",
+        system_fingerprint="fp",
         usage={"prompt_tokens": 5, "completion_tokens": 2, "total_tokens": 7},
-    )  # fmt: skip
+    )
     assert not read_completion(body).cut_off
 
 
@@ -203,15 +206,27 @@ json_values = st.recursive(
         st.lists(inner, max_size=3)
         | st.dictionaries(
             st.sampled_from(
-                ["choices", "message", "content", "type", "text", "refusal", "finish_reason",
-                 "usage", "model", "error", "total_tokens", "reasoning_content"]
+                [
+                    "choices",
+                    "message",
+                    "content",
+                    "type",
+                    "text",
+                    "refusal",
+                    "finish_reason",
+                    "usage",
+                    "model",
+                    "error",
+                    "total_tokens",
+                    "reasoning_content",
+                ]
             ),
             inner,
             max_size=4,
         )
     ),
     max_leaves=20,
-)  # fmt: skip
+)
 
 
 @given(json_values | st.builds(lambda m: {"choices": [{"message": m}]}, json_values))

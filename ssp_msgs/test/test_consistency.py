@@ -258,9 +258,15 @@ def test_a_pause_and_a_clock_that_is_set_back_begin_anew() -> None:
 
 @pytest.mark.parametrize(
     ("std_m", "mps", "stands"),
-    [(0.0, 0.09, True), (0.0, 0.11, False), (0.2, 0.49, True), (0.2, 0.51, False),
-     (math.inf, 1.09, True), (math.nan, 1.11, False)],
-)  # fmt: skip
+    [
+        (0.0, 0.09, True),
+        (0.0, 0.11, False),
+        (0.2, 0.49, True),
+        (0.2, 0.51, False),
+        (math.inf, 1.09, True),
+        (math.nan, 1.11, False),
+    ],
+)
 def test_standing_is_a_net_way_of_a_decimetre_and_two_deviations(
     std_m: float, mps: float, stands: bool
 ) -> None:

@@ -183,9 +183,11 @@ def ring(corners: int) -> list[tuple[float, float]]:
 
 
 @given(
-    st.floats(-110.0, 110.0), st.floats(-65.0, 65.0), st.floats(-7.0, 7.0),
+    st.floats(-110.0, 110.0),
+    st.floats(-65.0, 65.0),
+    st.floats(-7.0, 7.0),
     st.sampled_from([40, 512, 2000]),
-)  # fmt: skip
+)
 @settings(max_examples=150, deadline=None)
 def test_a_long_fence_is_judged_as_edge_by_edge(
     x_m: float, y_m: float, yaw_rad: float, corners: int

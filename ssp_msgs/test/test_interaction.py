@@ -97,9 +97,15 @@ def test_clearance_is_of_the_near_side(y_m: float, clearance_m: float, lateral_m
 
 @pytest.mark.parametrize(
     ("y_m", "yaw_deg", "towards_mps"),
-    [(5.0, -90.0, 2.0), (5.0, 90.0, -2.0), (-5.0, 90.0, 2.0), (-5.0, -90.0, -2.0),
-     (5.0, 0.0, 0.0), (5.0, -30.0, 1.0)],
-)  # fmt: skip
+    [
+        (5.0, -90.0, 2.0),
+        (5.0, 90.0, -2.0),
+        (-5.0, 90.0, 2.0),
+        (-5.0, -90.0, -2.0),
+        (5.0, 0.0, 0.0),
+        (5.0, -30.0, 1.0),
+    ],
+)
 def test_towards_is_positive_on_either_side(y_m: float, yaw_deg: float, towards_mps: float) -> None:
     other = state("ot", WALKER, x_m=60.0, y_m=y_m, yaw_rad=math.radians(yaw_deg), speed_mps=2.0)
     assert meet(10.0, other).towards_mps == pytest.approx(towards_mps, abs=1e-12)
@@ -129,9 +135,21 @@ def test_crossing() -> None:
 
 @pytest.mark.parametrize(
     ("yaw_deg", "crosses"),
-    [(0, False), (44.9, False), (45.1, True), (90, True), (134.9, True), (135.1, False),
-     (180, False), (-44.9, False), (-45.1, True), (-90, True), (-134.9, True), (-135.1, False)],
-)  # fmt: skip
+    [
+        (0, False),
+        (44.9, False),
+        (45.1, True),
+        (90, True),
+        (134.9, True),
+        (135.1, False),
+        (180, False),
+        (-44.9, False),
+        (-45.1, True),
+        (-90, True),
+        (-134.9, True),
+        (-135.1, False),
+    ],
+)
 def test_what_crosses_has_a_corridor_of_its_own(yaw_deg: float, crosses: bool) -> None:
     """Inside the VUT's corridor: the zone begins at its corridor, or at its body."""
     yaw = math.radians(yaw_deg)
@@ -174,9 +192,13 @@ def test_in_a_bend_a_crossing_covers_its_width_of_the_path() -> None:
     path = Polyline([(50.0 * math.sin(a), 50.0 - 50.0 * math.cos(a)) for a in turns])
     at = math.pi / 4
     other = state(
-        "ot", WALKER, x_m=46.0 * math.sin(at), y_m=50.0 - 46.0 * math.cos(at),
-        yaw_rad=at - math.pi / 2, speed_mps=1.5,
-    )  # fmt: skip
+        "ot",
+        WALKER,
+        x_m=46.0 * math.sin(at),
+        y_m=50.0 - 46.0 * math.cos(at),
+        yaw_rad=at - math.pi / 2,
+        speed_mps=1.5,
+    )
     found = encounter(state(x_m=0.0, speed_mps=10.0), other, path)
     assert found.zone_gap_m == pytest.approx(50.0 * at - 0.55 - 3.0, abs=0.02)
 
@@ -223,9 +245,15 @@ def test_a_zone_that_the_vut_is_in_already_is_reached_now() -> None:
     # The VUT's rear is at 9 m. Straight across: the walker's corridor ends 0.55 m beyond it.
     # At 45 degrees or less to the path: 0.335 m and what it walks on until it is in the corridor,
     # 3 - 0.335 - 1.3 m at 1 m/s. Slanting at 60: 4.3/tan 60 + 0.55/sin 60 = 3.118 m beyond.
-    [(8.5, 0.0, True), (8.4, 0.0, False), (6.0, 2.0, True), (5.9, 2.0, False),
-     (5.9, 0.57735, True), (5.85, 0.57735, False)],
-)  # fmt: skip
+    [
+        (8.5, 0.0, True),
+        (8.4, 0.0, False),
+        (6.0, 2.0, True),
+        (5.9, 2.0, False),
+        (5.9, 0.57735, True),
+        (5.85, 0.57735, False),
+    ],
+)
 def test_the_zone_ends_at_the_vuts_rear(x_m: float, along_mps: float, reached: bool) -> None:
     walker = state(
         "ot",
@@ -280,9 +308,15 @@ metres = st.floats(-20.0, 20.0)
 
 @settings(max_examples=100, deadline=None)
 @given(
-    x=st.floats(-10.0, 150.0), y=metres, yaw=st.floats(-3.0, 3.0), speed=st.floats(0.0, 15.0),
-    vut_mps=st.floats(0.0, 15.0), turn=st.floats(-3.0, 3.0), dx=metres, dy=metres,
-)  # fmt: skip
+    x=st.floats(-10.0, 150.0),
+    y=metres,
+    yaw=st.floats(-3.0, 3.0),
+    speed=st.floats(0.0, 15.0),
+    vut_mps=st.floats(0.0, 15.0),
+    turn=st.floats(-3.0, 3.0),
+    dx=metres,
+    dy=metres,
+)
 def test_the_frame_of_the_map_does_not_matter(
     x: float, y: float, yaw: float, speed: float, vut_mps: float, turn: float, dx: float, dy: float
 ) -> None:

@@ -242,9 +242,12 @@ def test_the_distance_of_two_boxes(gap_m: float, code: SafetyCode | None, side: 
 
 
 @given(
-    st.floats(-8.0, 8.0), st.floats(-8.0, 8.0), st.floats(-3.2, 3.2), st.floats(-3.2, 3.2),
+    st.floats(-8.0, 8.0),
+    st.floats(-8.0, 8.0),
+    st.floats(-3.2, 3.2),
+    st.floats(-3.2, 3.2),
     st.floats(0.0, 3.0),
-)  # fmt: skip
+)
 def test_separation_is_the_distance_of_the_boxes(
     x_m: float, y_m: float, yaw_a_rad: float, yaw_b_rad: float, limit_m: float
 ) -> None:

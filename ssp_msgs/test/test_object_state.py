@@ -15,9 +15,18 @@ from ssp_core.vocabulary import OBJECTS, ObjectClass, Role
 
 S = 1_000_000_000
 STATE = ObjectState(
-    "ot1", ObjectClass.CAR, Role.OT, 2 * S, 10.0, 5.0, math.pi / 2, 4.0, 0.0, 0.0,
+    "ot1",
+    ObjectClass.CAR,
+    Role.OT,
+    2 * S,
+    10.0,
+    5.0,
+    math.pi / 2,
+    4.0,
+    0.0,
+    0.0,
     DEFAULT_SIZES[ObjectClass.CAR],
-)  # fmt: skip
+)
 
 
 def test_straight_on_and_back() -> None:

@@ -14,8 +14,13 @@ from ssp_core.run_file.values import SiteDatum, Start
 
 START: dict[str, Any] = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
 BUILDING: dict[str, Any] = {
-    "type": "building", "s_m": 0, "l_m": 9, "length_m": 5, "width_m": 5, "height_m": 5,
-}  # fmt: skip
+    "type": "building",
+    "s_m": 0,
+    "l_m": 9,
+    "length_m": 5,
+    "width_m": 5,
+    "height_m": 5,
+}
 DATUM: dict[str, Any] = {"latitude_deg": 57.7, "longitude_deg": 12.9}
 ANGLES = [
     (Start, START, "yaw_rad", 2 * math.pi, "2π"),

@@ -33,9 +33,19 @@ def judged(
     assert heading is not None
     for t_s, x, y, yaw, v, std in rows:
         state = ObjectState(
-            "one", cls, Role.VUT, round(t_s * S), x, y, yaw, v, 0.0, 0.0, DEFAULT_SIZES[cls],
+            "one",
+            cls,
+            Role.VUT,
+            round(t_s * S),
+            x,
+            y,
+            yaw,
+            v,
+            0.0,
+            0.0,
+            DEFAULT_SIZES[cls],
             position_std_m=std,
-        )  # fmt: skip
+        )
         watch.see(state)
         if (found := heading.see(state, stands=has_stood(state, watch))) is not None:
             return t_s, found

@@ -22,9 +22,15 @@ def drive(count: int) -> list[tuple[float, list[ObjectState]]]:
         t_s = 0.02 * k
         vut = object_state("vut", x_m=10.0 * t_s, speed_mps=10.0, stamp_ns=20_000_000 * k)
         car = object_state(
-            "ot1", x_m=25.0 + 8.0 * t_s, y_m=max(0.0, 4.0 - t_s), yaw_rad=-0.12, speed_mps=8.0,
-            stamp_ns=20_000_000 * k, sequence=k + 1, control_state=ControlState.RUNNING,
-        )  # fmt: skip
+            "ot1",
+            x_m=25.0 + 8.0 * t_s,
+            y_m=max(0.0, 4.0 - t_s),
+            yaw_rad=-0.12,
+            speed_mps=8.0,
+            stamp_ns=20_000_000 * k,
+            sequence=k + 1,
+            control_state=ControlState.RUNNING,
+        )
         rows.append((t_s, [vut] if k % 7 == 3 else [vut, car]))
     return rows
 

@@ -37,18 +37,23 @@ LEVEL = Camera(
 
 
 @given(
-    pitch=st.floats(-1.5, 1.5), yaw=st.floats(-3.0, 3.0), roll=st.floats(-3.0, 3.0),
+    pitch=st.floats(-1.5, 1.5),
+    yaw=st.floats(-3.0, 3.0),
+    roll=st.floats(-3.0, 3.0),
     left=st.floats(-1.0, 1.0),
-)  # fmt: skip
+)
 @settings(max_examples=50)
 def test_the_transform_gives_the_mounting_back(
     pitch: float, yaw: float, roll: float, left: float
 ) -> None:
     camera = LEVEL.model_copy(
         update={
-            "pitch_down_rad": pitch, "yaw_left_rad": yaw, "roll_right_rad": roll, "left_m": left
+            "pitch_down_rad": pitch,
+            "yaw_left_rad": yaw,
+            "roll_right_rad": roll,
+            "left_m": left,
         }
-    )  # fmt: skip
+    )
     sent = mount(camera)
     x, y, z, w = sent.quaternion_xyzw
     column = [2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)]
@@ -60,9 +65,18 @@ def test_the_transform_gives_the_mounting_back(
 
 
 STATE = ObjectState(
-    "ot1", ObjectClass.CAR, Role.OT, 1_500_000_000, 3.0, -2.0, 0.5, 0.0, 0.0, 0.0,
+    "ot1",
+    ObjectClass.CAR,
+    Role.OT,
+    1_500_000_000,
+    3.0,
+    -2.0,
+    0.5,
+    0.0,
+    0.0,
+    0.0,
     DEFAULT_SIZES[ObjectClass.CAR],
-)  # fmt: skip
+)
 
 
 @given(yaw=st.floats(-7.0, 7.0), ahead=st.floats(-50.0, 50.0), left=st.floats(-50.0, 50.0))
@@ -114,9 +128,13 @@ def test_only_what_is_later_and_can_be_carried_is_told() -> None:
 TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9)
 NUMBERS = st.floats(allow_nan=False)
 TRANSFORMS = st.builds(
-    Transform, TEXTS, TEXTS, st.integers(0, 2**31 * 10**9 - 1),
-    st.tuples(*[NUMBERS] * 3), st.tuples(*[NUMBERS] * 4),
-)  # fmt: skip
+    Transform,
+    TEXTS,
+    TEXTS,
+    st.integers(0, 2**31 * 10**9 - 1),
+    st.tuples(*[NUMBERS] * 3),
+    st.tuples(*[NUMBERS] * 4),
+)
 
 
 @given(st.lists(TRANSFORMS, max_size=5))
@@ -151,9 +169,10 @@ def test_the_installed_type_is_ros_own() -> None:
 
     prefixes = os.environ["AMENT_PREFIX_PATH"].split(os.pathsep)
     told = next(
-        path for p in prefixes
+        path
+        for p in prefixes
         if (path := Path(p, "share", "tf2_msgs", "msg", "TFMessage.json")).is_file()
-    )  # fmt: skip
+    )
     hashes = {t["type_name"]: t["hash_string"] for t in json.loads(told.read_text())["type_hashes"]}
     assert hashes[TF_TYPE] == definition(TF_TYPE).type_hash
     assert TFMessage.get_fields_and_field_types() == {

@@ -10,11 +10,17 @@ from ssp_core.vocabulary import DOMAINS, read_domain
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        *((word, word) for word in DOMAINS), ("Syn", "synthetic"), ("SIM", "simulation"),
-        ("phy", "physical"), ("Physical", "physical"), ("track", None), ("", None), ("s", None),
+        *((word, word) for word in DOMAINS),
+        ("Syn", "synthetic"),
+        ("SIM", "simulation"),
+        ("phy", "physical"),
+        ("Physical", "physical"),
+        ("track", None),
+        ("", None),
+        ("s", None),
         ("simul", None),
     ],
-)  # fmt: skip
+)
 def test_a_domain_is_read_by_its_word_or_its_short_name(text: str, word: str | None) -> None:
     assert read_domain(text) == word
     if word is not None:

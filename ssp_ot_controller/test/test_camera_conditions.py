@@ -42,9 +42,14 @@ ROAD = Road(
 
 
 def thing(
-    object_class: ObjectClass, x_m: float, y_m: float = 0.0, yaw_rad: float = 0.0,
-    speed_mps: float = 0.0, object_id: str = "thing", **changes: float,
-) -> ObjectState:  # fmt: skip
+    object_class: ObjectClass,
+    x_m: float,
+    y_m: float = 0.0,
+    yaw_rad: float = 0.0,
+    speed_mps: float = 0.0,
+    object_id: str = "thing",
+    **changes: float,
+) -> ObjectState:
     return object_state(object_id, object_class, x_m, y_m, yaw_rad, speed_mps, **changes)
 
 
@@ -52,9 +57,14 @@ VUT = thing(ObjectClass.CAR, 10.0, object_id="vut")
 
 
 def picture(
-    *objects: ObjectState, camera: Camera = CAMERA, look: Look = QUIET, vut: ObjectState = VUT,
-    frame_index: int = 0, detail: Detail = PLAIN, **more: Any,
-) -> Image:  # fmt: skip
+    *objects: ObjectState,
+    camera: Camera = CAMERA,
+    look: Look = QUIET,
+    vut: ObjectState = VUT,
+    frame_index: int = 0,
+    detail: Detail = PLAIN,
+    **more: Any,
+) -> Image:
     image: Image = render(Scene(ROAD, vut, objects, **more), look, camera, frame_index, 3, detail)
     return image
 

@@ -20,9 +20,12 @@ ROAD = Road(origin=Start(x_m=0.0, y_m=0.0, yaw_rad=0.5), length_m=200.0, lanes=L
 
 
 def car(
-    x_m: float = 30.0, y_m: float = 0.0, yaw_rad: float = 0.5, speed_mps: float = 10.0,
+    x_m: float = 30.0,
+    y_m: float = 0.0,
+    yaw_rad: float = 0.5,
+    speed_mps: float = 10.0,
     object_class: ObjectClass = ObjectClass.CAR,
-) -> ObjectState:  # fmt: skip
+) -> ObjectState:
     return object_state("ot1", object_class, x_m, y_m, yaw_rad, speed_mps)
 
 

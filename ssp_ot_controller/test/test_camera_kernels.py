@@ -89,9 +89,11 @@ def test_neighbours_leave_no_crack(middle: tuple[float, float], depths: list[int
 
 
 @given(
-    u=st.floats(0.0, 200.0), v=st.floats(0.0, 30.0), wide=st.floats(0.01, 0.9),
+    u=st.floats(0.0, 200.0),
+    v=st.floats(0.0, 30.0),
+    wide=st.floats(0.01, 0.9),
     high=st.floats(0.01, 0.9),
-)  # fmt: skip
+)
 @settings(max_examples=60, deadline=None)
 def test_windows_are_the_mean_of_their_footprint(
     u: float, v: float, wide: float, high: float

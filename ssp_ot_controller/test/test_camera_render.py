@@ -47,9 +47,14 @@ CLASSES = [c for c in ObjectClass if c is not ObjectClass.UNKNOWN]
 
 
 def thing(
-    object_class: ObjectClass, x_m: float, y_m: float = 0.0, yaw_rad: float = 0.0,
-    speed_mps: float = 1.0, object_id: str = "thing", **changes: float,
-) -> ObjectState:  # fmt: skip
+    object_class: ObjectClass,
+    x_m: float,
+    y_m: float = 0.0,
+    yaw_rad: float = 0.0,
+    speed_mps: float = 1.0,
+    object_id: str = "thing",
+    **changes: float,
+) -> ObjectState:
     return object_state(object_id, object_class, x_m, y_m, yaw_rad, speed_mps, **changes)
 
 
@@ -100,9 +105,14 @@ print(hashlib.sha256(image.tobytes()).hexdigest())
 """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, cwd=tmp_path, capture_output=True,
-        text=True, timeout=600, check=True,
-    )  # fmt: skip
+        [sys.executable, "-c", program],
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=True,
+    )
     scene = Scene(board.road, board.vut.state(4.0), board.states(4.0))
     image = render(scene, board.look, CAMERA, 7, board.seed)
     assert done.stdout.strip() == hashlib.sha256(image.tobytes()).hexdigest()

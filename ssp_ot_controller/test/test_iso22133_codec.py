@@ -70,9 +70,16 @@ from support.iso22133 import (
 )
 
 ENUMERATIONS = (
-    TrajectoryInfo, CoordinateSystem, OsemTestMode, ObjectCommand, CentreStatus, DriveDirection,
-    ReadyToArm, ObjectError, ResponseCode,
-)  # fmt: skip
+    TrajectoryInfo,
+    CoordinateSystem,
+    OsemTestMode,
+    ObjectCommand,
+    CentreStatus,
+    DriveDirection,
+    ReadyToArm,
+    ObjectError,
+    ResponseCode,
+)
 headers = st.fixed_dictionaries(
     {
         "transmitter_id": st.integers(0, NO_ID),
@@ -103,8 +110,16 @@ def test_a_message_without_public_content_keeps_its_items(message: Opaque) -> No
 def test_every_message_has_a_table_or_is_opaque() -> None:
     named = {MessageId[cls.__name__.upper()] for cls in CLASSES}
     assert {i.name for i in set(MessageId) - named} == {
-        "MONR2", "SOWM", "INFO", "CATA", "RCCM", "PIME", "COSE", "MOMA", "RCRT",
-    }  # fmt: skip
+        "MONR2",
+        "SOWM",
+        "INFO",
+        "CATA",
+        "RCCM",
+        "PIME",
+        "COSE",
+        "MOMA",
+        "RCRT",
+    }
 
 
 # -- known bytes ----------------------------------------------------------------------------------
@@ -242,28 +257,52 @@ def test_enumerations_have_the_numbers_of_the_wire() -> None:
         "OsemTestMode": {"PREPLANNED": 0, "ONLINE": 1, "SCENARIO": 2},
         "ObjectCommand": {"ARM": 2, "DISARM": 3, "REMOTE_CONTROL": 6, "ALL_CLEAR": 10},
         "CentreStatus": {
-            "INIT": 0, "READY": 1, "ABORT": 2, "RUNNING": 3, "TEST_DONE": 4, "NORMAL_STOP": 5,
+            "INIT": 0,
+            "READY": 1,
+            "ABORT": 2,
+            "RUNNING": 3,
+            "TEST_DONE": 4,
+            "NORMAL_STOP": 5,
         },
         "DriveDirection": {"FORWARD": 0, "BACKWARD": 1},
         "ReadyToArm": {"NOT_READY": 0, "READY": 1},
         "ObjectError": {
-            "VENDOR": 1, "SYNC_POINT_ENDED": 2, "OTHER": 4, "BATTERY_FAULT": 8,
-            "ENGINE_FAULT": 16, "BAD_POSITIONING_ACCURACY": 32, "OUTSIDE_GEOFENCE": 64,
+            "VENDOR": 1,
+            "SYNC_POINT_ENDED": 2,
+            "OTHER": 4,
+            "BATTERY_FAULT": 8,
+            "ENGINE_FAULT": 16,
+            "BAD_POSITIONING_ACCURACY": 32,
+            "OUTSIDE_GEOFENCE": 64,
             "ABORT_REQUEST": 128,
         },
         "ResponseCode": {
-            "OK": 1, "GENERAL_ERROR": 2, "NOT_SUPPORTED": 3, "NO_MEMORY": 4, "INVALID_DATA": 5,
+            "OK": 1,
+            "GENERAL_ERROR": 2,
+            "NOT_SUPPORTED": 3,
+            "NO_MEMORY": 4,
+            "INVALID_DATA": 5,
             "CHUNK_RECEIVED": 6,
         },
-    }  # fmt: skip
+    }
     messages = "TRAJ OSEM OSTM STRT HEAB MONR MONR2 SOWM INFO RCMM SYPM MTSP"
     assert [MessageId(n).name for n in range(1, 13)] == messages.split()
     rest = {i.name: i.value for i in MessageId if i > 12}
     assert rest == {
-        "DREQ": 0x10, "DRES": 0x11, "ACCM": 0x12, "TREO": 0x13, "EXAC": 0x14, "CATA": 0x15,
-        "GREM": 0x18, "RCCM": 0x20, "TRCM": 0x21, "PIME": 0x30, "COSE": 0x31, "MOMA": 0x32,
+        "DREQ": 0x10,
+        "DRES": 0x11,
+        "ACCM": 0x12,
+        "TREO": 0x13,
+        "EXAC": 0x14,
+        "CATA": 0x15,
+        "GREM": 0x18,
+        "RCCM": 0x20,
+        "TRCM": 0x21,
+        "PIME": 0x30,
+        "COSE": 0x31,
+        "MOMA": 0x32,
         "RCRT": 0x33,
-    }  # fmt: skip
+    }
 
 
 def test_48_bits_hold_a_place_in_the_south_west_to_a_ten_billionth_of_a_degree() -> None:

@@ -23,9 +23,18 @@ from ssp_ot_controller.objects.state_machine import TABLE, ObjectEvent
 # A row for each session state; + agrees, . may lead there, - contradicts. The last column is a
 # state that isn't known.
 COLUMNS = [
-    "OFF", "INIT", "DISARMED", "PRE_ARMING", "ARMED", "PRE_RUNNING", "RUNNING", "POSTRUN",
-    "REMOTE_CONTROLLED", "ABORTING", None,
-]  # fmt: skip
+    "OFF",
+    "INIT",
+    "DISARMED",
+    "PRE_ARMING",
+    "ARMED",
+    "PRE_RUNNING",
+    "RUNNING",
+    "POSTRUN",
+    "REMOTE_CONTROLLED",
+    "ABORTING",
+    None,
+]
 FITS = """
 UNKNOWN    - - - - - - - - - - -
 IDLE       + + + . . - - . - . -

@@ -376,8 +376,9 @@ def test_outside_of_its_fence_it_says_so() -> None:
     assert centre.monr.state == ControlState.ABORTING
     bits = ObjectError.OUTSIDE_GEOFENCE | ObjectError.ABORT_REQUEST
     assert (centre.monr.error_status, centre.monr.error_code) == (
-        bits, SafetyCode.OUTSIDE_GEOFENCE,
-    )  # fmt: skip
+        bits,
+        SafetyCode.OUTSIDE_GEOFENCE,
+    )
 
 
 def test_a_discovery_request_is_answered() -> None:

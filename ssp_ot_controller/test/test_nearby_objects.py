@@ -89,9 +89,15 @@ def test_two_lines_of_one_name_are_told_apart_by_the_one_that_lags() -> None:
     assert line.strangers(40 * MS) == 1
 
 
-@pytest.mark.parametrize(("silent_ms", "may_move", "taken"), [
-    (500, False, False), (501, False, True), (501, True, False), (60_000, True, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("silent_ms", "may_move", "taken"),
+    [
+        (500, False, False),
+        (501, False, True),
+        (501, True, False),
+        (60_000, True, False),
+    ],
+)
 def test_a_new_manager_takes_over_from_a_silent_one_when_nothing_may_move(
     silent_ms: int, may_move: bool, taken: bool
 ) -> None:

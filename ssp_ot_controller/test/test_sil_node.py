@@ -121,14 +121,18 @@ def start(
 def world_process(domain_id: int, run_file: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [
-            sys.executable, "-m", "ssp_ot_controller.ros.sil_world",
-            "--ros-args", "-p", f"run_file:={run_file}",
+            sys.executable,
+            "-m",
+            "ssp_ot_controller.ros.sil_world",
+            "--ros-args",
+            "-p",
+            f"run_file:={run_file}",
         ],
         env=session_environment(domain_id),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-    )  # fmt: skip
+    )
 
 
 def test_an_external_driver_is_waited_for_obeyed_and_missed(start: Start) -> None:

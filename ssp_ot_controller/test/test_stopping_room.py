@@ -180,9 +180,12 @@ def test_who_drives_an_accepted_reference_may_stop_anywhere() -> None:
             continue
         for p in points:
             here = state(
-                x_m=p.x_m, y_m=p.y_m, yaw_rad=p.yaw_rad, speed_mps=p.speed_mps,
+                x_m=p.x_m,
+                y_m=p.y_m,
+                yaw_rad=p.yaw_rad,
+                speed_mps=p.speed_mps,
                 yaw_rate_radps=p.speed_mps * p.curvature_1pm,
-            )  # fmt: skip
+            )
             assert judge.excess_m(here, None, None) == 0.0
 
 

@@ -45,9 +45,13 @@ def reference(
     name: str, execute_at_ns: int, points: list[ReferencePoint], dispatched_ns: int = 0
 ) -> Reference:
     return make_reference(
-        points, reference_id=name, event_version=VERSION, dispatched_ns=dispatched_ns,
-        execute_at_ns=execute_at_ns, expires_at_ns=execute_at_ns + S,
-    )  # fmt: skip
+        points,
+        reference_id=name,
+        event_version=VERSION,
+        dispatched_ns=dispatched_ns,
+        execute_at_ns=execute_at_ns,
+        expires_at_ns=execute_at_ns + S,
+    )
 
 
 def straight(cruise_mps: float = 8.0, end_x_m: float = 200.0) -> list[ReferencePoint]:

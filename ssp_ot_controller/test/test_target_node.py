@@ -338,10 +338,16 @@ def test_live_an_object_of_hardware_drives_and_stops_by_itself(
         second = 10**9
         sent.append(
             Reference(
-                "r1", "ot1", VERSION, "approach", now_ns, now_ns + second, now_ns + 3 * second,
+                "r1",
+                "ot1",
+                VERSION,
+                "approach",
+                now_ns,
+                now_ns + second,
+                now_ns + 3 * second,
                 tuple(points),
             )
-        )  # fmt: skip
+        )
         peers.reference_pub.publish(reference_to_msg(sent[0]))
         peers.spin_until(lambda: peers.acks, "an answer")
         assert peers.acks[0].accepted, peers.acks[0].error_msg

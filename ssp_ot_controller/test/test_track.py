@@ -42,11 +42,15 @@ def test_it_is_what_sampling_the_reference_gives(ref: Reference, after_ns: int) 
     point = track.at(t_s)
     assert point == pytest.approx(
         (
-            wanted.x_m, wanted.y_m, wanted.yaw_rad,
-            wanted.speed_mps, wanted.acceleration_mps2, wanted.curvature_1pm,
+            wanted.x_m,
+            wanted.y_m,
+            wanted.yaw_rad,
+            wanted.speed_mps,
+            wanted.acceleration_mps2,
+            wanted.curvature_1pm,
         ),
         abs=1e-9,
-    )  # fmt: skip
+    )
     assert track.speed_mps(t_s) == pytest.approx(point.speed_mps, abs=1e-12)
     assert track.curvature_1pm(t_s) == pytest.approx(point.curvature_1pm, abs=1e-12)
     (acceleration,) = track.accelerations(np.array([t_s]))

@@ -79,9 +79,12 @@ def crossing(execute_s: float = 10.1) -> PlannedMotion:
 
 def cut_in(execute_s: float = 13.0) -> PlannedMotion:
     change = LaneChange(
-        kind="lane_change", lateral_shift_m=-3.5, duration_s=2.5, cruise_mps=5.5,
+        kind="lane_change",
+        lateral_shift_m=-3.5,
+        duration_s=2.5,
+        cruise_mps=5.5,
         deceleration_mps2=2.0,
-    )  # fmt: skip
+    )
     approach = approach_reference(address(0.5, "a"), DRIVEN)
     sent = manoeuvre_reference(address(execute_s), change, vut(0.0), approach, DRIVEN)
     found = planned_motion_of(approach, sent, 10 * S, CAR, VUT, PATH)
@@ -194,9 +197,12 @@ def test_who_merges_leaves_its_zone_as_it_arrives_and_the_zone_begins_at_its_rea
 
 def test_who_never_comes_into_the_corridor_meets_nobody() -> None:
     away = LaneChange(
-        kind="lane_change", lateral_shift_m=3.5, duration_s=2.5, cruise_mps=8.0,
+        kind="lane_change",
+        lateral_shift_m=3.5,
+        duration_s=2.5,
+        cruise_mps=8.0,
         deceleration_mps2=2.0,
-    )  # fmt: skip
+    )
     approach = approach_reference(address(0.5, "a"), DRIVEN)
     sent = manoeuvre_reference(address(13.0), away, vut(0.0), approach, DRIVEN)
     assert planned_motion_of(approach, sent, 10 * S, CAR, VUT, PATH) is None
@@ -392,7 +398,15 @@ def test_references_play_as_references() -> None:
     drive.go(1.0, 8.5)
     pace = drive.sent[-1][1].pace
     assert pace is not None
-    sent = Reference("x", "ot1", "v", "adapted", 0, pace.start_ns, pace.start_ns + S,
-                     play(planned_motion.columns, pace))  # fmt: skip
+    sent = Reference(
+        "x",
+        "ot1",
+        "v",
+        "adapted",
+        0,
+        pace.start_ns,
+        pace.start_ns + S,
+        play(planned_motion.columns, pace),
+    )
     assert sent.points[-1].speed_mps == 0.0
     assert sent.points[-1].y_m == pytest.approx(13.0)

@@ -100,12 +100,26 @@ def test_a_field_has_a_path(field: str, value: Any) -> None:
 @pytest.mark.parametrize(
     "field",
     [
-        "", ".", "limits.", ".limits", "limits..speed_mps", "limits speed_mps", "limits.speed",
-        "limitsspeed_mps", "limits[0]", "geofence[9]", "geofence[-1]", "geofence[x]", "[0]",
-        "road.lanes.0.y_m", "limits.speed_mps.value", "triggers[0]condition", "__class__",
+        "",
+        ".",
+        "limits.",
+        ".limits",
+        "limits..speed_mps",
+        "limits speed_mps",
+        "limits.speed",
+        "limitsspeed_mps",
+        "limits[0]",
+        "geofence[9]",
+        "geofence[-1]",
+        "geofence[x]",
+        "[0]",
+        "road.lanes.0.y_m",
+        "limits.speed_mps.value",
+        "triggers[0]condition",
+        "__class__",
         "a" * 999,
     ],
-)  # fmt: skip
+)
 def test_what_is_no_path_of_a_field_is_refused(field: str) -> None:
     with pytest.raises(InputError, match="is no field of the run"):
         value_at(RUN, field)
@@ -240,8 +254,14 @@ def test_what_files_leave_out_can_be_changed_on_site(field: str, text: str, old:
     new = parse_value(RUN, field, text)
     changed = with_value(RUN, field, new)
     record = Record(
-        kind="site_change", when="2025-03-01T09:30:00Z", who="A. Tester", subject="cut_in",
-        field=field, old=old, new=new, reason="surveyed",
-    )  # fmt: skip
+        kind="site_change",
+        when="2025-03-01T09:30:00Z",
+        who="A. Tester",
+        subject="cut_in",
+        field=field,
+        old=old,
+        new=new,
+        reason="surveyed",
+    )
     assert differences(RUN, changed) != []
     assert differences(explained(RUN, [record]), changed) == []

@@ -52,16 +52,32 @@ def record(
     ]
     if safety:
         event = types["ssp_msgs/msg/SafetyEvent"](
-            header=header, code=20, limit_name="separation", source="manager", object_id="ot1",
-            measured=0.1, limit=0.5, unit="m", reaction="abort", words="",
-        )  # fmt: skip
+            header=header,
+            code=20,
+            limit_name="separation",
+            source="manager",
+            object_id="ot1",
+            measured=0.1,
+            limit=0.5,
+            unit="m",
+            reaction="abort",
+            words="",
+        )
         messages.append(("/ssp/safety_event", event))
     ends = ((SessionPhase.RUNNING, Verdict.NONE), (SessionPhase.FINISHED, verdict))
     for state, word in ends:
         message = types["ssp_msgs/msg/SessionState"](
-            header=header, state=int(state), previous=0, event="test", reason="", run_id="r1",
-            scenario="cut_in", event_version="", verdict=int(word), reasons=[],
-        )  # fmt: skip
+            header=header,
+            state=int(state),
+            previous=0,
+            event="test",
+            reason="",
+            run_id="r1",
+            scenario="cut_in",
+            event_version="",
+            verdict=int(word),
+            reasons=[],
+        )
         messages.append(("/ssp/session_state", message))
     with BagWriter(bag) as writer:
         for name in FILES:

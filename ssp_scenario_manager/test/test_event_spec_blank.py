@@ -86,8 +86,11 @@ def test_a_new_event_lacks_only_decisions_and_with_them_is_a_k_star(
     for field in open_:
         # Each is marked in the file, by a comment above it.
         name = field.removesuffix("[0]").split(".")[-1]
-        marks = [a for a, b in zip(text.splitlines(), text.splitlines()[1:], strict=False)
-                 if b.strip().startswith(f"{name}:")]  # fmt: skip
+        marks = [
+            a
+            for a, b in zip(text.splitlines(), text.splitlines()[1:], strict=False)
+            if b.strip().startswith(f"{name}:")
+        ]
         assert any("# decide:" in line for line in marks), field
     assert accept_everything(path, monkeypatch) == 1
     assert main(["spec", "new", kind, "--name", "mine", "--out", str(path)]) == 1

@@ -462,9 +462,13 @@ def test_nothing_a_model_says_steers_a_terminal(extraction: Extraction) -> None:
 
 def test_a_standing_road_user_has_speed_0(extraction: Extraction) -> None:
     extraction.server.answers["motion_ot1"] = cells(
-        position="front", motion="stationary", heading="same", speed_trend="standing",
-        longitudinal="closing", lateral="none",
-    )  # fmt: skip
+        position="front",
+        motion="stationary",
+        heading="same",
+        speed_trend="standing",
+        longitudinal="closing",
+        lateral="none",
+    )
     assert extraction.run() == 0
     event = extraction.event()
     assert event.constraints.speeds["ot1"]["trigger"] == Interval(min=0.0, max=0.0, unit="m/s")
@@ -789,9 +793,12 @@ def test_a_candidate_is_not_overwritten_unasked(extraction: Extraction) -> None:
 def test_a_refused_clip_stays_refused_until_it_is_another(extraction: Extraction) -> None:
     assert extraction.run() == 0
     refusal = Record(
-        kind="gate", when="2025-01-01T00:00:00Z", who="A. Author", subject="merge_clip",
+        kind="gate",
+        when="2025-01-01T00:00:00Z",
+        who="A. Author",
+        subject="merge_clip",
         reason="identity drift",
-    )  # fmt: skip
+    )
     append_record(extraction.out / "merge_clip.log.jsonl", refusal)
     assert extraction.run("--force") == 1
     assert "refused by A. Author" in extraction.error()

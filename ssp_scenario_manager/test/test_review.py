@@ -231,9 +231,12 @@ def test_the_kind_of_interaction_takes_its_fields_along(
     assert {record.reason for record in records[1:]} == {"follows from interaction.type"}
     fields = {record.field for record in records[1:]}
     assert fields == {
-        "interaction.relation", "interaction.zone", "constraints.manoeuvre",
-        "constraints.trigger.quantity", "constraints.trigger.below",
-    }  # fmt: skip
+        "interaction.relation",
+        "interaction.zone",
+        "constraints.manoeuvre",
+        "constraints.trigger.quantity",
+        "constraints.trigger.below",
+    }
     assert event.uncertainty["interaction.relation"].review == "unreviewed"
     assert "and with it constraints.manoeuvre" in text_of(capsys)
 
@@ -352,9 +355,11 @@ def test_a_machine_that_dies_in_between_leaves_a_whole_file(
 
 
 def test_a_file_that_somebody_else_changes_is_not_overwritten(
-    candidate: Path, review: Review, monkeypatch: pytest.MonkeyPatch,
+    candidate: Path,
+    review: Review,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     class Meddling(io.StringIO):
         def readline(self, *_: Any) -> str:  # type: ignore[override]
             candidate.write_text(candidate.read_text() + "# mine\n")
@@ -383,9 +388,13 @@ def test_a_k_star_is_renewed_after_a_further_review(candidate: Path, review: Rev
     event, _ = load_event(str(candidate))
     after, _ = edit(event, "constraints.trigger.below", {"min": 17, "max": 20, "unit": "m"}, "B")
     record = Record(
-        kind="edit", when="2025-01-01T00:00:00Z", who="B", subject="cut_in", reason="r",
+        kind="edit",
+        when="2025-01-01T00:00:00Z",
+        who="B",
+        subject="cut_in",
+        reason="r",
         details={"version_after": event_version(after)},
-    )  # fmt: skip
+    )
     write_event(candidate, after)
     append_record(candidate.with_name("cut_in.log.jsonl"), record)
     assert review(candidate) == 0
@@ -433,9 +442,13 @@ def test_contact_sheets_show_the_frames_of_the_crop(
     video = video_of(candidate.with_name("clip.avi"))
     crop = {"start_s": 1.0, "end_s": 3.0, "first_frame": 10}
     record = Record(
-        kind="source", when="2025-01-01T00:00:00Z", who="x", subject="cut_in", reason="r",
+        kind="source",
+        when="2025-01-01T00:00:00Z",
+        who="x",
+        subject="cut_in",
+        reason="r",
         details={"sha256": "s", "crop": crop},
-    )  # fmt: skip
+    )
     append_record(candidate.with_name("cut_in.log.jsonl"), record)
     assert review(candidate, "q", options=("--video", video)) == 1
     sheet = candidate.with_name("cut_in.review") / "frames-000004-000009-6.jpg"
@@ -524,12 +537,29 @@ def test_no_order_of_decisions_breaks_a_seal(data: st.DataObject) -> None:
 @given(
     st.lists(
         st.sampled_from(
-            ["a", "e", "u", "s", "r", "?", "", "q", "1", "17..18 m", "car", "because", "unresolved",
-             "motion=stationary", "[", "null", "\x1b[2J"]
+            [
+                "a",
+                "e",
+                "u",
+                "s",
+                "r",
+                "?",
+                "",
+                "q",
+                "1",
+                "17..18 m",
+                "car",
+                "because",
+                "unresolved",
+                "motion=stationary",
+                "[",
+                "null",
+                "\x1b[2J",
+            ]
         ),
         max_size=30,
     )
-)  # fmt: skip
+)
 def test_no_line_leaves_a_broken_file(
     tmp_path_factory: pytest.TempPathFactory, lines: list[str]
 ) -> None:

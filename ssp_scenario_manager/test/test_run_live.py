@@ -22,11 +22,19 @@ from ssp_scenario_manager.run.live import LiveSetup, describe, doctor_command
 
 def options(**given: Any) -> dict[str, Any]:
     return {
-        "bodies": (), "odometry": None, "navsat": None, "heading": None, "velocity": None,
-        "least_fix": None, "unit": None, "remappings": (), "wait": False, "start_at_once": False,
+        "bodies": (),
+        "odometry": None,
+        "navsat": None,
+        "heading": None,
+        "velocity": None,
+        "least_fix": None,
+        "unit": None,
+        "remappings": (),
+        "wait": False,
+        "start_at_once": False,
         "declared": None,
-        **given
-    }  # fmt: skip
+        **given,
+    }
 
 
 @pytest.fixture

@@ -28,13 +28,25 @@ from ssp_scenario_manager.triggers.conditions import Sample
 S = 10**9
 PASSED = LimitFact(SafetyCode.SEPARATION, "sil_world", "ot1", 0.4, 0.5, 7 * S + 3, "näher")
 CHANGE = StateChanged(
-    5, SessionPhase.FINISHED, SessionPhase.STOPPING, "finish", "ends",
-    Verdict.OFF_SPEC, ("first", "second, longer"),
-)  # fmt: skip
+    5,
+    SessionPhase.FINISHED,
+    SessionPhase.STOPPING,
+    "finish",
+    "ends",
+    Verdict.OFF_SPEC,
+    ("first", "second, longer"),
+)
 FIRED = Triggered(
-    9 * S, "t1", "gap < 18 m", 18.0, (Sample(8 * S, 18.1), Sample(9 * S, 17.9)), 8 * S + 5, 9 * S,
-    ("ot1", "ot22"), ("ref",),
-)  # fmt: skip
+    9 * S,
+    "t1",
+    "gap < 18 m",
+    18.0,
+    (Sample(8 * S, 18.1), Sample(9 * S, 17.9)),
+    8 * S + 5,
+    9 * S,
+    ("ot1", "ot22"),
+    ("ref",),
+)
 
 
 @pytest.fixture
@@ -51,30 +63,76 @@ def spec(run: RunSpec) -> RunSpec:
 @pytest.mark.parametrize(
     ("msgtype", "data", "fields"),
     [
-        ("ssp_msgs/msg/PhaseEvent", encode_phase(PhaseBegan(77, Phase.RESOLUTION, "TTC 3 s")),
-         {"phase": 4, "evidence": "TTC 3 s", "provisional": True}),
-        ("ssp_msgs/msg/SafetyEvent", encode_limit(PASSED, "local_stop"),
-         {"code": SafetyCode.SEPARATION, "measured": 0.4, "limit": 0.5, "reaction": "local_stop",
-          "limit_name": MEANINGS[SafetyCode.SEPARATION].limit_name, "words": "näher",
-          "unit": "m", "source": "sil_world", "object_id": "ot1"}),
-        ("ssp_msgs/msg/SafetyEvent", encode_limit(PASSED, name="disk_left", unit="s"),
-         {"limit_name": "disk_left", "unit": "s", "reaction": "abort"}),
-        ("ssp_msgs/msg/FaultEvent",
-         encode_fault(FaultFact("w", "0 link_delay", "ot1", True, 0.06, "s", 3)),
-         {"source": "w", "fault": "0 link_delay", "target": "ot1", "active": True, "value": 0.06,
-          "unit": "s"}),
-        ("ssp_msgs/msg/SessionState", encode_session_state(CHANGE, None),
-         {"state": 7, "previous": 6, "event": "finish", "reason": "ends", "run_id": "",
-          "verdict": 5, "reasons": ["first", "second, longer"]}),
-        ("ssp_msgs/msg/TriggerEvent", encode_trigger(FIRED, 0.25),
-         {"trigger_id": "t1", "condition": "gap < 18 m", "threshold": 18.0, "processing": 0.25,
-          "object_ids": ["ot1", "ot22"], "reference_ids": ["ref"]}),
+        (
+            "ssp_msgs/msg/PhaseEvent",
+            encode_phase(PhaseBegan(77, Phase.RESOLUTION, "TTC 3 s")),
+            {"phase": 4, "evidence": "TTC 3 s", "provisional": True},
+        ),
+        (
+            "ssp_msgs/msg/SafetyEvent",
+            encode_limit(PASSED, "local_stop"),
+            {
+                "code": SafetyCode.SEPARATION,
+                "measured": 0.4,
+                "limit": 0.5,
+                "reaction": "local_stop",
+                "limit_name": MEANINGS[SafetyCode.SEPARATION].limit_name,
+                "words": "näher",
+                "unit": "m",
+                "source": "sil_world",
+                "object_id": "ot1",
+            },
+        ),
+        (
+            "ssp_msgs/msg/SafetyEvent",
+            encode_limit(PASSED, name="disk_left", unit="s"),
+            {"limit_name": "disk_left", "unit": "s", "reaction": "abort"},
+        ),
+        (
+            "ssp_msgs/msg/FaultEvent",
+            encode_fault(FaultFact("w", "0 link_delay", "ot1", True, 0.06, "s", 3)),
+            {
+                "source": "w",
+                "fault": "0 link_delay",
+                "target": "ot1",
+                "active": True,
+                "value": 0.06,
+                "unit": "s",
+            },
+        ),
+        (
+            "ssp_msgs/msg/SessionState",
+            encode_session_state(CHANGE, None),
+            {
+                "state": 7,
+                "previous": 6,
+                "event": "finish",
+                "reason": "ends",
+                "run_id": "",
+                "verdict": 5,
+                "reasons": ["first", "second, longer"],
+            },
+        ),
+        (
+            "ssp_msgs/msg/TriggerEvent",
+            encode_trigger(FIRED, 0.25),
+            {
+                "trigger_id": "t1",
+                "condition": "gap < 18 m",
+                "threshold": 18.0,
+                "processing": 0.25,
+                "object_ids": ["ot1", "ot22"],
+                "reference_ids": ["ref"],
+            },
+        ),
         ("sensor_msgs/msg/CompressedImage", encode_frame(3, b"\xff\xd8abc"), {"format": "jpeg"}),
-        ("sensor_msgs/msg/CameraInfo",
-         encode_camera_info(3, Intrinsics(640, 360, 500.0, 501.0, 320.0, 180.0)),
-         {"width": 640, "height": 360, "distortion_model": "plumb_bob", "binning_x": 0}),
+        (
+            "sensor_msgs/msg/CameraInfo",
+            encode_camera_info(3, Intrinsics(640, 360, 500.0, 501.0, 320.0, 180.0)),
+            {"width": 640, "height": 360, "distortion_model": "plumb_bob", "binning_x": 0},
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_message_is_the_one_that_another_encoder_writes(
     msgtype: str, data: bytes, fields: dict[str, Any]
 ) -> None:

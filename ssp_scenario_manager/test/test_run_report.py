@@ -42,8 +42,16 @@ def reference(name: str, execute_at_ns: int, speed_mps: float, curvature_1pm: fl
         ReferencePoint(t, speed_mps * t, 0.0, 0.0, speed_mps, 0.0, curvature_1pm)
         for t in (0.0, 10.0, 20.0)
     )
-    return Reference(name, "ot1", "v", "approach", execute_at_ns - 100 * MS, execute_at_ns,
-                     execute_at_ns + S, points)  # fmt: skip
+    return Reference(
+        name,
+        "ot1",
+        "v",
+        "approach",
+        execute_at_ns - 100 * MS,
+        execute_at_ns,
+        execute_at_ns + S,
+        points,
+    )
 
 
 def drive(
@@ -134,8 +142,13 @@ def test_one_state_outside_the_band_is_noise(state: StateMaker) -> None:
 def test_tracking_errors_of_the_run_and_of_each_reference(state: StateMaker) -> None:
     def tracked(name: str, lateral: float, longitudinal: float, **given: Any) -> ObjectState:
         given = {"control_state": ControlState.RUNNING, **given}
-        return state("ot1", reference_id=name, error_lateral_m=lateral,
-                     error_longitudinal_m=longitudinal, **given)  # fmt: skip
+        return state(
+            "ot1",
+            reference_id=name,
+            error_lateral_m=lateral,
+            error_longitudinal_m=longitudinal,
+            **given,
+        )
 
     states = [
         tracked("", 9.0, 9.0),

@@ -256,8 +256,12 @@ def test_a_crossing_takes_place_at_the_marking_where_there_is_one() -> None:
 
 def test_of_several_markings_the_most_central_one_that_has_room_is_crossed() -> None:
     event = shipped("vru_crossing")
-    for marks, crossed in (((110.0, 330.0), 110.0), ((40.0, 150.0, 380.0), 150.0),
-                           ((210.0, 390.0), 210.0), ((30.0, 350.0), 350.0)):  # fmt: skip
+    for marks, crossed in (
+        ((110.0, 330.0), 110.0),
+        ((40.0, 150.0, 380.0), 150.0),
+        ((210.0, 390.0), 210.0),
+        ((30.0, 350.0), 350.0),
+    ):
         plan = plan_of(event, block(crossings_s_m=marks))
         assert isinstance(plan.trigger.act, Cross)
         assert plan.trigger.act.goal.s_m == crossed

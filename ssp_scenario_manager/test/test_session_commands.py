@@ -23,8 +23,17 @@ from ssp_scenario_manager.session.state_machine import (
 )
 
 S = 1_000_000_000
-REACHABLE = ("IDLE", "LOADED", "CONNECTED", "ARMED", "RUNNING", "STOPPING", "FINISHED", "ABORTING",
-             "ABORTED")  # fmt: skip
+REACHABLE = (
+    "IDLE",
+    "LOADED",
+    "CONNECTED",
+    "ARMED",
+    "RUNNING",
+    "STOPPING",
+    "FINISHED",
+    "ABORTING",
+    "ABORTED",
+)
 
 
 # State, command: the state after it and the facts that go out with the change of state. Every pair

@@ -462,10 +462,15 @@ def test_the_order_of_arrival_decides_nothing(
 @pytest.mark.parametrize("who", ["vut", "ot1"])
 @pytest.mark.parametrize(
     ("mode", "ahead_ms", "passed"),
-    [("lockstep", 50, False), ("lockstep", 51, True), ("live", 51, True),
-     # Session time itself is a step behind until the tick has come.
-     ("realtime", 70, False), ("realtime", 71, True)],
-)  # fmt: skip
+    [
+        ("lockstep", 50, False),
+        ("lockstep", 51, True),
+        ("live", 51, True),
+        # Session time itself is a step behind until the tick has come.
+        ("realtime", 70, False),
+        ("realtime", 71, True),
+    ],
+)
 def test_a_state_from_the_future(
     make_driver: Callable[[RunSpec], Any],
     run: RunSpec,

@@ -48,10 +48,16 @@ def test_a_speeding_up_vehicle_slows_down(run, straight_history):
 def test_a_circle_goes_on_to_its_own_side(run, side, words):
     """Radius 20 m at 10 m/s: a second on it is at (20 sin 0.5, ±20 (1 − cos 0.5))."""
     history = tuple(
-        EgoSample(t, 20 * math.sin(0.5 * t), side * 20 * (1 - math.cos(0.5 * t)),
-                  side * 0.5 * t, 10.0, side * 0.5)
+        EgoSample(
+            t,
+            20 * math.sin(0.5 * t),
+            side * 20 * (1 - math.cos(0.5 * t)),
+            side * 0.5 * t,
+            10.0,
+            side * 0.5,
+        )
         for t in (k * 0.05 for k in range(-40, 1))
-    )  # fmt: skip
+    )
     response, plan = run(history)
     assert plan.x_m[2] == pytest.approx(20 * math.sin(0.5))
     assert plan.y_m[2] == pytest.approx(side * 20 * (1 - math.cos(0.5)))

@@ -58,8 +58,11 @@ def drip_body(exchange):
     exchange.drip(b" " * 100_000)
 
 
-@pytest.mark.parametrize("behave", [lambda e: e.ended.wait(600.0), drip_head, drip_body],
-                         ids=["hangs", "drips its head", "drips its body"])  # fmt: skip
+@pytest.mark.parametrize(
+    "behave",
+    [lambda e: e.ended.wait(600.0), drip_head, drip_body],
+    ids=["hangs", "drips its head", "drips its body"],
+)
 def test_silence_and_drips_end_with_the_deadline(make_request, behave):
     for timeout_s in TIMES_S:
         service = wire.ScriptedService(behave)
@@ -95,8 +98,12 @@ def gzip_bomb(exchange):
 
 
 def nan_fact(exchange):
-    exchange.send(wire.http("200 OK", json.dumps(
-        wire.answer(exchange.request, decoding={"p": float("nan")})).encode()))  # fmt: skip
+    exchange.send(
+        wire.http(
+            "200 OK",
+            json.dumps(wire.answer(exchange.request, decoding={"p": float("nan")})).encode(),
+        )
+    )
 
 
 FINAL = {
@@ -136,8 +143,10 @@ FINAL = {
     "has an array that is none": (body({"arrays": [{}]}), "arrays[0].name: Field required"),
     "has a fact that is no number": (nan_fact, "decoding: holds a number that isn't finite"),
     "compresses": (gzip_bomb, "/answer is compressed (gzip), unasked"),
-    "fails": (raw("500 Internal Server Error", '{"error": "CUDA out of memory"}'),
-              "/answer says 500: CUDA out of memory"),
+    "fails": (
+        raw("500 Internal Server Error", '{"error": "CUDA out of memory"}'),
+        "/answer says 500: CUDA out of memory",
+    ),
     "is busy and doesn't say how long": (raw("503 Service Unavailable", "no"), "says 503: no"),
     "is busy until a date": (
         raw("503 Service Unavailable", "no", "Retry-After: Wed, 21 Oct 2026 07:28:00 GMT"),
@@ -148,7 +157,7 @@ FINAL = {
         raw("500 Oops", "\x1b[31mred\r\n\x00text"),
         "says 500: [31mred text",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", FINAL)
@@ -312,9 +321,10 @@ def test_a_key_goes_to_the_service_and_nowhere_else(make_request, monkeypatch):
     response = said(service, make_request(), api_key_env="TESTED_KEY")
     assert response.error_code == 0
     assert KEY not in repr(response)
-    assert "asks for a key (401); name the environment" in said(
-        wire.ScriptedService(on_answer), make_request()
-    ).error_msg  # fmt: skip
+    assert (
+        "asks for a key (401); name the environment"
+        in said(wire.ScriptedService(on_answer), make_request()).error_msg
+    )
 
 
 @pytest.mark.parametrize(

@@ -41,8 +41,12 @@ def campaign(tmp_path, make_response):
         )
 
     cells = tmp_path / "cells"
-    write(cells / "cut_in__sim__m1", one("m1", "a-1", 10, "one"), one("m1", "b-1", 11, "two"),
-          one("m1", "c-1", 12, "same"))  # fmt: skip
+    write(
+        cells / "cut_in__sim__m1",
+        one("m1", "a-1", 10, "one"),
+        one("m1", "b-1", 11, "two"),
+        one("m1", "c-1", 12, "same"),
+    )
     write(cells / "cut_in__sim__m2", one("m2", "a-2", 10, "other"), one("m2", "c-2", 12, "same"))
     (cells / "cut_in__sim__refused").mkdir()
     return tmp_path
@@ -112,16 +116,21 @@ def message_of(response):
         text=response.text,
         arrays=[
             types["ssp_msgs/msg/NativeArray"](
-                name=a.name, shape=np.array(a.shape, np.uint32),
-                data=np.array(a.data), frame=a.frame, unit=a.unit, step=a.step_s,
-                first_time=a.first_time_s)
+                name=a.name,
+                shape=np.array(a.shape, np.uint32),
+                data=np.array(a.data),
+                frame=a.frame,
+                unit=a.unit,
+                step=a.step_s,
+                first_time=a.first_time_s,
+            )
             for a in response.arrays
         ],
         decoding=json.dumps(dict(response.decoding)) if response.decoding else "",
         latency=response.latency_s,
         error_code=response.error_code,
         error_msg=response.error_msg,
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture

@@ -109,8 +109,11 @@ def test_the_previous_answer_is_carried_where_the_interface_wants_it():
     first = drive(one, 1)[0]
     kept = one.answered(answer(first))
     assert kept.decoding["input"] == {
-        "frames_ns": [0], "history_s": 0.0, "ego": "measured", "previous": "",
-    }  # fmt: skip
+        "frames_ns": [0],
+        "history_s": 0.0,
+        "ego": "measured",
+        "previous": "",
+    }
     (second,) = drive(one, 5, start_ns=100 * MS)
     assert second.previous == answer(first)
     failed = one.answered(answer(second, error_code=int(ErrorCode.BACKEND), error_msg="no"))

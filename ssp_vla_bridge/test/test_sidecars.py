@@ -144,16 +144,16 @@ def test_alpamayo_of_the_real_shapes_becomes_a_trajectory(start, drive_request):
 def test_alpamayo_fills_nothing_in(start, drive_request, straight_history):
     sidecar = start("alpamayo_sidecar.py", "--loader", "sidecar_models:alpamayo")
     backend = backend_of("alpamayo", sidecar)
-    apart = [Frame(f.stamp_ns - (NS // 10) * (i == 0), f.jpeg)
-             for i, f in enumerate(drive_request.frames)]  # fmt: skip
+    apart = [
+        Frame(f.stamp_ns - (NS // 10) * (i == 0), f.jpeg)
+        for i, f in enumerate(drive_request.frames)
+    ]
     wrong = {
         "needs 4 frames, the request has 3": {"frames": drive_request.frames[1:]},
         "needs frames 0.1 s apart, two are 0.200 s apart": {"frames": tuple(apart)},
         "needs the ego history, and the request has none": {"ego_provenance": "unknown"},
-        "from -1.5 to 0 s, the request has it from -1.400": {
-            "history": straight_history(8.0)[6:]
-        },
-    }  # fmt: skip
+        "from -1.5 to 0 s, the request has it from -1.400": {"history": straight_history(8.0)[6:]},
+    }
     for words, changes in wrong.items():
         response = respond(backend, "m", replace(drive_request, **changes)).response
         assert response.error_code == 2
@@ -194,8 +194,9 @@ def test_llavida_is_asked_in_words_and_its_text_becomes_a_trajectory(
     assert sidecar.call("POST", "/answer", {**request_to_json(request)})[0] == 422
 
     (tmp_path / "words.txt").write_text("{history} {speed_mps:.1f}")
-    sidecar = start("llavida_sidecar.py", "--loader", "sidecar_models:llavida",
-                    "--prompt", "words.txt")  # fmt: skip
+    sidecar = start(
+        "llavida_sidecar.py", "--loader", "sidecar_models:llavida", "--prompt", "words.txt"
+    )
     other = respond(backend_of("llavida", sidecar), "m", request).response
     assert other.text.startswith("(72, 128, 3) uint8 5\n")  # five positions
     assert other.decoding["prompt"] == "words.txt"
@@ -237,8 +238,13 @@ def post_in_thread(sidecar, request_id, replies, **options):
 def counting(start, tmp_path):
     """A sidecar that works on its first request until the gate is opened; it has begun that."""
     begun, gate = tmp_path / "begun", tmp_path / "gate"
-    sidecar = start("sidecar_service.py", "--loader", "sidecar_models:counting",
-                    BEGUN=str(begun), WORKING=str(gate)).until_ready()  # fmt: skip
+    sidecar = start(
+        "sidecar_service.py",
+        "--loader",
+        "sidecar_models:counting",
+        BEGUN=str(begun),
+        WORKING=str(gate),
+    ).until_ready()
     replies = {}
     thread = post_in_thread(sidecar, "first", replies)
     wait_until(begun.exists)
@@ -311,8 +317,14 @@ def test_sigterm_ends_what_loads_and_what_is_idle(start, tmp_path, drive_request
 @pytest.mark.system
 def test_sigterm_ends_a_model_that_hangs(start, tmp_path):
     begun = tmp_path / "begun"
-    sidecar = start("sidecar_service.py", "--loader", "sidecar_models:hanging", "--stop-s", "0.2",
-                    BEGUN=str(begun)).until_ready()  # fmt: skip
+    sidecar = start(
+        "sidecar_service.py",
+        "--loader",
+        "sidecar_models:hanging",
+        "--stop-s",
+        "0.2",
+        BEGUN=str(begun),
+    ).until_ready()
     replies = {}
     thread = post_in_thread(sidecar, "first", replies)
     wait_until(begun.exists)
@@ -325,8 +337,9 @@ def test_sigterm_ends_a_model_that_hangs(start, tmp_path):
 def test_a_token_is_asked_for(start, drive_request, monkeypatch):
     monkeypatch.setenv("SIDECAR_TOKEN", "a-long-token")
     monkeypatch.setenv("OTHER_TOKEN", "another-token")
-    sidecar = start("alpamayo_sidecar.py", "--loader", "sidecar_models:alpamayo",
-                    "--token-env", "SIDECAR_TOKEN")  # fmt: skip
+    sidecar = start(
+        "alpamayo_sidecar.py", "--loader", "sidecar_models:alpamayo", "--token-env", "SIDECAR_TOKEN"
+    )
     assert sidecar.call("GET", "/health")[0] == 401
     right = backend_of("alpamayo", sidecar, api_key_env="SIDECAR_TOKEN")
     assert right.answer(drive_request).text
@@ -337,8 +350,14 @@ def test_a_token_is_asked_for(start, drive_request, monkeypatch):
 
 @pytest.mark.system
 def test_what_is_no_request_is_refused(start):
-    sidecar = start("sidecar_service.py", "--loader", "sidecar_models:counting", "--max-mb",
-                    "0.001", BEGUN=os.devnull).until_ready()  # fmt: skip
+    sidecar = start(
+        "sidecar_service.py",
+        "--loader",
+        "sidecar_models:counting",
+        "--max-mb",
+        "0.001",
+        BEGUN=os.devnull,
+    ).until_ready()
     schema = {"schema": "ssp.vla_http/1"}
     assert sidecar.call("GET", "/")[0] == 404
     assert sidecar.call("POST", "/health", schema)[0] == 404
@@ -360,14 +379,26 @@ def test_what_is_no_request_is_refused(start):
         ("sidecar_service.py", (), 2, "--loader is missing"),
         ("sidecar_service.py", ("--loader", "nowhere:load"), 1, "--loader nowhere:load: No module"),
         ("sidecar_service.py", ("--loader", "json:load_it"), 1, "has no attribute 'load_it'"),
-        ("sidecar_service.py", ("--loader", "sidecar_models:raising"), 1,
-         "error: the model can't be loaded: the checkpoint is torn"),
-        ("sidecar_service.py", ("--loader", "x:y", "--token-env", "NOT_THERE"), 2,
-         "NOT_THERE holds no token"),
-        ("sidecar_service.py", ("--loader", "x:y", "--host", "192.0.2.1"), 1,
-         "error: can't listen on 192.0.2.1:0"),
+        (
+            "sidecar_service.py",
+            ("--loader", "sidecar_models:raising"),
+            1,
+            "error: the model can't be loaded: the checkpoint is torn",
+        ),
+        (
+            "sidecar_service.py",
+            ("--loader", "x:y", "--token-env", "NOT_THERE"),
+            2,
+            "NOT_THERE holds no token",
+        ),
+        (
+            "sidecar_service.py",
+            ("--loader", "x:y", "--host", "192.0.2.1"),
+            1,
+            "error: can't listen on 192.0.2.1:0",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_cant_be_started_says_so_in_a_line(tmp_path, script, arguments, status, words):
     process = popen(script, *arguments, cwd=tmp_path)
     _, errors = process.communicate(timeout=DEADLINE_S)

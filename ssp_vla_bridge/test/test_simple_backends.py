@@ -119,10 +119,16 @@ def write_labels(tmp_path, *labels):
 
 
 LABEL = {
-    "t_s": 1.0, "phase": "conflict", "risk_visible": True, "objects": ["pedestrian", "car"],
-    "position": "front_right", "motion": "crossing_from_right", "conflict": "active",
-    "lon_actions": ["maintain", "stop"], "lat_actions": ["straight"],
-}  # fmt: skip
+    "t_s": 1.0,
+    "phase": "conflict",
+    "risk_visible": True,
+    "objects": ["pedestrian", "car"],
+    "position": "front_right",
+    "motion": "crossing_from_right",
+    "conflict": "active",
+    "lon_actions": ["maintain", "stop"],
+    "lat_actions": ["straight"],
+}
 
 
 def test_perfect_answers_the_label_at_the_clip_time(tmp_path, make_request, straight_history):
@@ -188,8 +194,12 @@ def test_perfect_is_feasible_allowed_and_defensive(label, speed_mps):
     assert lat in label.lat_actions
     if {"decelerate", "stop"} & set(label.lon_actions):
         assert lon in ("decelerate", "stop")
-    words = {"stop": "I stop", "decelerate": "I slow down", "maintain": "I keep my speed",
-             "accelerate": "I accelerate"}  # fmt: skip
+    words = {
+        "stop": "I stop",
+        "decelerate": "I slow down",
+        "maintain": "I keep my speed",
+        "accelerate": "I accelerate",
+    }
     assert words[lon] in answer.text
 
 

@@ -103,17 +103,31 @@ def rate(which: str) -> float:
 
 def session(task: Path, camera: str, out: Path) -> float:
     """Wall time of a session, s."""
-    told = _output("-m", "ssp_core.cli", "run", str(task), "--seed", "11", "--camera", camera,
-                   "--out", str(out), "--json")  # fmt: skip
+    told = _output(
+        "-m",
+        "ssp_core.cli",
+        "run",
+        str(task),
+        "--seed",
+        "11",
+        "--camera",
+        camera,
+        "--out",
+        str(out),
+        "--json",
+    )
     return float(json.loads(told)["wall_s"])
 
 
 def _output(*arguments: str) -> str:
     path = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
     done = subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, check=True,
+        [sys.executable, *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
         env={**os.environ, "PYTHONPATH": path},
-    )  # fmt: skip
+    )
     return done.stdout.splitlines()[-1]
 
 

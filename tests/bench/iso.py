@@ -179,9 +179,19 @@ class Around:
         self._beat.publish(encode_heartbeat(beat))
         pose = vut.start.pose
         state = State(
-            vut.id, vut.cls, Role.VUT, now_ns, pose.x_m, pose.y_m, pose.yaw_rad, 0.0, 0.0, 0.0,
-            vut.size, sequence=self._sequence,
-        )  # fmt: skip
+            vut.id,
+            vut.cls,
+            Role.VUT,
+            now_ns,
+            pose.x_m,
+            pose.y_m,
+            pose.yaw_rad,
+            0.0,
+            0.0,
+            0.0,
+            vut.size,
+            sequence=self._sequence,
+        )
         self._vut.publish(encode_state(state))
 
 

@@ -134,9 +134,23 @@ class Played:
         _, time_of_week_ns = to_gps(now_ns)
         pose, (x_m, speed_mps) = self._pose, self._along_x(now_ns)
         monr = Monr(
-            time_of_week_ns, x_m, pose.y_m, 0.0, pose.yaw_rad, 0.0, 0.0, speed_mps, 0.0, 0.0, 0.0,
-            0, int(self._state), 1, 0, 0,
-        )  # fmt: skip
+            time_of_week_ns,
+            x_m,
+            pose.y_m,
+            0.0,
+            pose.yaw_rad,
+            0.0,
+            0.0,
+            speed_mps,
+            0.0,
+            0.0,
+            0.0,
+            0,
+            int(self._state),
+            1,
+            0,
+            0,
+        )
         self._counter = (self._counter + 1) % 256
         data = encode(monr, transmitter_id=self._id, counter=self._counter)
         self.udp.sendto(data, self._centre)

@@ -22,10 +22,25 @@ REPEATS = 7
 
 def a_state(number: int) -> ObjectState:
     return ObjectState(
-        f"ot{number}", ObjectClass.CAR, Role.OT, 1_234_567_890, 12.3, 4.5, 0.6, 7.8, 0.9, 0.01,
-        DEFAULT_SIZES[ObjectClass.CAR], 77, ControlState.RUNNING, 0.02, f"ot{number}-3", 0.1, 0.2,
+        f"ot{number}",
+        ObjectClass.CAR,
+        Role.OT,
+        1_234_567_890,
+        12.3,
+        4.5,
+        0.6,
+        7.8,
+        0.9,
+        0.01,
+        DEFAULT_SIZES[ObjectClass.CAR],
+        77,
+        ControlState.RUNNING,
+        0.02,
+        f"ot{number}-3",
+        0.1,
+        0.2,
         0.003,
-    )  # fmt: skip
+    )
 
 
 def best_us(call: Callable[[], object], number: int) -> float:

@@ -72,14 +72,26 @@ def test_both_scenarios_from_the_run_to_the_report(
         ssp("run", name, "--seed", "1", "--out", tmp_path / name)
     recorded_s = time.monotonic()
     bridge = {
-        "backend": "openai", "interface": "waypoints", "base_url": model_url, "model": MODEL,
-        "images": "none", "max_tokens": TOKENS, "timeout_s": ANSWER_S,
-    }  # fmt: skip
+        "backend": "openai",
+        "interface": "waypoints",
+        "base_url": model_url,
+        "model": MODEL,
+        "images": "none",
+        "max_tokens": TOKENS,
+        "timeout_s": ANSWER_S,
+    }
     bags = [tmp_path / name / "bag" for name in SCENARIOS]
     ssp(
-        "evaluate", *bags, "--propose-labels", "--bridge", f"smollm2={json.dumps(bridge)}",
-        "--timeout", ANSWER_S + 10.0, "--out", out,
-    )  # fmt: skip
+        "evaluate",
+        *bags,
+        "--propose-labels",
+        "--bridge",
+        f"smollm2={json.dumps(bridge)}",
+        "--timeout",
+        ANSWER_S + 10.0,
+        "--out",
+        out,
+    )
     asked_s = time.monotonic()
     ssp("report", out, "--tables", tmp_path / "tables")
     cells = {(cell.scenario, cell.model): cell for cell in load_cells(out)}
@@ -106,9 +118,12 @@ def test_both_scenarios_from_the_run_to_the_report(
 
 def test_a_picture_is_refused_by_its_server_and_we_say_why(model_url: str, show: Show) -> None:
     options = {
-        "base_url": model_url, "model": MODEL, "interface": "waypoints", "tries": 1,
+        "base_url": model_url,
+        "model": MODEL,
+        "interface": "waypoints",
+        "tries": 1,
         "timeout_s": ANSWER_S,
-    }  # fmt: skip
+    }
     jpeg = cv2.imencode(".jpg", np.full((36, 64, 3), 128, np.uint8))[1].tobytes()
     history = (EgoSample(0.0, 0.0, 0.0, 0.0, 8.0, 0.0),)
     request = Request("r", 10**9, (Frame(10**9, jpeg),), None, history, "measured")

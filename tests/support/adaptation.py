@@ -211,10 +211,19 @@ class Foreseen:
         for i in range(round(LONGEST_S / run.step_s)):
             states.append(
                 ObjectState(
-                    spec.id, spec.cls, Role.VUT, i * seconds_to_ns(run.step_s), body.x_m, body.y_m,
-                    body.yaw_rad, body.speed_mps, body.acceleration_mps2, 0.0, spec.size,
+                    spec.id,
+                    spec.cls,
+                    Role.VUT,
+                    i * seconds_to_ns(run.step_s),
+                    body.x_m,
+                    body.y_m,
+                    body.yaw_rad,
+                    body.speed_mps,
+                    body.acceleration_mps2,
+                    0.0,
+                    spec.size,
                 )
-            )  # fmt: skip
+            )
             command = driver.command(states[-1], [], None, drives=True)
             body = step_body(spec.cls, body, command, run.step_s)
         return states

@@ -20,9 +20,15 @@ from ssp_vla_bridge.messages import EgoSample, Request
 from ssp_vla_bridge.trajectory import Trajectory
 
 CONDITIONS = (
-    "twin.without.ot1", "twin.mirror.ot1", "twin.camera.0500", "twin.history.0500",
-    "twin.control.car", "pictures.fog.2", "pictures.control", "repeat",
-)  # fmt: skip
+    "twin.without.ot1",
+    "twin.mirror.ot1",
+    "twin.camera.0500",
+    "twin.history.0500",
+    "twin.control.car",
+    "pictures.fog.2",
+    "pictures.control",
+    "repeat",
+)
 TURNED, GIVEN_BACK = "reasoning.object", "reasoning.control"
 LABELS = 9
 
@@ -116,10 +122,14 @@ def looks_at_the_weather(scene: Scene) -> Said:
 ANSWERERS: dict[str, Answerer] = {
     one.__name__: one
     for one in (
-        uses_the_object, decides_first, only_talks, ignores_it, copies_its_history,
+        uses_the_object,
+        decides_first,
+        only_talks,
+        ignores_it,
+        copies_its_history,
         looks_at_the_weather,
     )
-}  # fmt: skip
+}
 
 
 def unsteady(answerer: Answerer, share: float, jitter_m: float, seed: int) -> Answerer:
@@ -192,8 +202,10 @@ def cells_of(
     for number in range(recordings):
         numbers = random.Random(number)
         side, since, speed_mps = (
-            numbers.choice(["left", "right"]), numbers.randrange(1, 4), numbers.uniform(8.0, 12.0),
-        )  # fmt: skip
+            numbers.choice(["left", "right"]),
+            numbers.randrange(1, 4),
+            numbers.uniform(8.0, 12.0),
+        )
         scenes = [
             Scene(side if label >= since else None, speed_mps, label) for label in range(LABELS)
         ]
@@ -212,13 +224,26 @@ def cell(
     """One scored cell, without files."""
     shown = f"{model}+{condition}" if condition else model
     labels = Labels(
-        scenario, "simulation", "v", 1.0, False,
+        scenario,
+        "simulation",
+        "v",
+        1.0,
+        False,
         tuple(
-            Label(k * 0.5, "conflict", True, ("car",), "front", "same_direction", "active",
-                  ("decelerate",), ("straight",))
+            Label(
+                k * 0.5,
+                "conflict",
+                True,
+                ("car",),
+                "front",
+                "same_direction",
+                "active",
+                ("decelerate",),
+                ("straight",),
+            )
             for k in range(len(answers))
         ),
-    )  # fmt: skip
+    )
     records = tuple(
         BehaviourRecord(k * 0.5, text, slots, trajectory)
         for k, (text, slots, trajectory) in enumerate(answers)
@@ -231,18 +256,35 @@ def cell(
         for k in range(len(answers))
     )
     facts = CellFacts.model_construct(
-        scenario=scenario, domain="simulation", model=shown, model_ids=[], status="ok", reasons=[],
-        stand_in=False, event_version="v", labels_source="", labels_proposed=False,
+        scenario=scenario,
+        domain="simulation",
+        model=shown,
+        model_ids=[],
+        status="ok",
+        reasons=[],
+        stand_in=False,
+        event_version="v",
+        labels_source="",
+        labels_proposed=False,
         clip=ClipFacts(
-            origin="made up", verdict=None, ego="recorded", camera="recorded", geometry=None,
+            origin="made up",
+            verdict=None,
+            ego="recorded",
+            camera="recorded",
+            geometry=None,
             mount_forward_m=None,
         ),
         answers=AnswerFacts(
             sent=0, reused=0, missing=[], ignored=IgnoredFacts(late=0, duplicate=0, unknown=0)
         ),
-        backend_options={}, decoding=[], interface="waypoints", condition=condition,
-        control=bool(condition), adapter="", hashes={"bag": f"sha256:{scenario}"},
-    )  # fmt: skip
+        backend_options={},
+        decoding=[],
+        interface="waypoints",
+        condition=condition,
+        control=bool(condition),
+        adapter="",
+        hashes={"bag": f"sha256:{scenario}"},
+    )
     name = f"{scenario}__simulation__{shown}"
     return CellData(
         folder / "cells" / name, facts, labels, records, asked, score_cell(labels, records), ()

@@ -56,29 +56,51 @@ def definitions() -> list[list[Any]]:
                 attribute("speed", _FLOAT, "1.4"),
             ]
         else:
-            own = [attribute("number_of_wheels", _INT, str(body.wheels), False),
-                   attribute("base_type", _STRING, body.kind, False),
-                   attribute("generation", _INT, str(body.generation), False),
-                   attribute("color", _COLOUR, "17,37,103"),
-                   attribute("role_name", _STRING, "autopilot")]  # fmt: skip
+            own = [
+                attribute("number_of_wheels", _INT, str(body.wheels), False),
+                attribute("base_type", _STRING, body.kind, False),
+                attribute("generation", _INT, str(body.generation), False),
+                attribute("color", _COLOUR, "17,37,103"),
+                attribute("role_name", _STRING, "autopilot"),
+            ]
         found.append([0, body.blueprint, body.blueprint.replace(".", ","), own])
     numbers = {
-        "fov": "90.0", "sensor_tick": "0.0", "gamma": "2.2", "motion_blur_intensity": "0.45",
-        "motion_blur_max_distortion": "0.35", "motion_blur_min_object_screen_size": "0.1",
-        "lens_flare_intensity": "0.1", "bloom_intensity": "0.675", "fstop": "1.4", "iso": "100.0",
-        "shutter_speed": "200.0", "exposure_min_bright": "10.0", "exposure_max_bright": "12.0",
-        "exposure_speed_up": "3.0", "exposure_speed_down": "1.0", "exposure_compensation": "0.0",
-        "lens_circle_falloff": "5.0", "lens_circle_multiplier": "0.0", "lens_k": "-1.0",
-        "lens_kcube": "0.0", "chromatic_aberration_intensity": "0.0",
-    }  # fmt: skip
+        "fov": "90.0",
+        "sensor_tick": "0.0",
+        "gamma": "2.2",
+        "motion_blur_intensity": "0.45",
+        "motion_blur_max_distortion": "0.35",
+        "motion_blur_min_object_screen_size": "0.1",
+        "lens_flare_intensity": "0.1",
+        "bloom_intensity": "0.675",
+        "fstop": "1.4",
+        "iso": "100.0",
+        "shutter_speed": "200.0",
+        "exposure_min_bright": "10.0",
+        "exposure_max_bright": "12.0",
+        "exposure_speed_up": "3.0",
+        "exposure_speed_down": "1.0",
+        "exposure_compensation": "0.0",
+        "lens_circle_falloff": "5.0",
+        "lens_circle_multiplier": "0.0",
+        "lens_k": "-1.0",
+        "lens_kcube": "0.0",
+        "chromatic_aberration_intensity": "0.0",
+    }
     camera = [attribute(name, _FLOAT, value) for name, value in numbers.items()]
-    camera += [attribute("image_size_x", _INT, "800"), attribute("image_size_y", _INT, "600"),
-               attribute("enable_postprocess_effects", _BOOL, "true"),
-               attribute("exposure_mode", _STRING, "histogram"),
-               attribute("role_name", _STRING, "front")]  # fmt: skip
+    camera += [
+        attribute("image_size_x", _INT, "800"),
+        attribute("image_size_y", _INT, "600"),
+        attribute("enable_postprocess_effects", _BOOL, "true"),
+        attribute("exposure_mode", _STRING, "histogram"),
+        attribute("role_name", _STRING, "front"),
+    ]
     found.append([0, "sensor.camera.rgb", "sensor,camera,rgb", camera])
-    instances = [one for one in camera if one[0] in ("fov", "sensor_tick", "role_name")
-                 or one[0].startswith("image_size")]  # fmt: skip
+    instances = [
+        one
+        for one in camera
+        if one[0] in ("fov", "sensor_tick", "role_name") or one[0].startswith("image_size")
+    ]
     found.append([0, INSTANCES, "sensor,camera,instance_segmentation", instances])
     # So that no picture of it passes for one of CARLA's.
     found.append([0, "static.prop.counterpart", "static,prop,counterpart", []])

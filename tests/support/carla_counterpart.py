@@ -130,9 +130,18 @@ class Counterpart:
         # Fields of the episode's settings, of which the first is synchronous_mode, the third the
         # step; the numbers at the end are for large maps.
         self.settings: list[Any] = [
-            self.behaviour.synchronous, False, [False], True, 0.01, 10, 0.0, True, 3000.0, 2000.0,
+            self.behaviour.synchronous,
+            False,
+            [False],
             True,
-        ]  # fmt: skip
+            0.01,
+            10,
+            0.0,
+            True,
+            3000.0,
+            2000.0,
+            True,
+        ]
         self.weather = [-1.0] * 13 + [0.0]
         self.left_settings = list(self.settings)
         self._random = random.Random(seed)
@@ -162,8 +171,12 @@ class Counterpart:
         self._start(self._run_world)
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:  # fmt: skip
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.leave()
         if kind is None and self.wrong:
             raise AssertionError("a real client doesn't call so:\n" + "\n".join(self.wrong))
@@ -509,10 +522,16 @@ class Counterpart:
         size = int(wanted["image_size_x"]), int(wanted["image_size_y"])
         fov = float(wanted["fov"])
         solids = [
-            Solid(one.actor_id, one.body.kind, replace(one.pose, x=one.pose.x + said.moved_by),
-                  one.body.offset, one.body.extent)
-            for one in self.actors.values() if one.body is not None
-        ]  # fmt: skip
+            Solid(
+                one.actor_id,
+                one.body.kind,
+                replace(one.pose, x=one.pose.x + said.moved_by),
+                one.body.offset,
+                one.body.extent,
+            )
+            for one in self.actors.values()
+            if one.body is not None
+        ]
         instances = camera.definition[1] == INSTANCES
         pixels = draw(camera.pose, fov, size, solids, None if instances else self.frame)
         kind = _INSTANCE_TYPE if instances else _RGB_TYPE

@@ -51,11 +51,13 @@ class Pose:
         cp, sp = math.cos(math.radians(self.pitch)), math.sin(math.radians(self.pitch))
         cy, sy = math.cos(math.radians(self.yaw)), math.sin(math.radians(self.yaw))
         cr, sr = math.cos(math.radians(self.roll)), math.sin(math.radians(self.roll))
-        return np.array([
-            [cp * cy, cy * sp * sr - sy * cr, -cy * sp * cr - sy * sr],
-            [cp * sy, sy * sp * sr + cy * cr, -sy * sp * cr + cy * sr],
-            [sp, -cp * sr, cp * cr],
-        ])  # fmt: skip
+        return np.array(
+            [
+                [cp * cy, cy * sp * sr - sy * cr, -cy * sp * cr - sy * sr],
+                [cp * sy, sy * sp * sr + cy * cr, -sy * sp * cr + cy * sr],
+                [sp, -cp * sr, cp * cr],
+            ]
+        )
 
     def to_world(self, points: Any) -> Any:
         """Points of this frame, shape (n, 3), in the world."""
@@ -97,9 +99,12 @@ def project(camera: Pose, fov_deg: float, size_px: tuple[int, int], points: Any)
 
 
 def draw(
-    camera: Pose, fov_deg: float, size_px: tuple[int, int], solids: Iterable[Solid],
+    camera: Pose,
+    fov_deg: float,
+    size_px: tuple[int, int],
+    solids: Iterable[Solid],
     frame: int | None,
-) -> Any:  # fmt: skip
+) -> Any:
     """A picture, shape (height, width, 4), blue, green, red, alpha.
 
     Args:
@@ -110,8 +115,9 @@ def draw(
     picture[:] = (*_SKY_BGR, 255)
     picture[height // 2 :] = (*_GROUND_BGR, 255)
     shown = list(solids)
-    away = {s.actor_id: float(camera.to_local([(s.pose.x, s.pose.y, s.pose.z)])[0, 0])
-            for s in shown}  # fmt: skip
+    away = {
+        s.actor_id: float(camera.to_local([(s.pose.x, s.pose.y, s.pose.z)])[0, 0]) for s in shown
+    }
     for solid in sorted(shown, key=lambda one: -away[one.actor_id]):
         points = project(camera, fov_deg, size_px, solid.corners)
         if np.isnan(points).any():

@@ -45,8 +45,23 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 from tests.support.waiting import DEADLINE_S
 
 CLASSES: tuple[type, ...] = (
-    Traj, Osem, Ostm, Strt, Heab, Monr, Rcmm, Sypm, Mtsp, Dreq, Dres, Accm, Treo, Exac, Grem, Trcm,
-)  # fmt: skip
+    Traj,
+    Osem,
+    Ostm,
+    Strt,
+    Heab,
+    Monr,
+    Rcmm,
+    Sypm,
+    Mtsp,
+    Dreq,
+    Dres,
+    Accm,
+    Treo,
+    Exac,
+    Grem,
+    Trcm,
+)
 MONR = Monr(
     time_of_week_ns=1_000_000_000,
     x_m=1.0,

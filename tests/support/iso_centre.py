@@ -145,9 +145,12 @@ class Centre:
     def frame(self, message: Message, *, acknowledge: bool = False) -> bytes:
         self._counter = (self._counter + 1) % 256
         return encode(
-            message, transmitter_id=3, receiver_id=7, counter=self._counter,
+            message,
+            transmitter_id=3,
+            receiver_id=7,
+            counter=self._counter,
             acknowledge=acknowledge,
-        )  # fmt: skip
+        )
 
     def beat(self, status: int) -> None:
         time_of_week_ns = to_gps(self.now_ns)[1]

@@ -91,9 +91,12 @@ def serving(reply: Callable[[dict[str, Any]], tuple[int, bytes]]) -> Iterator[Se
 
 
 def extractor(
-    url: str, cache: Path | None = None, model: str = "tested", timeout_s: float = 5.0,
+    url: str,
+    cache: Path | None = None,
+    model: str = "tested",
+    timeout_s: float = 5.0,
     use_schema: bool = True,
-) -> Extractor:  # fmt: skip
+) -> Extractor:
     policy = Policy(timeout_s=timeout_s, tries=1)
     return Extractor(OpenAIChat(url, model, KEY, policy), cache, use_schema)
 

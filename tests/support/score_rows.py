@@ -51,13 +51,20 @@ def rows_of(
                 responds = numbers.random() < skills[model]
                 found.append(
                     CellRow(
-                        scenario, domain, model, jovr=score(), sem_acc_eff=score(),
+                        scenario,
+                        domain,
+                        model,
+                        jovr=score(),
+                        sem_acc_eff=score(),
                         cia_eff=None if numbers.random() < 0.1 else score(),
-                        act_acc_eff=score(), tqsr=score(), atc_eff=score(),
-                        rsr=1.0 if responds else 0.0, rl_s=0.5 if responds else None,
+                        act_acc_eff=score(),
+                        tqsr=score(),
+                        atc_eff=score(),
+                        rsr=1.0 if responds else 0.0,
+                        rl_s=0.5 if responds else None,
                         total_b=None if index % 3 == 2 else 7.0 * (index + 1),
                         active_b=None if index % 3 == 2 else 1.5 * (index + 1),
                         architecture=("dense", "mixture of experts", "")[index % 3],
                     )
-                )  # fmt: skip
+                )
     return found

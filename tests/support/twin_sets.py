@@ -43,9 +43,16 @@ def write_twin_set(bag: Path, audits: Mapping[str, TwinAudit]) -> TwinSet:
     for name, audit in audits.items():
         kind, _, rest = name.partition(".")
         identity = TwinIdentity(
-            name=name, kind=kind, object_id=rest.partition(".")[0], value=0.0, words=f"with {name}",
-            of="bag", of_sha256=of, seed=1, software="a test",
-        )  # fmt: skip
+            name=name,
+            kind=kind,
+            object_id=rest.partition(".")[0],
+            value=0.0,
+            words=f"with {name}",
+            of="bag",
+            of_sha256=of,
+            seed=1,
+            software="a test",
+        )
         digest = bag_sha256(bag_of(bag, name))
         twins.append(TwinRecord(identity=identity, audit=audit, bag_sha256=digest))
     found = TwinSet(of="bag", of_sha256=of, twins=twins)

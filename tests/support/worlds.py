@@ -40,19 +40,27 @@ def cutting_in(step: int) -> tuple[ObjectState, ...]:
     side = min(1.0, max(0.0, (t_s - 1.0) / 1.5))
     turning = 0.0 < side < 1.0
     car = object_state(
-        "ot1", x_m=15.0 + 9.0 * t_s, y_m=3.5 * (1.0 - side),
-        yaw_rad=-math.atan2(3.5 / 1.5, 9.0) if turning else 0.0, speed_mps=9.0,
+        "ot1",
+        x_m=15.0 + 9.0 * t_s,
+        y_m=3.5 * (1.0 - side),
+        yaw_rad=-math.atan2(3.5 / 1.5, 9.0) if turning else 0.0,
+        speed_mps=9.0,
         acceleration_mps2=-2.0 if side == 1.0 else 0.0,
-    )  # fmt: skip
+    )
     found = (
         car,
         object_state("ot2", ObjectClass.TRUCK, x_m=70.0, y_m=3.5),
         object_state(
-            "passer", ObjectClass.PEDESTRIAN, x_m=30.0, y_m=-4.0 + t_s, yaw_rad=1.57, speed_mps=1.0,
+            "passer",
+            ObjectClass.PEDESTRIAN,
+            x_m=30.0,
+            y_m=-4.0 + t_s,
+            yaw_rad=1.57,
+            speed_mps=1.0,
             role=Role.TRAFFIC,
         ),
         object_state("vut", x_m=10.0 * t_s, speed_mps=10.0),
-    )  # fmt: skip
+    )
     return tuple(replace(state, stamp_ns=step * STEP_NS, sequence=step + 1) for state in found)
 
 
@@ -121,8 +129,16 @@ def record_world(
 
 def _session(writer: BagWriter, run: RunSpec, state: int, verdict: int, at_ns: int) -> None:
     told = message(
-        "ssp_msgs/msg/SessionState", header=header(at_ns), state=state, previous=0, event="test",
-        reason="", run_id=run.run_id, scenario=run.scenario, event_version=run.event_version,
-        verdict=verdict, reasons=[],
-    )  # fmt: skip
+        "ssp_msgs/msg/SessionState",
+        header=header(at_ns),
+        state=state,
+        previous=0,
+        event="test",
+        reason="",
+        run_id=run.run_id,
+        scenario=run.scenario,
+        event_version=run.event_version,
+        verdict=verdict,
+        reasons=[],
+    )
     writer.write("/ssp/session_state", serialize(told), at_ns, at_ns)

@@ -29,9 +29,19 @@ TURN_RADPS = 0.5
 def standing(who: ParticipantSpec, role: Role) -> State:
     """An object at its start."""
     return State(
-        who.id, who.cls, role, 0, who.start.x_m, who.start.y_m, who.start.yaw_rad, 0.0, 0.0, 0.0,
-        who.size, control_state=ControlState.DISARMED if role is Role.OT else ControlState.OFF,
-    )  # fmt: skip
+        who.id,
+        who.cls,
+        role,
+        0,
+        who.start.x_m,
+        who.start.y_m,
+        who.start.yaw_rad,
+        0.0,
+        0.0,
+        0.0,
+        who.size,
+        control_state=ControlState.DISARMED if role is Role.OT else ControlState.OFF,
+    )
 
 
 class Played(Node):

@@ -66,9 +66,15 @@ def changed_run(
         old = value_at(run, field)
         run = with_value(run, field, new)
         record = Record(
-            kind="site_change", when="2025-03-01T09:30:00Z", who="A. Tester", subject=run.scenario,
-            field=field, old=old, new=value_at(run, field), reason="to be refused",
-        )  # fmt: skip
+            kind="site_change",
+            when="2025-03-01T09:30:00Z",
+            who="A. Tester",
+            subject=run.scenario,
+            field=field,
+            old=old,
+            new=value_at(run, field),
+            reason="to be refused",
+        )
         if logged:
             append_record(task / "log.jsonl", record)
     write_text(task / "run.yaml", run.model_dump_json(by_alias=True, indent=1) + "\n")
@@ -80,9 +86,13 @@ def changed_run(
         path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
         command = [sys.executable, "-c", program, "run", *map(str, given)]
         done = subprocess.run(
-            command, capture_output=True, text=True, timeout=SESSION_S, check=False,
+            command,
+            capture_output=True,
+            text=True,
+            timeout=SESSION_S,
+            check=False,
             env={**os.environ, "PYTHONPATH": path},
-        )  # fmt: skip
+        )
         assert done.returncode in (0, 1), done.stdout + done.stderr
     assert (folder / "run" / "result.json").is_file()
 
@@ -124,8 +134,11 @@ class Recordings:
                 command = [sys.executable, "-m", "ssp_core.cli", *map(str, run)]
                 done = subprocess.run(
                     [*command, "--out", str(target)],
-                    capture_output=True, text=True, timeout=SESSION_S, check=False,
-                )  # fmt: skip
+                    capture_output=True,
+                    text=True,
+                    timeout=SESSION_S,
+                    check=False,
+                )
                 assert done.returncode == 0, done.stdout + done.stderr
                 write_text(target / SAID_FILE, done.stdout)
         return target
@@ -144,10 +157,19 @@ class Recordings:
         """The K*'s own source clip."""
         truth = json.loads((self.folder / f"{event}.truth.json").read_text())
         succeed(
-            "import-video", self.clip(event), "--scenario", event,
-            "--event-version", self.version(event), "--generator", "ssp-clip/1",
-            "--ego-speed", f"{truth['ego_speed_mps'][0]['speed_mps']:.2f}", "--out", target / "bag",
-        )  # fmt: skip
+            "import-video",
+            self.clip(event),
+            "--scenario",
+            event,
+            "--event-version",
+            self.version(event),
+            "--generator",
+            "ssp-clip/1",
+            "--ego-speed",
+            f"{truth['ego_speed_mps'][0]['speed_mps']:.2f}",
+            "--out",
+            target / "bag",
+        )
 
     @contextmanager
     def _once(self, name: str) -> Iterator[bool]:

@@ -157,11 +157,13 @@ def swapped() -> Changes:
         "targets[0].approach.path": [[15.0, 0.0], [390.0, 0.0]],
         "targets[0].approach.cruise_mps": 11.0,
         "triggers[0].condition": {
-            "type": "time_to_arrival", "anchor": [119.0, 2.9], "below_s": 0.1
+            "type": "time_to_arrival",
+            "anchor": [119.0, 2.9],
+            "below_s": 0.1,
         },
         "triggers[0].manoeuvre": {"kind": "brake", "to_mps": 4.0, "deceleration_mps2": 4.0},
         "end.at_latest_s": 18.0,
-    }  # fmt: skip
+    }
 
 
 def harmless() -> Changes:
@@ -279,8 +281,11 @@ def test_the_same_change_with_a_record_is_admitted(recordings: Recordings, tmp_p
     assert (status, found.admitted) == (0, True)
     (change,) = found.recordings[1].changes
     assert (change.old, change.new, change.who, change.reason) == (
-        1.4, 1.6, "A. Tester", "to be refused",
-    )  # fmt: skip
+        1.4,
+        1.6,
+        "A. Tester",
+        "to be refused",
+    )
 
 
 # -- what wasn't compiled, or belongs to something else --------------------------------------------
@@ -302,10 +307,20 @@ def test_a_video_that_is_not_the_source_clip_is_unverified(
     """Another clip that names the K* and our generator: it has no q, and neither KPR nor EPD."""
     target, version = tmp_path / "other", recordings.version("cut_in")
     succeed(
-        "import-video", recordings.clip("vru_crossing"), "--scenario", "cut_in",
-        "--event-version", version, "--generator", "ssp-clip/1", "--ego-unknown",
-        "--domain", "physical", "--out", target / "bag",
-    )  # fmt: skip
+        "import-video",
+        recordings.clip("vru_crossing"),
+        "--scenario",
+        "cut_in",
+        "--event-version",
+        version,
+        "--generator",
+        "ssp-clip/1",
+        "--ego-unknown",
+        "--domain",
+        "physical",
+        "--out",
+        target / "bag",
+    )
     domains = [recordings.get("cut_in", domain) for domain in ("synthetic", "simulation")]
     assert ssp("audit", *domains, target, "--out", tmp_path / "audit") == 1
     *others, physical = load_audit(tmp_path / "audit").recordings
@@ -322,9 +337,18 @@ def test_a_video_that_is_not_the_source_clip_is_unverified(
 def test_another_crop_of_the_source_is_refused(recordings: Recordings, tmp_path: Path) -> None:
     target, version = tmp_path / "other", recordings.version("cut_in")
     succeed(
-        "import-video", recordings.clip("cut_in"), "--scenario", "cut_in",
-        "--event-version", version, "--ego-unknown", "--end", "6", "--out", target / "bag",
-    )  # fmt: skip
+        "import-video",
+        recordings.clip("cut_in"),
+        "--scenario",
+        "cut_in",
+        "--event-version",
+        version,
+        "--ego-unknown",
+        "--end",
+        "6",
+        "--out",
+        target / "bag",
+    )
     domains = [recordings.get("cut_in", domain) for domain in ("simulation", "physical")]
     assert ssp("audit", target, *domains, "--out", tmp_path / "audit") == 1
     synthetic, *others = load_audit(tmp_path / "audit").recordings

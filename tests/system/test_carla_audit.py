@@ -46,8 +46,20 @@ def test_a_session_of_carla_is_admitted_beside_clip_and_raster_and_scored(
     for mine in (synthetic, physical):
         # Labels are written beside a recording.
         shutil.copytree(recordings.get(event, mine.name), mine)
-    succeed("compile", recordings.k_star(event), "--target", "sumo", "--map", MAP, "--choose",
-            BLOCK, "--who", "A. Tester", "--out", tmp_path / "task")  # fmt: skip
+    succeed(
+        "compile",
+        recordings.k_star(event),
+        "--target",
+        "sumo",
+        "--map",
+        MAP,
+        "--choose",
+        BLOCK,
+        "--who",
+        "A. Tester",
+        "--out",
+        tmp_path / "task",
+    )
     with Counterpart(Behaviour(xodr=MAP.read_text())) as server:
         camera = f"carla://{server.address}"
         done = ssp("run", tmp_path / "task", "--seed", 11, "--camera", camera, "--out", simulation)

@@ -31,8 +31,12 @@ PATIENCE_S = 400.0
 def ssp(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "ssp_core.cli", *map(str, arguments)],
-        capture_output=True, text=True, timeout=PATIENCE_S, check=False, env=os.environ.copy(),
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+        env=os.environ.copy(),
+    )
 
 
 def compiled(event: str, folder: Path) -> Path:
@@ -61,8 +65,17 @@ def states(bag: Path, object_id: str) -> dict[int, bytes]:
 
 def test_a_session_that_carla_draws(task: Path, tmp_path: Path) -> None:
     with Counterpart(Behaviour(xodr=MAP.read_text())) as server:
-        drawn = ssp("run", task, "--seed", 11, "--camera", f"carla://{server.address}",
-                    "--out", tmp_path / "carla", "--json")  # fmt: skip
+        drawn = ssp(
+            "run",
+            task,
+            "--seed",
+            11,
+            "--camera",
+            f"carla://{server.address}",
+            "--out",
+            tmp_path / "carla",
+            "--json",
+        )
         assert drawn.returncode == 0, drawn.stdout + drawn.stderr
         assert server.settings == server.left_settings
         assert len(server.actors) == 2
@@ -107,8 +120,17 @@ def test_a_session_that_carla_draws(task: Path, tmp_path: Path) -> None:
 def test_each_other_event_is_valid_and_moves_as_without_carla(event: str, tmp_path: Path) -> None:
     task = compiled(event, tmp_path / "task")
     with Counterpart(Behaviour(xodr=MAP.read_text())) as server:
-        drawn = ssp("run", task, "--seed", 11, "--camera", f"carla://{server.address}",
-                    "--out", tmp_path / "carla", "--json")  # fmt: skip
+        drawn = ssp(
+            "run",
+            task,
+            "--seed",
+            11,
+            "--camera",
+            f"carla://{server.address}",
+            "--out",
+            tmp_path / "carla",
+            "--json",
+        )
         assert drawn.returncode == 0, drawn.stdout + drawn.stderr
         assert server.settings == server.left_settings
         walks = server.walks
@@ -145,8 +167,17 @@ def test_a_failure_ends_the_run_with_its_reason(
 ) -> None:
     behaviour.xodr = MAP.read_text()
     with Counterpart(behaviour) as server:
-        done = ssp("run", task, "--seed", 11, "--camera", f"carla://{server.address}",
-                   "--out", tmp_path / "run", "--json")  # fmt: skip
+        done = ssp(
+            "run",
+            task,
+            "--seed",
+            11,
+            "--camera",
+            f"carla://{server.address}",
+            "--out",
+            tmp_path / "run",
+            "--json",
+        )
         assert done.returncode == 1, done.stdout
         if not behaviour.exit_at:
             assert server.settings == server.left_settings

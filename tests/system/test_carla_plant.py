@@ -20,15 +20,32 @@ from tests.system.test_carla_camera import MAP, compiled, ssp
 
 pytestmark = [pytest.mark.system, pytest.mark.carla]
 # None of its numbers is one of ours.
-OTHER = Physics(engine=5.5, brakes=11.0, lag=0.08, steer_lag=0.12, most_deg=55.0, wheelbase=3.1,
-                drag=0.01, drifts=-0.2)  # fmt: skip
+OTHER = Physics(
+    engine=5.5,
+    brakes=11.0,
+    lag=0.08,
+    steer_lag=0.12,
+    most_deg=55.0,
+    wheelbase=3.1,
+    drag=0.01,
+    drifts=-0.2,
+)
 
 
 def test_a_session_that_carla_moves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     task, run = compiled("cut_in", tmp_path / "task"), tmp_path / "run"
     with Counterpart(Behaviour(xodr=MAP.read_text(), physics=OTHER)) as server:
-        moved = ssp("run", task, "--seed", 11, "--plant", f"carla://{server.address}",
-                    "--out", run, "--json")  # fmt: skip
+        moved = ssp(
+            "run",
+            task,
+            "--seed",
+            11,
+            "--plant",
+            f"carla://{server.address}",
+            "--out",
+            run,
+            "--json",
+        )
         assert moved.returncode == 0, moved.stdout + moved.stderr
         assert server.settings == server.left_settings
         assert len(server.actors) == 2
@@ -51,11 +68,13 @@ def test_a_session_that_carla_moves(tmp_path: Path, capsys: pytest.CaptureFixtur
         ((run, "--plant", "gazebo"), "names neither bodies nor a server"),
         ((task, "--plant", "carla://localhost:1", "--mode", "realtime"), "in lockstep only"),
         (("cut_in", "--plant", "carla://localhost:1"), "no CARLA server has that map"),
-        ((task, "--plant", "carla://localhost:1", "--camera", "carla://localhost:5"),
-         "one client ticks a server"),
+        (
+            (task, "--plant", "carla://localhost:1", "--camera", "carla://localhost:5"),
+            "one client ticks a server",
+        ),
         ((task, "--plant", "carla://localhost:1", "--mode", "live"), "a simulated session alone"),
         ((task, "--plant", "carla://localhost:1", "--in-process"), "a simulated session alone"),
-    ):  # fmt: skip
+    ):
         out = tmp_path / "refused"
         status = main(["run", *map(str, arguments), "--out", str(out)])
         error = " ".join(capsys.readouterr().err.split())

@@ -39,9 +39,10 @@ def declare(bag: Path, file: Path | None, template: Path | None) -> None:
     run, part = facts.run, facts.participation
     if run is None or part is None:
         raise InputError(
-            "is no session of ours", file=path,
+            "is no session of ours",
+            file=path,
             remedy="give --declared-by to the import of another's recording",
-        )  # fmt: skip
+        )
     if template is not None:
         if template.exists():
             raise InputError("exists already", file=template, remedy="name another file")
@@ -67,9 +68,10 @@ def declare(bag: Path, file: Path | None, template: Path | None) -> None:
         if who in declaration.participants:
             raise InputError(
                 "declared itself when this was recorded, and that was taken out of this bag",
-                file=path, field=absolute(declared_topic(who)),
+                file=path,
+                field=absolute(declared_topic(who)),
                 remedy="take the bag as it was recorded, or cut it with this topic",
-            )  # fmt: skip
+            )
     written = seal_declaration(declaration, folder)
     console.out.print(f"{written}: declared by {declaration.text}", markup=False)
     with BagReader(path) as reader:

@@ -143,9 +143,13 @@ def _overlay(one: Examined, index: int) -> str:
             parts.append(_outline(view, states[target], target, kind))
     box = f"0 0 {optics.lens.width_px} {optics.lens.height_px}"
     return pages.element(
-        "svg", "".join(parts), class_="overlay", viewBox=box, preserveAspectRatio="none",
+        "svg",
+        "".join(parts),
+        class_="overlay",
+        viewBox=box,
+        preserveAspectRatio="none",
         aria_hidden="true",
-    )  # fmt: skip
+    )
 
 
 def _outline(view: View, state: ObjectState, name: str, kind: str) -> str:
@@ -207,9 +211,13 @@ def moving_road(one: Examined) -> Picture | None:
     arrows = _arrows(view, pair.speed_mps, "recorded") + _arrows(view, pair.seen_mps, "seen")
     box = f"0 0 {optics.lens.width_px} {optics.lens.height_px}"
     overlay = pages.element(
-        "svg", arrows, class_="overlay", viewBox=box, preserveAspectRatio="none",
+        "svg",
+        arrows,
+        class_="overlay",
+        viewBox=box,
+        preserveAspectRatio="none",
         aria_hidden="true",
-    )  # fmt: skip
+    )
     uri = jpeg_uri(found[index], one.recording.path, WIDTH_PX)
     column = f"recorded {pair.speed_mps:.1f} m/s, seen {pair.seen_mps:.1f} m/s"
     return Picture(column, pair.t_s, None, frames[index], uri, overlay)

@@ -149,9 +149,10 @@ def wanted_cells(folders: Iterable[str]) -> frozenset[str]:
     """
     pairs = [(name.rpartition("+")[0], name) for name in folders]
     bases = {
-        base for base, name in pairs
+        base
+        for base, name in pairs
         if base and name.rpartition("+")[2].partition(".")[0] in FAMILIES
-    }  # fmt: skip
+    }
     return frozenset(name for base, name in pairs if base in bases or name in bases)
 
 

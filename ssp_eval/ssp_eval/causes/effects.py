@@ -257,8 +257,9 @@ def _effect(
     place = SLOT_NAMES.index(output)
     said = [
         [one.slots[place] for one in (label.factual, label.cause, *label.noise)]
-        for unit in units for label in unit
-    ]  # fmt: skip
+        for unit in units
+        for label in unit
+    ]
     n, labels = len(units), len(said)
     given = fmean(any(v is not None for v in of) for of in said) if said else 0.0
     if not n:
@@ -267,10 +268,14 @@ def _effect(
     def differing(others: Callable[[Compared], Answer | None]) -> list[np.ndarray]:
         """Tell by recording (L,) whether the slot differs from the factual answer's."""
         return [
-            np.array([(o := others(x)) is not None and o.slots[place] != x.factual.slots[place]
-                      for x in unit])
+            np.array(
+                [
+                    (o := others(x)) is not None and o.slots[place] != x.factual.slots[place]
+                    for x in unit
+                ]
+            )
             for unit in units
-        ]  # fmt: skip
+        ]
 
     first = differing(lambda label: label.cause)
     noise = [differing(lambda label: label.control), differing(lambda label: label.repeat)]
@@ -281,9 +286,20 @@ def _effect(
     alone = sum(int(one.sum()) for one in first)
     if not control:
         return Effect(
-            model, cause, output, control, n, labels, given, changed, None, changed,
-            rate_interval(changed, n), changed_by_repeat=repeated, alone=alone,
-        )  # fmt: skip
+            model,
+            cause,
+            output,
+            control,
+            n,
+            labels,
+            given,
+            changed,
+            None,
+            changed,
+            rate_interval(changed, n),
+            changed_by_repeat=repeated,
+            alone=alone,
+        )
     second = noise[by_repeat > by_control]
     each = [Shares.of(a, b) for a, b in zip(first, second, strict=True)]
     # A recording in which the cause changes more label times than the noise does is one pair.
@@ -291,10 +307,21 @@ def _effect(
     fewer = sum(one.difference < -SAME_M for one in each)
     mean = Shares.mean(each)
     return Effect(
-        model, cause, output, control, n, labels, given, changed, by_control,
-        mean.difference, paired_difference(mean, n), test=mcnemar(more, fewer),
-        changed_by_repeat=repeated, alone=alone,
-    )  # fmt: skip
+        model,
+        cause,
+        output,
+        control,
+        n,
+        labels,
+        given,
+        changed,
+        by_control,
+        mean.difference,
+        paired_difference(mean, n),
+        test=mcnemar(more, fewer),
+        changed_by_repeat=repeated,
+        alone=alone,
+    )
 
 
 def _of_trajectories(
@@ -315,18 +342,30 @@ def _of_trajectories(
     at = 1 if not control or by_repeat <= by_control else 2
     differences = [_whole(b - c) for b, c in zip(means[0], means[at], strict=True)]
     per_metre = [
-        fmean(relative) for found in recordings
+        fmean(relative)
+        for found in recordings
         if (relative := [(f[0] - f[at]) / f[3] for f in found if f[3] >= LEAST_LENGTH_M])
-    ]  # fmt: skip
+    ]
     size, interval = hodges_lehmann(differences)
     share, share_interval = hodges_lehmann(per_metre)
     return Effect(
-        model, cause, TRAJECTORY, control, n, labels, given, _whole(fmean(means[0])),
-        by_control if control else None, size, interval, share, share_interval,
+        model,
+        cause,
+        TRAJECTORY,
+        control,
+        n,
+        labels,
+        given,
+        _whole(fmean(means[0])),
+        by_control if control else None,
+        size,
+        interval,
+        share,
+        share_interval,
         signed_rank(differences) if control else None,
         changed_by_repeat=by_repeat if units[0][0].repeat is not None else None,
         alone=sum(f[0] > MARGIN_M for found in recordings for f in found),
-    )  # fmt: skip
+    )
 
 
 def _whole(value_m: float) -> float:

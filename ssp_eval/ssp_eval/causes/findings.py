@@ -124,13 +124,16 @@ def finding(model: str, effects: Sequence[Effect]) -> Finding:
     of_object = [e for e in effects if e.cause.of_object]
     of_history = [e for e in effects if e.cause.family == TWIN and e.cause.kind == HISTORY]
     of_pictures = [
-        e for e in effects if e.cause.family == PICTURES or (e.cause.family, e.cause.kind) ==
-        (TWIN, "camera")
-    ]  # fmt: skip
+        e
+        for e in effects
+        if e.cause.family == PICTURES or (e.cause.family, e.cause.kind) == (TWIN, "camera")
+    ]
     by_text = [e for e in effects if e.cause.family == REASONING and e.output == TRAJECTORY]
     told = [
-        ("the object", of_object), ("its own history", of_history), ("the pictures", of_pictures),
-    ]  # fmt: skip
+        ("the object", of_object),
+        ("its own history", of_history),
+        ("the pictures", of_pictures),
+    ]
     sentences = [text for name, group in told if (text := _sentence(name, group))]
     noise = _noise(effects)
     word, why = _word(of_object, of_history, of_pictures, by_text, noise)
@@ -219,8 +222,9 @@ def _word(
 def _is_unsteady(effects: Iterable[Effect]) -> bool:
     return any(
         max(e.changed_by_control or 0.0, e.changed_by_repeat or 0.0) >= UNSTEADY
-        for e in effects if e.output != TRAJECTORY and e.given and e.control
-    )  # fmt: skip
+        for e in effects
+        if e.output != TRAJECTORY and e.given and e.control
+    )
 
 
 def _by_the_object(

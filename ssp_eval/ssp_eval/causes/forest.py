@@ -144,8 +144,11 @@ def _mark(effect: Effect, scale: Callable[[float], float]) -> Mark:
     beside += "" if repeat is None else f", the question asked again {repeat:.2f}{unit}"
     noise = None if control is None else max(control, repeat or 0.0)
     return Mark(
-        scale(size), scale(low), scale(high), None if noise is None else scale(noise),
+        scale(size),
+        scale(low),
+        scale(high),
+        None if noise is None else scale(noise),
         _LOOKS.get(effect.verdict, "none"),
         f"{effect.cause.words}, {effect.output.replace('_', ' ')}: {size:+.2f}{unit} "
         f"[{low:+.2f}, {high:+.2f}], {effect.verdict.value}; {beside}",
-    )  # fmt: skip
+    )

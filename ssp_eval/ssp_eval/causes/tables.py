@@ -11,8 +11,11 @@ from ssp_eval.causes.findings import Finding, Moved
 from ssp_eval.statistics.table import Column, Table, Value
 
 FINDINGS, SLOTS, PATHS, AGREEMENT = (
-    "moved_findings", "moved_slots", "moved_trajectories", "moved_agreement",
-)  # fmt: skip
+    "moved_findings",
+    "moved_slots",
+    "moved_trajectories",
+    "moved_agreement",
+)
 _LEFT_OUT = (
     "The unit is the recording: label times of one are averaged, since neighbouring answers are "
     "alike. Label times with a missing answer are left out."
@@ -23,17 +26,17 @@ _TESTED = (
     "reject from some ten recordings on; of fewer, what differs is shown, if control and repeated "
     "question are silent, and not tested."
 )
-_MEANING = (
-    "What such an effect may be taken for, and what not, stands in docs/twins.md.",
-)  # fmt: skip
+_MEANING = ("What such an effect may be taken for, and what not, stands in docs/twins.md.",)
 
 
 def moved_tables(moved: Moved) -> list[Table]:
     """All of them."""
     return [
-        findings_table(moved.findings), slots_table(moved.effects), paths_table(moved.effects),
+        findings_table(moved.findings),
+        slots_table(moved.effects),
+        paths_table(moved.effects),
         agreement_table(moved.cells),
-    ]  # fmt: skip
+    ]
 
 
 def findings_table(found: Sequence[Finding]) -> Table:
@@ -73,61 +76,100 @@ _LAST = (
 def slots_table(effects: Iterable[Effect]) -> Table:
     """Tabulate the effect of each cause on each slot of the text."""
     columns = (
-        *_KEYS, Column("slot", "slot", "text"), *_UNITS,
-        Column("given", "given"), Column("changed", "differs"),
-        Column("by_control", "by the control"), Column("by_repeat", "asked again"),
+        *_KEYS,
+        Column("slot", "slot", "text"),
+        *_UNITS,
+        Column("given", "given"),
+        Column("changed", "differs"),
+        Column("by_control", "by the control"),
+        Column("by_repeat", "asked again"),
         Column("effect", "effect", "signed"),
-        Column("low", "95 % from", "signed"), Column("high", "to", "signed"),
-        *_TESTS, Column("p_mid", "mid-p", "p"), *_LAST,
-    )  # fmt: skip
+        Column("low", "95 % from", "signed"),
+        Column("high", "to", "signed"),
+        *_TESTS,
+        Column("p_mid", "mid-p", "p"),
+        *_LAST,
+    )
     rows: list[tuple[Value, ...]] = [
         (
-            *_begin(e)[:3], e.output, *_begin(e)[3:], e.given, e.changed, e.changed_by_control,
-            e.changed_by_repeat, e.size, e.interval.low, e.interval.high, *_test(e),
-            None if e.test is None else e.test.p_mid, *_end(e),
+            *_begin(e)[:3],
+            e.output,
+            *_begin(e)[3:],
+            e.given,
+            e.changed,
+            e.changed_by_control,
+            e.changed_by_repeat,
+            e.size,
+            e.interval.low,
+            e.interval.high,
+            *_test(e),
+            None if e.test is None else e.test.p_mid,
+            *_end(e),
         )
         for e in effects
         if e.output != TRAJECTORY and e.verdict is not Verdict.NOT_GIVEN
-    ]  # fmt: skip
+    ]
     notes = (
         "differs: share of label times at which the slot is another one than in the factual "
         "answer; by the control: the same under an irrelevant change; asked again: the same when "
         "the factual question is repeated. The effect is the first less the larger of the other "
         "two, with Newcombe's interval of paired shares; without a control it is the "
         "share itself, with Wilson's. Slots that a model never gives are left out.",
-        _LEFT_OUT, "p: McNemar's exact test.", _TESTED, *_MEANING,
-    )  # fmt: skip
+        _LEFT_OUT,
+        "p: McNemar's exact test.",
+        _TESTED,
+        *_MEANING,
+    )
     return Table(SLOTS, "What moved the text, by slot", columns, tuple(rows), notes)
 
 
 def paths_table(effects: Iterable[Effect]) -> Table:
     """Tabulate the effect of each cause on the trajectory."""
     columns = (
-        *_KEYS, *_UNITS, Column("given", "given"),
+        *_KEYS,
+        *_UNITS,
+        Column("given", "given"),
         Column("moved_m", "moved (m)", "seconds"),
         Column("by_control_m", "by the control (m)", "seconds"),
         Column("by_repeat_m", "asked again (m)", "seconds"),
         Column("effect_m", "effect (m)", "seconds"),
-        Column("low_m", "95 % from (m)", "seconds"), Column("high_m", "to (m)", "seconds"),
+        Column("low_m", "95 % from (m)", "seconds"),
+        Column("high_m", "to (m)", "seconds"),
         Column("per_metre", "per metre", "signed"),
         Column("per_metre_low", "95 % from", "signed"),
-        Column("per_metre_high", "to", "signed"), *_TESTS, *_LAST,
-    )  # fmt: skip
+        Column("per_metre_high", "to", "signed"),
+        *_TESTS,
+        *_LAST,
+    )
     rows: list[tuple[Value, ...]] = [
         (
-            *_begin(e), e.given, e.changed, e.changed_by_control, e.changed_by_repeat, e.size,
-            e.interval.low, e.interval.high, e.per_metre, e.per_metre_interval.low,
-            e.per_metre_interval.high, *_test(e), *_end(e),
+            *_begin(e),
+            e.given,
+            e.changed,
+            e.changed_by_control,
+            e.changed_by_repeat,
+            e.size,
+            e.interval.low,
+            e.interval.high,
+            e.per_metre,
+            e.per_metre_interval.low,
+            e.per_metre_interval.high,
+            *_test(e),
+            *_end(e),
         )
-        for e in effects if e.output == TRAJECTORY
-    ]  # fmt: skip
+        for e in effects
+        if e.output == TRAJECTORY
+    ]
     notes = (
         "moved: mean distance between the trajectory and the factual one, over its first 3 s or "
         "as long as all of them last. The effect is Hodges and Lehmann's estimate of how much "
         "further the cause moves it than the control does, or than the repeated question where "
         "that moves it more; per metre: over the length of the factual trajectory.",
-        _LEFT_OUT, "p: Wilcoxon's signed rank.", _TESTED, *_MEANING,
-    )  # fmt: skip
+        _LEFT_OUT,
+        "p: Wilcoxon's signed rank.",
+        _TESTED,
+        *_MEANING,
+    )
     return Table(PATHS, "What moved the trajectory", columns, tuple(rows), notes)
 
 
@@ -160,10 +202,15 @@ def agreement_table(cells: Iterable[Asked]) -> Table:
         told = [a.agrees for a in answers if a is not None and a.agrees is not None]
         rows.append(
             (
-                model, words[key], key, len(answers), len(told),
-                sum(told) / len(answers) if answers else None, fmean(told) if told else None,
+                model,
+                words[key],
+                key,
+                len(answers),
+                len(told),
+                sum(told) / len(answers) if answers else None,
+                fmean(told) if told else None,
             )
-        )  # fmt: skip
+        )
     columns = (
         *_KEYS,
         Column("n", "label times", "count"),

@@ -446,8 +446,9 @@ class Audit(Strict):
             yield f"its properties aren't {', '.join(FIELDS)}"
         for name, value in entry.properties.items():
             reference = synthetic.properties.get(name)
-            apart = reference and differences(value.property(entry.varying),
-                                              reference.property(entry.varying))  # fmt: skip
+            apart = reference and differences(
+                value.property(entry.varying), reference.property(entry.varying)
+            )
             if value.source == "unverified":
                 yield f"its {name} is unverified"
             elif value.equal is False or value.differences or apart:
@@ -511,7 +512,9 @@ def load_audit(path: str | Path) -> Audit:
     audit = load_model(Audit, path)
     if why := audit.contradiction():
         raise InputError(
-            f"contradicts itself: {why}", file=path, field="recordings",
+            f"contradicts itself: {why}",
+            file=path,
+            field="recordings",
             remedy="make it again with `ssp audit`",
-        )  # fmt: skip
+        )
     return audit

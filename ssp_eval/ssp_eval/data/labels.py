@@ -284,9 +284,12 @@ def parse_labels(value: object, file: str | Path) -> Labels:
     for i, (before, after) in enumerate(pairwise(labels.labels), start=1):
         if after.t_s <= before.t_s:
             raise InputError(
-                "must rise strictly from label to label", file=file, field=f"labels[{i}].t_s",
-                value=after.t_s, remedy=f"the label before has {before.t_s!r}",
-            )  # fmt: skip
+                "must rise strictly from label to label",
+                file=file,
+                field=f"labels[{i}].t_s",
+                value=after.t_s,
+                remedy=f"the label before has {before.t_s!r}",
+            )
     for i, label in enumerate(labels.labels):
         if (label.at is None) != (labels.plan == BY_CLOCK):
             problem, remedy = (
@@ -300,9 +303,11 @@ def parse_labels(value: object, file: str | Path) -> Labels:
             raise InputError(problem, file=file, field=f"labels[{i}].at", remedy=remedy)
     if labels.risk_time_s is None and not any(label.risk_visible for label in labels.labels):
         raise InputError(
-            "is null, and no label has risk_visible: true", file=file, field="risk_time_s",
+            "is null, and no label has risk_visible: true",
+            file=file,
+            field="risk_time_s",
             remedy="a labels file must say when the risk begins, in one way or the other",
-        )  # fmt: skip
+        )
     return labels
 
 

@@ -206,9 +206,13 @@ def parse_records(text: str, file: str | Path) -> tuple[BehaviourRecord, ...]:
         record = parse_line(_Line, line, file, number).record()
         if records and record.t_s <= records[-1].t_s:
             raise InputError(
-                "must rise strictly from record to record", file=file, line=number, field="t_s",
-                value=record.t_s, remedy=f"the record before has {records[-1].t_s!r}",
-            )  # fmt: skip
+                "must rise strictly from record to record",
+                file=file,
+                line=number,
+                field="t_s",
+                value=record.t_s,
+                remedy=f"the record before has {records[-1].t_s!r}",
+            )
         records.append(record)
     return tuple(records)
 

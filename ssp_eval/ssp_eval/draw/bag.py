@@ -50,10 +50,16 @@ def write_drawn(
     identity = drawn.model_dump_json(by_alias=True, indent=1).encode() + b"\n"
     with new_folder(target) as folder:
         with BagWriter(folder, name=f"{target.name}_0", maker=Maker.DRAW) as writer:
-            begin_derived(writer, bag, {DRAWN_ATTACHMENT: identity}, but={_RENDERER},
-                          types={IMAGE: COMPRESSED_TYPE})  # fmt: skip
-            writer.add_topic(_RENDERER, "std_msgs/msg/String",
-                             offered_qos(1, transient_local=True), latched=True)  # fmt: skip
+            begin_derived(
+                writer,
+                bag,
+                {DRAWN_ATTACHMENT: identity},
+                but={_RENDERER},
+                types={IMAGE: COMPRESSED_TYPE},
+            )
+            writer.add_topic(
+                _RENDERER, "std_msgs/msg/String", offered_qos(1, transient_local=True), latched=True
+            )
             said = canonical_json(server.model_dump(mode="json", by_alias=True)).decode()
             begun_ns = bag.start_ns or 0
             writer.write(_RENDERER, ENCAPSULATION + text_bytes(said), begun_ns, begun_ns)

@@ -62,9 +62,11 @@ def draw(recording: Path, camera_text: str, map_file: Path | None, out: Path, as
     """
     if not camera_text.startswith(SCHEME):
         raise InputError(
-            "names no CARLA server", field="--camera", value=camera_text,
+            "names no CARLA server",
+            field="--camera",
+            value=camera_text,
             remedy="give carla://HOST:PORT; `ssp run` draws by our own renderer",
-        )  # fmt: skip
+        )
     address = parse_address(camera_text, "--camera")
     source = find_bag(recording)
     with BagReader(source) as bag:
@@ -113,25 +115,33 @@ def _map_of(recorded: Recorded, given: Path | None) -> tuple[Path, Literal["the 
         if is_compiled and place is not None and sha256_file(given) != place.sha256:
             raise InputError(
                 f"isn't the map that the run was compiled for, {place.name} ({place.sha256})",
-                file=given, field="--map", remedy="leave it out, or give that one",
-            )  # fmt: skip
+                file=given,
+                field="--map",
+                remedy="leave it out, or give that one",
+            )
         return given, "the task" if is_compiled else "--map"
     if place is None or not is_compiled:
         where = "nothing that it names" if place is None else f"a {place.kind}, {place.name}"
         raise InputError(
             f"was placed on {where}: no CARLA server has that map",
-            file=recorded.bag.path, field="--map",
+            file=recorded.bag.path,
+            field="--map",
             remedy="give the OpenDRIVE of the server's map, in whose frame the states are",
-        )  # fmt: skip
+        )
     file = bag_folder(recorded.bag.path).absolute().parent / TASK_FOLDER / place.name
     if not file.is_file():
         raise InputError(
-            "isn't beside the bag", file=file, field="--map",
+            "isn't beside the bag",
+            file=file,
+            field="--map",
             remedy=f"give it: {place.name}, {place.sha256}",
-        )  # fmt: skip
+        )
     if sha256_file(file) != place.sha256:
-        raise InputError(f"isn't the map that the run was compiled for, {place.sha256}", file=file,
-                         remedy="give that one with --map")  # fmt: skip
+        raise InputError(
+            f"isn't the map that the run was compiled for, {place.sha256}",
+            file=file,
+            remedy="give that one with --map",
+        )
     return file, "the task"
 
 

@@ -56,9 +56,12 @@ class Pictures:
         ):
             if found != wanted:
                 raise InputError(
-                    "holds a drawing of another recording or map", file=file, field=field,
-                    value=found, remedy="name another bag with --out, or remove the folder",
-                )  # fmt: skip
+                    "holds a drawing of another recording or map",
+                    file=file,
+                    field=field,
+                    value=found,
+                    remedy="name another bag with --out, or remove the folder",
+                )
         self.server = there.server
 
     def take_server(self, server: CarlaScene) -> None:
@@ -71,9 +74,10 @@ class Pictures:
         if before is not None and (apart := before.differences(server)):
             raise InputError(
                 "was drawn by a server that isn't this one: " + ", ".join(apart),
-                file=self.folder / DRAWING_FILE, field="server",
+                file=self.folder / DRAWING_FILE,
+                field="server",
                 remedy="go on with that one, or remove the folder",
-            )  # fmt: skip
+            )
         if before is not None:
             server = with_bodies(server, before.bodies)
             server = server.model_copy(update={"first_frame": before.first_frame})

@@ -77,26 +77,30 @@ def read_recorded(bag: BagReader, facts: Provenance) -> Recorded:
     if facts.twin is not None or facts.drawn is not None:
         made = facts.twin if facts.drawn is None else facts.drawn.text
         raise InputError(
-            f"isn't as it was recorded: {made}", file=bag.path,
+            f"isn't as it was recorded: {made}",
+            file=bag.path,
             remedy="give the recording that it was made of",
-        )  # fmt: skip
+        )
     people, road = facts.participants, facts.road
     for known, what, remedy in (
         (people, "no states of VUT and objects", "give a recording with states"),
         (road, "no road", "bind one: `ssp import-bag --site MAP`"),
     ):
         if known is None:
-            raise InputError(f"has {what}, so that there is nothing to draw", file=bag.path,
-                             remedy=remedy)  # fmt: skip
+            raise InputError(
+                f"has {what}, so that there is nothing to draw", file=bag.path, remedy=remedy
+            )
     frames_ns = sorted({peek_stamp_ns(message.data) for message in bag.messages([IMAGE])})
     if not frames_ns:
         raise InputError("has no frames, whose stamps are drawn", file=bag.path, field=IMAGE)
     camera = _imported_camera(bag, frames_ns) if facts.run is None else facts.run.camera
     if camera is None or people is None or road is None:
         raise InputError(
-            "says nowhere where its camera stood and how it saw", file=bag.path, field="camera",
+            "says nowhere where its camera stood and how it saw",
+            file=bag.path,
+            field="camera",
             remedy="give a recording of `ssp run`, or import one with its camera's geometry",
-        )  # fmt: skip
+        )
     return Recorded(bag, facts, people, road, camera, tuple(frames_ns))
 
 
@@ -142,8 +146,9 @@ def _of_world(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
         try:
             tick = decode_tick(message.data)
         except ValueError as error:
-            raise InputError(f"holds a message that is none: {error}", file=recorded.bag.path,
-                             field=TICK) from error  # fmt: skip
+            raise InputError(
+                f"holds a message that is none: {error}", file=recorded.bag.path, field=TICK
+            ) from error
         scene = camera.see(tick.step, tick.stamp_ns, tick.objects)
         if scene is not None and tick.stamp_ns in wanted:
             wanted.remove(tick.stamp_ns)

@@ -101,9 +101,11 @@ class Admission:
                 continue
             raise InputError(
                 f"isn't of the recording {facts.name} that it names by its hash: that has {found}",
-                file=self.file, field=f"recordings.{facts.domain}.{name}", value=told,
+                file=self.file,
+                field=f"recordings.{facts.domain}.{name}",
+                value=told,
                 remedy="make it again with `ssp audit`",
-            )  # fmt: skip
+            )
 
     def to_json(self) -> dict[str, Any]:
         """Return the admission as cell.json has it."""

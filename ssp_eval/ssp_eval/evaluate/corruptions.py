@@ -114,8 +114,12 @@ def glare(light: Light, strength: int, _stamp_ns: int) -> Light:
 
 Effect = Callable[[Light, int, int], Light]
 EFFECTS: dict[str, Effect] = {
-    "noise": noise, "blur": blur, "fog": fog, "low_light": low_light, "glare": glare,
-}  # fmt: skip
+    "noise": noise,
+    "blur": blur,
+    "fog": fog,
+    "low_light": low_light,
+    "glare": glare,
+}
 
 
 def corrupted(image: Picture, kind: str, strength: int, stamp_ns: int) -> Picture:

@@ -487,9 +487,10 @@ def with_reasoning(specs: Sequence[ModelSpec]) -> list[ModelSpec]:
     found = once_more(specs, names, {s.backend_name for s in specs if not is_chat(s)})
     return [
         replace(s, options={**s.options, "give_back": s.condition.removeprefix(REASONING)})
-        if s.condition in names else s
+        if s.condition in names
+        else s
         for s in found
-    ]  # fmt: skip
+    ]
 
 
 def with_twin_conditions(specs: Sequence[ModelSpec], twins: Sequence[str]) -> list[ModelSpec]:
@@ -563,9 +564,11 @@ def check_bridge(model: ModelSpec) -> None:
     spoken = interface_of(backend, model.options)
     if backend in BACKENDS and model.spoken.name != spoken:
         raise InputError(
-            f"speaks {spoken}, not {model.spoken.name}", field="bridge", value=backend,
+            f"speaks {spoken}, not {model.spoken.name}",
+            field="bridge",
+            value=backend,
             remedy="leave out the interface",
-        )  # fmt: skip
+        )
     filled = ModelSpec(model.name, CONTROLS.get(backend, {})).options_for("", 0)
     if filled:
         # What only the cell knows isn't there yet; names and types can be checked without it.

@@ -47,9 +47,10 @@ def check_unchanged(cell: Path) -> None:
     for path in (cell / RAW_FILE, cell / EARLIER_FILE):
         if path.is_file() and isinstance(told, dict) and sha256_file(path) != told.get(path.stem):
             raise InputError(
-                "was changed since the cell was evaluated", file=path,
+                "was changed since the cell was evaluated",
+                file=path,
                 remedy="put it back, or remove the cell's folder: all of it is asked again",
-            )  # fmt: skip
+            )
 
 
 class RawStore:

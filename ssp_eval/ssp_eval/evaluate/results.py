@@ -321,10 +321,11 @@ def cell_files(out: Path) -> list[Path]:
     """
     if out.is_file():
         raise InputError(
-            "is no campaign's folder but a file", file=out,
+            "is no campaign's folder but a file",
+            file=out,
             remedy="component scores go with --from-cells FILE.csv; of a campaign give the --out "
             "folder of `ssp evaluate`",
-        )  # fmt: skip
+        )
     files = sorted((out / CELLS).glob(f"*/{CELL_FILE}"))
     if not files:
         raise InputError(
@@ -436,20 +437,34 @@ def _unreadable(folder: Path) -> CellFacts:
     """Read a cell's facts from the name of its folder, where its cell.json can't be read."""
     scenario, domain, model = (*folder.name.split("__", 2), UNKNOWN, UNKNOWN)[:3]
     return CellFacts(
-        schema="ssp.cell/1", scenario=scenario, domain=domain, model=model, model_ids=[],
-        status="refused", reasons=[], stand_in=False, event_version=UNKNOWN,
+        schema="ssp.cell/1",
+        scenario=scenario,
+        domain=domain,
+        model=model,
+        model_ids=[],
+        status="refused",
+        reasons=[],
+        stand_in=False,
+        event_version=UNKNOWN,
         clip=ClipFacts(
-            origin=UNKNOWN, verdict=None, ego=UNKNOWN, camera=UNKNOWN, geometry=None,
+            origin=UNKNOWN,
+            verdict=None,
+            ego=UNKNOWN,
+            camera=UNKNOWN,
+            geometry=None,
             mount_forward_m=None,
         ),
-        labels_source=UNKNOWN, labels_proposed=False,
+        labels_source=UNKNOWN,
+        labels_proposed=False,
         answers=AnswerFacts(
             sent=0, reused=0, missing=[], ignored=IgnoredFacts(late=0, duplicate=0, unknown=0)
         ),
-        backend_options={}, decoding=[],
+        backend_options={},
+        decoding=[],
         preprocessing=PreprocessingFacts(frames=0, frame_spacing_s=0.0),
-        adapter=UNKNOWN, hashes={},
-    )  # fmt: skip
+        adapter=UNKNOWN,
+        hashes={},
+    )
 
 
 def _scored(cell: CellData, score: CellScore) -> CellData:

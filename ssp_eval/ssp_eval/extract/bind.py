@@ -70,7 +70,7 @@ class Binder(Clause):
             if (self.near is not None or self.planned or isinstance(self.subject, Actor)) and (
                 self.known.sets["prepositions_of_place"]
                 & set(self.words[max(hit.first - 3, 0) : hit.first])
-            ):  # fmt: skip
+            ):
                 return  # on the sidewalk
             if not self.busy and not isinstance(self.subject, Actor):
                 self.subject = SCENE
@@ -153,7 +153,7 @@ class Binder(Clause):
         self.busy = False
         if hit.value in ("lon_action", "lat_action", "action", "conflict") or (
             not hit.value and self.words[hit.first - 1].isalpha() and hit.first - 4 < self._line()
-        ):  # fmt: skip
+        ):
             self.listing = False
         if hit.value in ("lon_action", "lat_action", "action"):
             self.subject, self.near = None, None
@@ -226,7 +226,7 @@ class Binder(Clause):
             actor.reaction = 2
         if self.critical or (
             self.listing and (self.subject is actor or len(self.named) == 1) and not self.shows
-        ):  # fmt: skip
+        ):
             actor.critical = True
         if self.shows:
             actor.matters = True
@@ -269,10 +269,15 @@ class Binder(Clause):
 
     def _pronoun(self, index: int, hit: Hit) -> None:
         last = self.last
-        if hit.value == "it" and index - self.clause < 3 and not self.busy and (
-            (self.subject is EGO and not self.named)
-            or (self.carried is EGO and not self.were_named)
-        ):  # fmt: skip
+        if (
+            hit.value == "it"
+            and index - self.clause < 3
+            and not self.busy
+            and (
+                (self.subject is EGO and not self.named)
+                or (self.carried is EGO and not self.were_named)
+            )
+        ):
             self.subject, self.near = EGO, None
             return
         if hit.value == "it" and last is not None and last.name in PEOPLE:
@@ -325,9 +330,11 @@ class Binder(Clause):
         if hit.form == "lead":
             self.pending.append((index, hit))
             return
-        if self.words[hit.first] == "straight" and hit.stop - hit.first == 2 and (
-            self.planned and (owner is None or self.subject is EGO)
-        ):  # fmt: skip
+        if (
+            self.words[hit.first] == "straight"
+            and hit.stop - hit.first == 2
+            and (self.planned and (owner is None or self.subject is EGO))
+        ):
             straight = Hit("action", "straight", "", hit.first, hit.stop)
             self.plan.act(straight, flags, self.step, self._strong())
             return
@@ -368,7 +375,7 @@ class Binder(Clause):
             actor.parked, value = True, "stationary"
         if self.words[hit.first] == "faster" and any(
             place.value.startswith("rear") for place in actor.places
-        ):  # fmt: skip
+        ):
             value = "same_direction"  # from behind us it comes nearer
         actor.motions.append(self._said(value, hit))
         self._show(actor)
@@ -378,14 +385,12 @@ class Binder(Clause):
         if self._adjective(index, hit, meaning.other):
             return
         if flags == Scope.POSSIBLE and self.subject in (None, SCENE) and self.near is None:
-            if self.subject is None and self.last is not None and (
-                self._may(index)
-            ):  # fmt: skip
+            if self.subject is None and self.last is not None and (self._may(index)):
                 self._move(self.last, index, hit, flags)
                 return
             if meaning.other in ("step", "cross", "drift", "intrude") and (
                 self._nobody_known(index) and self._may(index)
-            ):  # fmt: skip
+            ):
                 self.world.loose.append(self._said("potential", hit))
                 return
         if self._of_other(index, hit):
@@ -395,10 +400,13 @@ class Binder(Clause):
             self.busy = self.busy or hit.form != "ing" or isinstance(self.subject, Actor)
             return
         if self._hindered(index, hit) or (
-            hit.form == "base" and hit.first and self.words[hit.first - 1] == "to"
-            and index > self.start and self.hits[index - 1].kind in ("user", "pronoun")
+            hit.form == "base"
+            and hit.first
+            and self.words[hit.first - 1] == "to"
+            and index > self.start
+            and self.hits[index - 1].kind in ("user", "pronoun")
             and self.hits[index - 1].stop == hit.first - 1
-        ):  # fmt: skip
+        ):
             self.busy = True  # wait for the car to stop; our merge that somebody blocks
             return
         if hit.form == "ing" and self._gerund(index, hit):
@@ -413,9 +421,12 @@ class Binder(Clause):
                 self.subject = EGO
         elif self.subject is None and not meaning.ego:
             self.reacting = self.reacting or hit.value in ("follow", "overtake", "wait", "trail")
-        if hit.value == "trail" and self.subject in (None, EGO) and hit.form != "ed" and (
-            not flags & ~(Scope.FUTURE | Scope.REJECTED)
-        ):  # fmt: skip
+        if (
+            hit.value == "trail"
+            and self.subject in (None, EGO)
+            and hit.form != "ed"
+            and (not flags & ~(Scope.FUTURE | Scope.REJECTED))
+        ):
             self.behind = hit
         self.busy = True
 
@@ -427,8 +438,13 @@ class Binder(Clause):
         if not following or following[0].kind != "user" or following[0].first - hit.stop > 2:
             return False
         article = self.words[hit.first - 1] in ("the", "a", "an", "slow", "slower")
-        kinds = {"stand": "stationary", "with": "same_direction", "along": ALONG, "go": ALONG,
-                 "oncoming": "oncoming"}  # fmt: skip
+        kinds = {
+            "stand": "stationary",
+            "with": "same_direction",
+            "along": ALONG,
+            "go": ALONG,
+            "oncoming": "oncoming",
+        }
         if other not in kinds or not (hit.form == "ed" or article):
             return False
         self.states.append(Hit("state", kinds[other], "", hit.first, hit.stop))
@@ -535,9 +551,11 @@ class Binder(Clause):
         if hit.kind == "action" and self.field in ("motion", "position", "objects", "conflict"):
             return
         after = self._after(index)
-        if hit.value == "straight" and after.first == hit.stop and (
-            after.kind in ("place", "towards")
-        ):  # fmt: skip
+        if (
+            hit.value == "straight"
+            and after.first == hit.stop
+            and (after.kind in ("place", "towards"))
+        ):
             return  # no steering to the left
         if self.plan.act(hit, flags, self.step, self._strong() or hit.form == "value"):
             self.planned.append(hit)

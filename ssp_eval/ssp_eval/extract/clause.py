@@ -20,9 +20,30 @@ RIDERS = frozenset({"pedestrian", "cyclist", "motorcycle"})
 _GENERIC = frozenset({"vehicle", "car", "vehicles", "cars"})
 _CALLED = frozenset({("bike", "motorcycle"), ("cab", "truck"), ("bike", "cyclist")})
 _LEADING_ON = frozenset({"go", "drift", "step", "cross", "leave"})
-_UNSEEN = frozenset({"someone", "somebody", "one", "anyone", "child", "car", "pedestrian",
-                     "person", "he", "it", "children", "people", "kids", "pedestrians",
-                     "passengers", "passenger", "driver", "rider", "animal", "others"})  # fmt: skip
+_UNSEEN = frozenset(
+    {
+        "someone",
+        "somebody",
+        "one",
+        "anyone",
+        "child",
+        "car",
+        "pedestrian",
+        "person",
+        "he",
+        "it",
+        "children",
+        "people",
+        "kids",
+        "pedestrians",
+        "passengers",
+        "passenger",
+        "driver",
+        "rider",
+        "animal",
+        "others",
+    }
+)
 _ANY_MORE = ("no longer", "any more", "anymore", "any longer", "no more", "no further")
 
 
@@ -138,7 +159,7 @@ class Clause:
         """Braking sends a wave through the traffic; the reason for braking: no action is taken."""
         if hit.first and (
             self.words[hit.first - 1] in self.known.sets["prepositions_before_gerunds"]
-        ):  # fmt: skip
+        ):
             return True
         if self.subject is EGO or self.planned or self._strong():
             return False
@@ -185,8 +206,13 @@ class Clause:
             elif hit.kind == "verb" and hit.form == "ing" and self.hits[after - 1].kind == "cue":
                 continue
             elif hit.kind in ("verb", "user", "noun", "field") or hit.value in (
-                ";", "so", "because", "but", "if", "."
-            ):  # fmt: skip
+                ";",
+                "so",
+                "because",
+                "but",
+                "if",
+                ".",
+            ):
                 break
         return found
 
@@ -238,9 +264,11 @@ class Clause:
                 return actor
             same = _same_noun(actor.noun.removesuffix("s"), single)
             generic = noun in _GENERIC or actor.noun in _GENERIC
-            if noun in ("vehicle", "vehicles") and hit.form == "the" and (
-                actor.name not in PEOPLE and actor.name != "cyclist"
-            ):  # fmt: skip
+            if (
+                noun in ("vehicle", "vehicles")
+                and hit.form == "the"
+                and (actor.name not in PEOPLE and actor.name != "cyclist")
+            ):
                 return actor
             if actor.name == hit.value and (same or generic or actor.name in RIDERS):
                 if colour and actor.colour and colour != actor.colour:
@@ -251,9 +279,11 @@ class Clause:
     def _identify(self, hit: Hit) -> Actor:
         noun, colour = self._noun_of(hit)
         known = self._known(hit)
-        fresh = hit.form == "a" and known is not None and (
-            known in self.named or (known.noun != noun and known.name not in PEOPLE)
-        )  # fmt: skip
+        fresh = (
+            hit.form == "a"
+            and known is not None
+            and (known in self.named or (known.noun != noun and known.name not in PEOPLE))
+        )
         if known is not None and known.parked != any(one.value == "parked" for one in self.states):
             fresh = fresh or not known.parked or hit.form == "a"
         if known is not None and not fresh:
@@ -288,7 +318,7 @@ class Clause:
                 return "not" not in behind and not ends.isdisjoint(behind)
             if hit.kind not in ("user", "place", "ego", "state", "risk", "conflict") and (
                 hit.value not in ("parked", "oncoming")
-            ):  # fmt: skip
+            ):
                 return False
         return False
 

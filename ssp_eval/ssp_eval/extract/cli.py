@@ -36,16 +36,37 @@ _PATH = click.Path(path_type=Path)
 @click.command()
 @click.argument("file", metavar="[FILE.jsonl]", required=False)
 @llm_options()
-@click.option("--review", "out", type=_PATH, metavar="OUT", help="Write a blind review of some of "
-              "the texts for two people to the new folder OUT.")  # fmt: skip
-@click.option("--n", "count", type=WholeNumber(1, 5000), default=100, show_default=True,
-              help="Texts to review.")  # fmt: skip
+@click.option(
+    "--review",
+    "out",
+    type=_PATH,
+    metavar="OUT",
+    help="Write a blind review of some of the texts for two people to the new folder OUT.",
+)
+@click.option(
+    "--n",
+    "count",
+    type=WholeNumber(1, 5000),
+    default=100,
+    show_default=True,
+    help="Texts to review.",
+)
 @click.option("--seed", type=WholeNumber(), default=0, show_default=True, help="Of their choice.")
-@click.option("--returned", type=_PATH, nargs=2, metavar="A B",
-              help="What both reviewers returned, JSON; needs --key.")  # fmt: skip
+@click.option(
+    "--returned",
+    type=_PATH,
+    nargs=2,
+    metavar="A B",
+    help="What both reviewers returned, JSON; needs --key.",
+)
 @click.option("--key", "key_file", type=_PATH, help="Key of the review, key.json.")
-@click.option("--measure", "corpus", type=_PATH, metavar="CORPUS.jsonl",
-              help="Texts with known slots, to measure the extraction by.")  # fmt: skip
+@click.option(
+    "--measure",
+    "corpus",
+    type=_PATH,
+    metavar="CORPUS.jsonl",
+    help="Texts with known slots, to measure the extraction by.",
+)
 @click.option("--misses", is_flag=True, help="With --measure, list what came out otherwise.")
 @click.option("--json", "as_json", is_flag=True, help="Print a measure or a review as JSON.")
 def extract(
@@ -194,9 +215,13 @@ def _read(file: str) -> Iterator[tuple[str | int, str]]:
                 if (first := lines.setdefault(found.id, number)) != number:
                     problem = f"stands in line {first} already"
                     raise InputError(
-                        problem, file=file, line=number, field="id", value=found.id,
+                        problem,
+                        file=file,
+                        line=number,
+                        field="id",
+                        value=found.id,
                         remedy="give each text its own id",
-                    )  # fmt: skip
+                    )
                 yield found.id, found.text
     except UnicodeDecodeError as error:
         raise InputError("is not UTF-8", file=file, line=number + 1) from error

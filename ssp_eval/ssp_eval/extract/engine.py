@@ -21,10 +21,21 @@ from ssp_eval.extract.world import World
 
 RULES_VERSION = "2"
 _SOURCES = (
-    "lexicon.yaml", "scope.yaml", "lexicon.py", "tokens.py", "match.py", "scope.py", "world.py",
-    "clause.py", "bind.py", "decide.py", "engine.py", "checks.py", "options.py",
+    "lexicon.yaml",
+    "scope.yaml",
+    "lexicon.py",
+    "tokens.py",
+    "match.py",
+    "scope.py",
+    "world.py",
+    "clause.py",
+    "bind.py",
+    "decide.py",
+    "engine.py",
+    "checks.py",
+    "options.py",
     "speaker.py",
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,36 @@ ENGLISH = "en"
 NOT_READ = "in a language that the rules don't read"
 # Of more the identifier would lose short English to Walloon or Nigerian Pidgin.
 _LANGUAGES = (
-    "en", "de", "fr", "es", "it", "pt", "nl", "sv", "da", "no", "fi", "pl", "cs", "ru", "uk", "tr",
-    "ar", "fa", "he", "hi", "zh", "ja", "ko", "vi", "id", "th", "el", "hu", "ro",
-)  # fmt: skip
+    "en",
+    "de",
+    "fr",
+    "es",
+    "it",
+    "pt",
+    "nl",
+    "sv",
+    "da",
+    "no",
+    "fi",
+    "pl",
+    "cs",
+    "ru",
+    "uk",
+    "tr",
+    "ar",
+    "fa",
+    "he",
+    "hi",
+    "zh",
+    "ja",
+    "ko",
+    "vi",
+    "id",
+    "th",
+    "el",
+    "hu",
+    "ro",
+)
 _SURE = 0.75
 # One word of Latin letters is too little; scripts without spaces have words in one piece.
 _LEAST_WORDS = 2

@@ -17,9 +17,21 @@ FOLDER = Path(__file__).parent
 FILES = ("lexicon.yaml", "scope.yaml")
 NUMBER = "#"
 NUMBER_WORDS = frozenset(
-    {"five", "ten", "fifteen", "twenty", "thirty", "forty", "fifty", "sixty", "seventy", "eighty",
-     "ninety", "hundred"}
-)  # fmt: skip
+    {
+        "five",
+        "ten",
+        "fifteen",
+        "twenty",
+        "thirty",
+        "forty",
+        "fifty",
+        "sixty",
+        "seventy",
+        "eighty",
+        "ninety",
+        "hundred",
+    }
+)
 MAX_FILLERS = 3
 FORMS = ("base", "s", "ing", "ed")
 _OTHER = {"left": "right", "right": "left"}
@@ -121,14 +133,33 @@ class Lexicon:
                 head, _, last = noun.rpartition(" ")
                 for one in (last, last + "s", *plurals.get(last, ()), *plurals.get(noun, ())):
                     self._put(f"{head} {one}".strip(), Entry("user", name))
-        for kind in ("nobody", "ego", "relative", "scene", "riding", "from", "across", "towards",
-                     "affects", "critical", "background", "risk", "matters", "reacts",
-                     "braked_in_lane"):  # fmt: skip
+        for kind in (
+            "nobody",
+            "ego",
+            "relative",
+            "scene",
+            "riding",
+            "from",
+            "across",
+            "towards",
+            "affects",
+            "critical",
+            "background",
+            "risk",
+            "matters",
+            "reacts",
+            "braked_in_lane",
+        ):
             for one in _items(words[kind]):
                 self._add(one, kind, "{side}" if "{side}" in one else "")
-        for kind, section in (("pronoun", "pronoun"), ("conflict", "conflicts"),
-                              ("place", "places"), ("state", "states"), ("goal", "goals"),
-                              ("noun", "nouns")):  # fmt: skip
+        for kind, section in (
+            ("pronoun", "pronoun"),
+            ("conflict", "conflicts"),
+            ("place", "places"),
+            ("state", "states"),
+            ("goal", "goals"),
+            ("noun", "nouns"),
+        ):
             for value, listed in words[section].items():
                 for one in _items(listed):
                     self._add(one, kind, value)

@@ -11,14 +11,36 @@ _SENTENCE = frozenset({".", "?", "\n"})
 _LEVELS = frozenset({"lon_action", "lat_action", "action", "conflict"})
 MAX_FIELD = 6  # words of a field's name
 MAX_VALUE = 4
-_BARE = {"straight": "straight", "maintain": "maintain", "left": "left", "right": "right",
-         "keep lane": "straight", "stop": "stop", "decelerate": "decelerate", "keep": "maintain",
-         "accelerate": "accelerate", "keep speed": "maintain", "hold": "maintain",
-         "go": "accelerate", "resume": "accelerate", "standstill": "stop", "halt": "stop",
-         "accel": "accelerate", "decel": "decelerate", "coast": "decelerate"}  # fmt: skip
+_BARE = {
+    "straight": "straight",
+    "maintain": "maintain",
+    "left": "left",
+    "right": "right",
+    "keep lane": "straight",
+    "stop": "stop",
+    "decelerate": "decelerate",
+    "keep": "maintain",
+    "accelerate": "accelerate",
+    "keep speed": "maintain",
+    "hold": "maintain",
+    "go": "accelerate",
+    "resume": "accelerate",
+    "standstill": "stop",
+    "halt": "stop",
+    "accel": "accelerate",
+    "decel": "decelerate",
+    "coast": "decelerate",
+}
 _ORDINALS = frozenset({"1", "2", "3", "4", "5", "6", "a", "b", "first", "second", "third"})
-_ACTIONS = {"stop": "lon", "decelerate": "lon", "maintain": "lon", "accelerate": "lon",
-            "left": "lat", "straight": "lat", "right": "lat"}  # fmt: skip
+_ACTIONS = {
+    "stop": "lon",
+    "decelerate": "lon",
+    "maintain": "lon",
+    "accelerate": "lon",
+    "left": "lat",
+    "straight": "lat",
+    "right": "lat",
+}
 _DETERMINERS = frozenset(
     {
         "its",
@@ -50,8 +72,17 @@ _LENGTHS = frozenset({"m", "o", "s", "metres", "meters", "metre", "meter", "seco
 _SPEED_LABELS = frozenset({"speed", "velocity"})
 _MODALS = frozenset({"to", "we", "i", "must", "should", "will", "and"})
 _LEADING = frozenset({"lead", "leading", "preceding", "front"})
-_PLACES = {"left": "left", "right": "right", "front": "front", "rear": "rear", "ahead": "front",
-           "behind": "rear", "beside": "beside", "l": "left", "r": "right"}  # fmt: skip
+_PLACES = {
+    "left": "left",
+    "right": "right",
+    "front": "front",
+    "rear": "rear",
+    "ahead": "front",
+    "behind": "rear",
+    "beside": "beside",
+    "l": "left",
+    "r": "right",
+}
 _DEFINITE = frozenset({"the", "this", "that", "these", "those", "same", "said"})
 _OTHERS = frozenset({"another", "second", "other", "third"})
 _INDEFINITE = (
@@ -60,8 +91,9 @@ _INDEFINITE = (
     )
     | _OTHERS
 )
-_ENDS = frozenset({"of", "in", "on", "to", "and", "by", "for", "with", "from", "or", "at", "is",
-                   "are", "but"})  # fmt: skip
+_ENDS = frozenset(
+    {"of", "in", "on", "to", "and", "by", "for", "with", "from", "or", "at", "is", "are", "but"}
+)
 
 
 class Hit(NamedTuple):
@@ -125,11 +157,15 @@ class _Reader:
             entry.kind == "verb" and entry.form == "base" and at and words[at - 1] in _DETERMINERS
         ):
             return at + 1  # its stop, a turn: a noun
-        if entry.value == "slow" and words[at:stop] == ["slow"] and (
-            words[stop] not in MARKS
-            and words[stop] not in self.known.sets["after_the_verb_slow"]
-            and not (at and words[at - 1] in _MODALS)
-        ):  # fmt: skip
+        if (
+            entry.value == "slow"
+            and words[at:stop] == ["slow"]
+            and (
+                words[stop] not in MARKS
+                and words[stop] not in self.known.sets["after_the_verb_slow"]
+                and not (at and words[at - 1] in _MODALS)
+            )
+        ):
             return self._put("state", "same_direction", "slow", at, stop)  # slow lorry ahead
         # Keep speed low, not moving into ours; a pedestrian crossing from the left.
         low = entry.value in ("keep_speed", "stationary") and words[stop] in _LOW

@@ -59,10 +59,16 @@ _FIELD = re.compile(
     re.IGNORECASE,
 )
 _PARTS = (
-    ("key", "value"), ("key", "word"), ("key", "reply"), ("tag", "in_tag"), ("cell", "in_cell"),
-    ("of", "share"), ("label", "score"), ("before", "beside"),
+    ("key", "value"),
+    ("key", "word"),
+    ("key", "reply"),
+    ("tag", "in_tag"),
+    ("cell", "in_cell"),
+    ("of", "share"),
+    ("label", "score"),
+    ("before", "beside"),
     ("behind", "first"),
-)  # fmt: skip
+)
 # Of the last three forms one alone is a remark: "I brake (80 %)".
 _NEVER_ALONE = frozenset({"label", "before", "behind"})
 _ROMAN = ("i", "ii", "iii", "iv", "v", "vi", "vii", "viii")

@@ -106,9 +106,12 @@ class _Sentence:
 
     def _mark(self, index: int, value: str) -> None:
         near = self.hits[max(index - 1, self.start) : index + 3]
-        if value == "," and near[0].kind == "user" and any(
-            hit.kind == "user" or hit.value in ("or", "and") for hit in near[2:]
-        ) and not any(self._counted(hit) for hit in near[2:]):  # fmt: skip
+        if (
+            value == ","
+            and near[0].kind == "user"
+            and any(hit.kind == "user" or hit.value in ("or", "and") for hit in near[2:])
+            and not any(self._counted(hit) for hit in near[2:])
+        ):
             return  # no cars, trucks or buses; but: no cars, two trucks
         if value == '"' and near[0].kind == "cue" and self.local & Scope.DENIED:
             return  # not "slow"

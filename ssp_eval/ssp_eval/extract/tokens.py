@@ -68,14 +68,60 @@ _FIXED = {
 }
 _SIDES = {"l": "left", "r": "right"}
 _BEFORE_SIDES = frozenset(
-    {"on", "from", "front", "rear", "ahead", "ramp", "alley", "kerb", "curb", "shift", "nudge",
-     "steer", "turn", "move", "swerve", "alongside", "pass", "mirror", "far", "keep", "spot",
-     "behind", "merge", "change", "go", "over", "pavement", "near"}
-)  # fmt: skip
+    {
+        "on",
+        "from",
+        "front",
+        "rear",
+        "ahead",
+        "ramp",
+        "alley",
+        "kerb",
+        "curb",
+        "shift",
+        "nudge",
+        "steer",
+        "turn",
+        "move",
+        "swerve",
+        "alongside",
+        "pass",
+        "mirror",
+        "far",
+        "keep",
+        "spot",
+        "behind",
+        "merge",
+        "change",
+        "go",
+        "over",
+        "pavement",
+        "near",
+    }
+)
 _AFTER_SIDES = frozenset(
-    {"lane", "lanes", "ln", "kerb", "curb", "side", "shoulder", "edge", "pavement", "turn",
-     "verge", "ramp", "rear", "front", "bay", "hand", "mirror", "sidewalk", "h"}
-)  # fmt: skip
+    {
+        "lane",
+        "lanes",
+        "ln",
+        "kerb",
+        "curb",
+        "side",
+        "shoulder",
+        "edge",
+        "pavement",
+        "turn",
+        "verge",
+        "ramp",
+        "rear",
+        "front",
+        "bay",
+        "hand",
+        "mirror",
+        "sidewalk",
+        "h",
+    }
+)
 _OTHERS = frozenset({"he", "she", "it", "they", "that", "who", "which"})
 _OPENERS: tuple[list[str], ...] = ([], [":"], ["."], ["\n"])
 _DROPPED = ""

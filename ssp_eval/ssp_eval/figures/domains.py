@@ -69,9 +69,15 @@ def _components(scores: Scores) -> Drawing | LeftOut:
             if known:
                 axes.plot([min(known), max(known)], [y, y], color=look.colour, linewidth=0.7)
             axes.plot(
-                known, [y] * len(known), "|", color=look.colour, markersize=4, markeredgewidth=0.6,
-                clip_on=False, gid=f"cells-{key}-{domain}",
-            )  # fmt: skip
+                known,
+                [y] * len(known),
+                "|",
+                color=look.colour,
+                markersize=4,
+                markeredgewidth=0.6,
+                clip_on=False,
+                gid=f"cells-{key}-{domain}",
+            )
             value = group[key].value
             if value is not None:
                 mark(axes, (value, y), look, f"mean-{key}-{domain}", zorder=4)
@@ -142,9 +148,12 @@ def _stacks(
     for scenario, domain, cells in groups:
         if scenario != before:
             page.text(
-                0.05, head_in + y + band_in - 0.05, fitted(scenario, COLUMN_IN - 0.2),
-                weight="bold", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8},
-            )  # fmt: skip
+                0.05,
+                head_in + y + band_in - 0.05,
+                fitted(scenario, COLUMN_IN - 0.2),
+                weight="bold",
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8},
+            )
             y, before = y + band_in, scenario
         terms = [ivcs_terms(cell.score) for cell in cells]
         left = 0.0
@@ -152,9 +161,16 @@ def _stacks(
             width = mean(term[key] for term in terms).value or 0.0
             look = COMPONENT_LOOKS[key]
             axes.barh(
-                y + bar_in / 2, width, bar_in * 0.78, left, color=look.colour, edgecolor=INK,
-                linewidth=0.4, hatch=look.hatch, gid=f"part-{scenario}-{domain}-{key}",
-            )  # fmt: skip
+                y + bar_in / 2,
+                width,
+                bar_in * 0.78,
+                left,
+                color=look.colour,
+                edgecolor=INK,
+                linewidth=0.4,
+                hatch=look.hatch,
+                gid=f"part-{scenario}-{domain}-{key}",
+            )
             left += width
         axes.text(left + 0.015, y + bar_in / 2, shown_mean(left), va="center_baseline")
         ticks.append(y + bar_in / 2)

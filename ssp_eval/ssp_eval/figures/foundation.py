@@ -264,16 +264,25 @@ def _ranking(scores: Scores) -> Iterator[Drawing | LeftOut]:
         for row, model in enumerate(members):
             value, look = scores.by_model[model]["ivcs"].value or 0.0, looks[kinds[model]]
             axes.barh(
-                row, value, 0.68, color=look.colour, edgecolor=INK, linewidth=0.4, hatch=look.hatch,
+                row,
+                value,
+                0.68,
+                color=look.colour,
+                edgecolor=INK,
+                linewidth=0.4,
+                hatch=look.hatch,
                 gid=f"bar-{model}",
-            )  # fmt: skip
+            )
             draw_constant(axes, row, constant.get((model,)), model)
             axes.text(value + 0.02, row, shown_mean(value), va="center_baseline")
             sheet.figure.text(
                 1.0 - 0.05 / width_in,
                 1.0 - (head_in + ROW_IN * (row + 0.5)) / sheet.height_in,
-                size[model], va="center_baseline", ha="right", color=GREY,
-            )  # fmt: skip
+                size[model],
+                va="center_baseline",
+                ha="right",
+                color=GREY,
+            )
         share_axis(axes, "IVCS, mean over cells")
         axes.set_xlim(0.0, 1.02)
         known = any(size.values())

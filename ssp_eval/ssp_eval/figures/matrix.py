@@ -126,17 +126,22 @@ def _page(name: str, lines: Sequence[_Line], names: dict[str, str], scores: Scor
             band = Rectangle((0.0, y), PAGE_IN, _BAND_IN, color="#eeeeee", linewidth=0)
             axes.add_patch(band)
             axes.text(
-                _LEFT_IN, y + _BAND_IN / 2, fitted(words(line.scenario), PAGE_IN - 0.2),
-                va="center_baseline", weight="bold",
-            )  # fmt: skip
+                _LEFT_IN,
+                y + _BAND_IN / 2,
+                fitted(words(line.scenario), PAGE_IN - 0.2),
+                va="center_baseline",
+                weight="bold",
+            )
             y += _BAND_IN
             continue
         if line.domain:
             axes.plot([0.0, PAGE_IN], [y, y], color=FAINT, linewidth=0.5)
             axes.text(
-                _LEFT_IN, y + _ROW_IN / 2, fitted(line.domain, _DOMAIN_IN - 0.05),
+                _LEFT_IN,
+                y + _ROW_IN / 2,
+                fitted(line.domain, _DOMAIN_IN - 0.05),
                 va="center_baseline",
-            )  # fmt: skip
+            )
         _row(axes, index, line.cell, y + _ROW_IN / 2, names, scores)
         y += _ROW_IN
     axes.plot([0.0, PAGE_IN], [y, y], color=GREY, linewidth=0.6)
@@ -172,9 +177,13 @@ def _row(
         room = PAGE_IN - _column_x(0)
         text = f"{cell.status}: {cell.reason or 'no reason given'}"
         axes.text(
-            _column_x(0) - _RADIUS_IN, y, fitted(text, room, head=1.0), va="center_baseline",
-            color=GREY, gid=f"refused-{index}",
-        )  # fmt: skip
+            _column_x(0) - _RADIUS_IN,
+            y,
+            fitted(text, room, head=1.0),
+            va="center_baseline",
+            color=GREY,
+            gid=f"refused-{index}",
+        )
         return
     for column, key in enumerate((*_IN_IVCS, *_BESIDE)):
         _mark(axes, _column_x(column), y, getattr(cell, key), f"score-{index}-{key}")
@@ -189,9 +198,12 @@ def _row(
     if constant is not None:
         x = left + width * (constant.score["ivcs"] or 0.0)
         axes.plot(
-            [x, x], [y - _ROW_IN / 2, y + _ROW_IN / 2], color=RED, linewidth=0.9,
+            [x, x],
+            [y - _ROW_IN / 2, y + _ROW_IN / 2],
+            color=RED,
+            linewidth=0.9,
             gid=f"constant-{index}",
-        )  # fmt: skip
+        )
     flag = "*" if cell.ivcs_nulls else ""
     if scores.is_below(cell):
         flag += f" {MARK}"
@@ -248,9 +260,13 @@ def _foot(axes: Axes, y: float, cells: Sequence[CellRow], has_constant: bool) ->
     lines.append(line)
     for number, text in enumerate(lines):
         axes.text(
-            x if number == 0 else _LEFT_IN, y + 0.18 * number, text, va="center_baseline",
-            color=GREY, size=SMALL_PT,
-        )  # fmt: skip
+            x if number == 0 else _LEFT_IN,
+            y + 0.18 * number,
+            text,
+            va="center_baseline",
+            color=GREY,
+            size=SMALL_PT,
+        )
 
 
 def _caption(cells: Sequence[CellRow], names: dict[str, str], scores: Scores) -> str:

@@ -138,9 +138,15 @@ def _difference_panels(
                 continue
             gain = value >= 0.0
             axes.barh(
-                row, value, 0.6, color=BLUE if gain else "white", edgecolor=BLUE if gain else RED,
-                linewidth=0.6, hatch="" if gain else "//////", gid=f"bar-{model}-{key}",
-            )  # fmt: skip
+                row,
+                value,
+                0.6,
+                color=BLUE if gain else "white",
+                edgecolor=BLUE if gain else RED,
+                linewidth=0.6,
+                hatch="" if gain else "//////",
+                gid=f"bar-{model}-{key}",
+            )
     page = sheet.page()
     page.text(PAGE_IN - 0.05, head_in - 0.07, "rel. IVCS", ha="right")
     for row, model in enumerate(pairs):
@@ -206,10 +212,16 @@ def _range(scores: Scores) -> Iterator[Drawing | LeftOut]:
                 mark(axes, (value, row), looks[scenario], f"scenario-{scenario}-{model}")
             draw_constant(axes, row, constant.get((model,)), model)
             axes.plot(
-                [scores.by_model[model]["ivcs"].value or 0.0], [row], "|", color=INK, markersize=9,
-                markeredgewidth=1.5, clip_on=False, zorder=4,
+                [scores.by_model[model]["ivcs"].value or 0.0],
+                [row],
+                "|",
+                color=INK,
+                markersize=9,
+                markeredgewidth=1.5,
+                clip_on=False,
+                zorder=4,
                 gid=f"macro-{model}",
-            )  # fmt: skip
+            )
         share_axis(axes, "IVCS")
         yield Drawing(
             page,
@@ -230,9 +242,14 @@ def draw_constant(axes: Axes, row: int, value: float | None, model: str) -> None
     """Draw the best blind constant over the cells of a row's model, where it is known."""
     if value is not None:
         axes.plot(
-            [value, value], [row - 0.5, row + 0.5], "--", color=RED, linewidth=0.9, zorder=3,
+            [value, value],
+            [row - 0.5, row + 0.5],
+            "--",
+            color=RED,
+            linewidth=0.9,
+            zorder=3,
             gid=f"constant-{model}",
-        )  # fmt: skip
+        )
 
 
 def _profiles(scores: Scores) -> Iterator[Drawing | LeftOut]:
@@ -282,9 +299,11 @@ def _panels(scores: Scores, members: Mapping[str, str], middle: Sequence[float |
     for index, (model, shown) in enumerate(members.items()):
         row, column = divmod(index, columns)
         axes = sheet.axes(
-            left_in + step_in * column, head_in + row * (head_in + height_in + gap_in), panel_in,
+            left_in + step_in * column,
+            head_in + row * (head_in + height_in + gap_in),
+            panel_in,
             height_in,
-        )  # fmt: skip
+        )
         _profile(axes, model, scores.by_model[model], middle)
         first, last = column == 0, index + columns >= len(members)
         axes.set_yticks(
@@ -296,9 +315,12 @@ def _panels(scores: Scores, members: Mapping[str, str], middle: Sequence[float |
         axes.set_title(f"{shown} {ivcs}", loc="left", pad=3, size=7.0)
     page = sheet.page()
     page.text(
-        (left_in + width_in - 0.15) / 2, sheet.height_in - 0.09, "mean score, from 0 to 1",
-        ha="center", va="center_baseline",
-    )  # fmt: skip
+        (left_in + width_in - 0.15) / 2,
+        sheet.height_in - 0.09,
+        "mean score, from 0 to 1",
+        ha="center",
+        va="center_baseline",
+    )
     return sheet
 
 
@@ -313,9 +335,15 @@ def _profile(axes: Axes, model: str, group: Group, middle: Sequence[float | None
             continue
         diagnostic = key not in COMPONENTS
         axes.barh(
-            place, value, 0.66, color="white" if diagnostic else BLUE, edgecolor=BLUE,
-            linewidth=0.5, hatch="////" if diagnostic else "", gid=f"bar-{model}-{key}",
-        )  # fmt: skip
+            place,
+            value,
+            0.66,
+            color="white" if diagnostic else BLUE,
+            edgecolor=BLUE,
+            linewidth=0.5,
+            hatch="////" if diagnostic else "",
+            gid=f"bar-{model}-{key}",
+        )
     for place, value in enumerate(middle):
         if value is not None:
             ends = [value, value], [place - 0.4, place + 0.4]

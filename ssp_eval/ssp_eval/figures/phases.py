@@ -69,23 +69,33 @@ def phase_frames(scenario: str, model: str, stories: Sequence[CellMoments]) -> D
             if story is None or moment is None:
                 why = "no scores" if story is None else "no label in this phase"
                 page.text(
-                    left + width_in / 2, top + height_in / 2, why, ha="center", va="center",
+                    left + width_in / 2,
+                    top + height_in / 2,
+                    why,
+                    ha="center",
+                    va="center",
                     color=GREY,
-                )  # fmt: skip
+                )
                 continue
             _panel(axes, story, moment, width_in, f"{domain}-{phase}")
             clock = f"{moment.label.t_s:.2f} s"
             page.text(
-                left + 0.04, top + 0.09, clock, va="center_baseline",
+                left + 0.04,
+                top + 0.09,
+                clock,
+                va="center_baseline",
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.2},
-            )  # fmt: skip
+            )
             allowed = _wrapped(f"ok: {moment.allowed}", width_in)
             lines = (f"says {moment.says}", f"plans {moment.plans}", *allowed)
             for number, line in enumerate(lines):
                 page.text(
-                    left, top + height_in + 0.06 + _LINE_IN * (number + 0.5),
-                    fitted(line, width_in), va="center", color=INK if number < 2 else GREY,
-                )  # fmt: skip
+                    left,
+                    top + height_in + 0.06 + _LINE_IN * (number + 0.5),
+                    fitted(line, width_in),
+                    va="center",
+                    color=INK if number < 2 else GREY,
+                )
     _legend(page, sheet)
     return Drawing(
         f"phases_{scenario}_{model}", sheet.figure, _caption(scenario, model, by_domain, phases)
@@ -126,9 +136,13 @@ def _panel(axes: Axes, story: CellMoments, moment: Moment, width_in: float, gid:
         if driven is not None and len(driven.middle) > 1:
             for colour, width in ((INK, 2.4), (ORANGE, 1.4)):
                 axes.plot(
-                    *zip(*driven.middle, strict=True), "--", color=colour, linewidth=width,
-                    zorder=4, gid=f"recorded-{gid}" if colour == ORANGE else None,
-                )  # fmt: skip
+                    *zip(*driven.middle, strict=True),
+                    "--",
+                    color=colour,
+                    linewidth=width,
+                    zorder=4,
+                    gid=f"recorded-{gid}" if colour == ORANGE else None,
+                )
     plan = story.drawn(moment.plan)
     if plan is not None:
         surface = Polygon(
@@ -138,15 +152,21 @@ def _panel(axes: Axes, story: CellMoments, moment: Moment, width_in: float, gid:
         axes.add_patch(surface)
         if plan.dots:
             axes.plot(
-                *zip(*plan.dots, strict=True), "o", color="white", markeredgecolor=INK,
-                markersize=2.6, markeredgewidth=0.5, zorder=5,
-            )  # fmt: skip
+                *zip(*plan.dots, strict=True),
+                "o",
+                color="white",
+                markeredgecolor=INK,
+                markersize=2.6,
+                markeredgewidth=0.5,
+                zorder=5,
+            )
 
 
 _ENTRIES = (
-    "plan, a dot every 0.5 s", "recorded path",
+    "plan, a dot every 0.5 s",
+    "recorded path",
     f"{RIGHT} allowed   {WRONG} not allowed   {NULL} not said",
-)  # fmt: skip
+)
 
 
 def _legend_lines(width_in: float) -> int:

@@ -177,10 +177,15 @@ def top_view(trajectory: Trajectory | None, history: Sequence[dict[str, Any]]) -
     corner = place(3.6, 0.9)
     parts.append(
         pages.element(
-            "rect", x=corner[0], y=corner[1], width=1.8 * scale, height=4.5 * scale, rx=2,
+            "rect",
+            x=corner[0],
+            y=corner[1],
+            width=1.8 * scale,
+            height=4.5 * scale,
+            rx=2,
             class_="ego",
         )
-    )  # fmt: skip
+    )
     if trajectory is None:
         parts.append(pages.text(WIDTH / 2, 40, "no valid trajectory", class_="none"))
     else:
@@ -191,6 +196,11 @@ def top_view(trajectory: Trajectory | None, history: Sequence[dict[str, Any]]) -
             mark = pages.title(f"{t_s:g} s")
             parts.append(pages.element("circle", mark, cx=x, cy=y, r=3, class_=kind))
     return pages.element(
-        "svg", "".join(parts), class_="topview", viewBox=f"0 0 {WIDTH} {HEIGHT}", width=WIDTH,
-        height=HEIGHT, role="img",
-    )  # fmt: skip
+        "svg",
+        "".join(parts),
+        class_="topview",
+        viewBox=f"0 0 {WIDTH} {HEIGHT}",
+        width=WIDTH,
+        height=HEIGHT,
+        role="img",
+    )

@@ -181,33 +181,53 @@ def _draw(
         text = MACRO if column is None else words(column)
         for number, part in enumerate(_two_lines(text, step_in - 0.05)):
             page.text(
-                x, top_in - 0.08 - LINE_IN * 0.85 * number, part, ha="center",
+                x,
+                top_in - 0.08 - LINE_IN * 0.85 * number,
+                part,
+                ha="center",
                 style="italic" if column is None else "normal",
-            )  # fmt: skip
+            )
     for one, line in blind.items():
         points = [(x, y_of(v)) for x, v in zip(xs, line, strict=True) if v is not None]
         page.plot(
-            [x for x, _ in points], [y for _, y in points], linestyle=(0, (6, 1.5, 1, 1.5)),
-            color=looks[one].colour if one in looks else RED, alpha=0.55,
-            linewidth=0.8, zorder=1, gid=f"constant-{one}",
-        )  # fmt: skip
+            [x for x, _ in points],
+            [y for _, y in points],
+            linestyle=(0, (6, 1.5, 1, 1.5)),
+            color=looks[one].colour if one in looks else RED,
+            alpha=0.55,
+            linewidth=0.8,
+            zorder=1,
+            gid=f"constant-{one}",
+        )
     for one, line in values.items():
         style, colour = _style(ranks[one], columns, one in changed)
         colour, marker = (looks[one].colour, looks[one].marker) if one in looks else (colour, "o")
         known = [(x, y_of(v)) for x, v in zip(xs, line, strict=True) if v is not None]
         page.plot(
-            [x for x, _ in known], [y for _, y in known], style, color=colour,
-            marker=marker, markersize=4.0 if one in looks else 3.2,
-            markerfacecolor="white" if colour == GREY else colour, markeredgewidth=0.7,
-            linewidth=1.2 if one in changed else 0.9, gid=f"line-{one}",
-        )  # fmt: skip
+            [x for x, _ in known],
+            [y for _, y in known],
+            style,
+            color=colour,
+            marker=marker,
+            markersize=4.0 if one in looks else 3.2,
+            markerfacecolor="white" if colour == GREY else colour,
+            markeredgewidth=0.7,
+            linewidth=1.2 if one in changed else 0.9,
+            gid=f"line-{one}",
+        )
         macro = line[columns.index(None)]
         if macro is not None:
             page.plot(
-                [xs[columns.index(None)]], [y_of(macro)], marker if one in looks else "D",
-                color=colour, markersize=6.0 if len(values) <= 12 else 4.0,
-                markerfacecolor="white", markeredgewidth=1.3, zorder=4, gid=f"macro-{one}",
-            )  # fmt: skip
+                [xs[columns.index(None)]],
+                [y_of(macro)],
+                marker if one in looks else "D",
+                color=colour,
+                markersize=6.0 if len(values) <= 12 else 4.0,
+                markerfacecolor="white",
+                markeredgewidth=1.3,
+                zorder=4,
+                gid=f"macro-{one}",
+            )
     bounds = (top_in + 0.05, top_in + height_in - 0.05)
     for index, side in ((0, -1), (len(columns) - 1, 1)):
         ends = {
@@ -279,6 +299,10 @@ def _end_labels(
     for (one, (y, text)), at in zip(ends.items(), places, strict=True):
         page.plot([x + side * 0.05, x + side * 0.16], [y, at], color=GREY, linewidth=0.4)
         page.text(
-            x + side * 0.19, at, text, ha="left" if side > 0 else "right", va="center",
+            x + side * 0.19,
+            at,
+            text,
+            ha="left" if side > 0 else "right",
+            va="center",
             gid=f"label-{'right' if side > 0 else 'left'}-{one}",
-        )  # fmt: skip
+        )

@@ -289,10 +289,15 @@ def mark_legend(sheet: Sheet, looks: Mapping[str, Look], top_in: float) -> None:
         if look.hatch and look.marker == SQUARE:
             page.add_patch(
                 Rectangle(
-                    (x - _BOX_IN / 2, y - _BOX_IN / 2), _BOX_IN, _BOX_IN, facecolor=look.colour,
-                    edgecolor=INK, linewidth=0.5, hatch=look.hatch,
+                    (x - _BOX_IN / 2, y - _BOX_IN / 2),
+                    _BOX_IN,
+                    _BOX_IN,
+                    facecolor=look.colour,
+                    edgecolor=INK,
+                    linewidth=0.5,
+                    hatch=look.hatch,
                 )
-            )  # fmt: skip
+            )
         else:
             mark(page, (x, y), look, markeredgewidth=0.5)
         page.text(x + 0.08, y, text, va="center_baseline")

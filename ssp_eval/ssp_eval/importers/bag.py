@@ -24,18 +24,16 @@ from ssp_core.world.camera import Mounting
 from ssp_core.world.camera_messages import INFO_TYPE, encode_frame
 from ssp_eval.importers.axes import Axes, unstated_axes, with_axes
 from ssp_eval.importers.camera import CameraSource
+from ssp_eval.importers.clocks import Clock, Times, check_clocks
 from ssp_eval.importers.findings import Finding, Findings
 from ssp_eval.importers.frames import FrameIntake, speeds_of
 from ssp_eval.importers.options import ALL, ImportOptions
 from ssp_eval.importers.ros_bag import (
     POSE_TYPES,
     TF_STATIC,
-    Clock,
     Poses,
     SourceBag,
     Span,
-    Times,
-    check_clocks,
     read_poses,
 )
 from ssp_eval.importers.target import (
@@ -144,9 +142,12 @@ def import_bag(
             span = _span(options, shown)
         findings.need()
         of_topics = read_poses(
-            bag, dict.fromkeys(topic for topic, _ in options.objects.values()), span,
-            options.datum, findings,
-        )  # fmt: skip
+            bag,
+            dict.fromkeys(topic for topic, _ in options.objects.values()),
+            span,
+            options.datum,
+            findings,
+        )
         findings.need()
         poses = {name: of_topics[topic] for name, (topic, _) in options.objects.items()}
         for finding in unstated_axes(options.bag, poses, options.axes):
@@ -221,9 +222,15 @@ def _camera_source(
                 if received_ns <= last_ns:
                     static += message.transforms
     return CameraSource(
-        options.bag, options.camera_info, info, options.mounting, static, vut.child_frame_id,
-        track.body.ahead_m, options.axes.get(VUT_ID, Axes()).body == "frd",
-    )  # fmt: skip
+        options.bag,
+        options.camera_info,
+        info,
+        options.mounting,
+        static,
+        vut.child_frame_id,
+        track.body.ahead_m,
+        options.axes.get(VUT_ID, Axes()).body == "frd",
+    )
 
 
 def _frame_errors(options: BagOptions, poses: Mapping[str, Poses]) -> Iterator[InputError]:
@@ -269,11 +276,13 @@ def _leaps(
     if len(places) > MOST_LEAPS * len(clip.inside):
         findings.add(
             Finding(
-                "leaping_stamps", text,
+                "leaping_stamps",
+                text,
                 "set the camera's clock, or take the times of receipt with --clock receive",
-                options.bag, options.camera,
+                options.bag,
+                options.camera,
             )
-        )  # fmt: skip
+        )
     return [f"camera: {text}; these frames take the time of receipt"]
 
 
@@ -294,9 +303,10 @@ def _span(options: BagOptions, shown: Times) -> Span:
         length_s = ns_to_seconds(int(stamps_ns[-1]) - zero_ns)
         raise InputError(
             f"has no frame from {start_s:g} s on" + ("" if end_s is None else f" to {end_s:g} s"),
-            file=options.bag, field=options.camera,
+            file=options.bag,
+            field=options.camera,
             remedy=f"its frames span {length_s:.3f} s; --start and --end count from the first",
-        )  # fmt: skip
+        )
     inside = np.flatnonzero((stamps_ns >= low_ns) & (stamps_ns <= high_ns))
     of_frames = None
     if len(inside):
@@ -326,9 +336,11 @@ def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses, span: Span) -> _Clip:
     inside = inside[rising]
     if len(inside) < 2:
         raise InputError(
-            f"has {len(inside)} frames within the clip", file=options.bag, field=options.camera,
+            f"has {len(inside)} frames within the clip",
+            file=options.bag,
+            field=options.camera,
             remedy="at least 2 are needed; move --start and --end",
-        )  # fmt: skip
+        )
     times = stamps_ns[inside]
     try:
         thinned = thin(times, options.clip.rate_hz)
@@ -411,9 +423,10 @@ class _Camera:
                 raise InputError(
                     f"message {place + 1} has the stamp {own_ns} ns and was received at "
                     f"{received_ns} ns, and {before[0]} and {before[1]} when it was read first",
-                    file=self.options.bag, field=topic,
+                    file=self.options.bag,
+                    field=topic,
                     remedy="let nothing write to the bag during the import",
-                )  # fmt: skip
+                )
             if self.leapt[place]:
                 own_ns = kept[place]
             yield received_ns if self.options.clock == "receive" else own_ns, data
@@ -434,10 +447,12 @@ def _write(
     kind = source.bag.types[options.camera]
     camera = CameraFacts()
     intake = FrameIntake(
-        options.bag, options.camera, clip.first_ns,
+        options.bag,
+        options.camera,
+        clip.first_ns,
         accepts_cut="cut_pictures" in options.clip.accepted,
         has_lens=options.camera_info is not None,
-    )  # fmt: skip
+    )
     notes = [*notes, *clip.notes]
     count = written = 0
     for stamp_ns, data in source.frames(clip.kept):
@@ -454,9 +469,11 @@ def _write(
         advance(1)
     if count < len(clip.kept):
         raise InputError(
-            f"gave {count} frames, {len(clip.kept)} were planned", file=options.bag,
-            field=options.camera, remedy="let nothing write to the bag during the import",
-        )  # fmt: skip
+            f"gave {count} frames, {len(clip.kept)} were planned",
+            file=options.bag,
+            field=options.camera,
+            remedy="let nothing write to the bag during the import",
+        )
     notes += [f"camera: {one}" for one in intake.close(findings)]
     notes += [f"camera: {one}" for one in intake.repeats.notes(speeds_of(tracks[0]), clip.first_ns)]
     write_states(writer, {track.body.object_id: track.states for track in tracks})

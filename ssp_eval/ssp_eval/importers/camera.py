@@ -97,20 +97,27 @@ class CameraSource:
     ) -> tuple[Intrinsics, list[str]]:
         info = self.info
         if info is None:
-            raise InputError("holds no message", file=self.file, field=topic,
-                             remedy="leave --camera-info out")  # fmt: skip
+            raise InputError(
+                "holds no message", file=self.file, field=topic, remedy="leave --camera-info out"
+            )
         k = [float(value) for value in info.k]
         if not (all(map(math.isfinite, k)) and k[0] > 0.0 and k[4] > 0.0):
-            raise InputError("says that the camera isn't calibrated", file=self.file,
-                             field=f"{topic}.k", value=k,
-                             remedy="leave --camera-info out")  # fmt: skip
+            raise InputError(
+                "says that the camera isn't calibrated",
+                file=self.file,
+                field=f"{topic}.k",
+                value=k,
+                remedy="leave --camera-info out",
+            )
         lens, how = _as_recorded(info, k, size_px)
         if (lens.width_px, lens.height_px) != size_px:
             raise InputError(
                 f"is of frames of {lens.width_px}x{lens.height_px} px{how}, the camera's have "
                 f"{size_px[0]}x{size_px[1]}",
-                file=self.file, field=topic, remedy="name the CameraInfo of this camera",
-            )  # fmt: skip
+                file=self.file,
+                field=topic,
+                remedy="name the CameraInfo of this camera",
+            )
         for problem in _impossible(lens, k):
             findings.add(Finding("camera_matrix", problem, _FIX, self.file, f"{topic}.k", value=k))
         bent = [float(value) for value in info.d]
@@ -167,8 +174,9 @@ class CameraSource:
                 f"{vut_frame} isn't on the ground; its place isn't known (--mount says it)"
             ]
         return mounting, [
-            *notes, f"camera: its place is that of {TF_STATIC}, heights from {vut_frame}"
-        ]  # fmt: skip
+            *notes,
+            f"camera: its place is that of {TF_STATIC}, heights from {vut_frame}",
+        ]
 
     def _chains(self, frame: str, before: tuple[Any, ...]) -> Iterator[tuple[Any, ...]]:
         """Yield the transforms from a frame up to the VUT's, on each way that there is."""
@@ -191,9 +199,14 @@ class CameraSource:
         else:
             return None
         return Finding(
-            "camera_transform", f"{_names(step)} {problem}", _MOUNT, self.file, TF_STATIC,
-            value=[round(value, 6) for value in values], acceptable=False,
-        )  # fmt: skip
+            "camera_transform",
+            f"{_names(step)} {problem}",
+            _MOUNT,
+            self.file,
+            TF_STATIC,
+            value=[round(value, 6) for value in values],
+            acceptable=False,
+        )
 
     def _contradiction(
         self, optical_frame: str, places: Sequence[tuple[Rotation, FloatArray]]
@@ -209,8 +222,11 @@ class CameraSource:
                     f"gives two places of {optical_frame} on {self.vut_frame}: "
                     f"({_text(other)}) and ({_text(place)}) m, {apart_m:.3f} m and "
                     f"{math.degrees(apart_rad):.1f} degrees apart",
-                    _MOUNT, self.file, TF_STATIC, acceptable=False,
-                )  # fmt: skip
+                    _MOUNT,
+                    self.file,
+                    TF_STATIC,
+                    acceptable=False,
+                )
         return None
 
 

@@ -18,6 +18,7 @@ from ssp_core.vocabulary import OBJECTS, ObjectClass
 from ssp_core.world.camera import Mounting
 from ssp_eval.importers.axes import Axes
 from ssp_eval.importers.bag import BagOptions, import_bag
+from ssp_eval.importers.clocks import Clock
 from ssp_eval.importers.options import (
     ALL,
     MotionOptions,
@@ -29,7 +30,6 @@ from ssp_eval.importers.options import (
     numbers,
     pairs,
 )
-from ssp_eval.importers.ros_bag import Clock
 from ssp_eval.importers.target import CameraFacts, ImportSummary, log_source, pinhole
 from ssp_eval.importers.video import TableOptions, VideoOptions, import_clip
 

@@ -131,11 +131,17 @@ def contradictions(course: Course) -> list[Contradiction]:
     counts = {name: sum(one.name == name for one in kept) for name in firsts}
     return [
         Contradiction(
-            one.name, one.first, one.last, one.is_whole, counts[one.name], one.stated, one.way,
+            one.name,
+            one.first,
+            one.last,
+            one.is_whole,
+            counts[one.name],
+            one.stated,
+            one.way,
             one.why,
         )
         for one in firsts.values()
-    ]  # fmt: skip
+    ]
 
 
 def _explains(course: Course, one: Contradiction, other: Contradiction) -> bool:
@@ -263,9 +269,16 @@ class _Judge:
         off = excess > bound
         moves = np.maximum(np.abs(stated), way) > SPEED_MPS
         return self._stretches(
-            "speed", off, self._first, self._last, excess, stated, way,
-            is_whole=_share(off[moves]) > _WHOLE_SHARE, off_at=self._sample_speed_off(),
-        )  # fmt: skip
+            "speed",
+            off,
+            self._first,
+            self._last,
+            excess,
+            stated,
+            way,
+            is_whole=_share(off[moves]) > _WHOLE_SHARE,
+            off_at=self._sample_speed_off(),
+        )
 
     def _sample_speed_off(self) -> Bools:
         """Say of each sample whether its speed contradicts the way to the next one."""
@@ -337,10 +350,16 @@ class _Judge:
         turned = self._turned(first, last, self._yaw_delay_s)
         is_off = off(self._yaw_delay_s)
         return self._stretches(
-            "heading", is_off, first, last, np.abs(turned), np.degrees(turned),
-            np.zeros(len(first)), is_whole=_share(is_off) > _WHOLE_SHARE,
+            "heading",
+            is_off,
+            first,
+            last,
+            np.abs(turned),
+            np.degrees(turned),
+            np.zeros(len(first)),
+            is_whole=_share(is_off) > _WHOLE_SHARE,
             off_at=self._sample_heading_off(),
-        )  # fmt: skip
+        )
 
     def _sample_heading_off(self) -> Bools:
         """Say of each sample whether its yaw contradicts the way to the next one."""
@@ -376,9 +395,15 @@ class _Judge:
         first, last = self._directions()
         off, across, way = self._sideways_off(first, last, self._yaw_delay_s)
         return self._stretches(
-            "sideways", off, first, last, across, across, way,
+            "sideways",
+            off,
+            first,
+            last,
+            across,
+            across,
+            way,
             is_whole=_share(off) > _WHOLE_SHARE,
-        )  # fmt: skip
+        )
 
     # -- steps ---------------------------------------------------------------------------------
 
@@ -412,11 +437,17 @@ class _Judge:
         at = np.flatnonzero(long & short & believable & (matters | (self._odo is None)))
         return [
             Contradiction(
-                "clock_step", int(i), int(i) + 1, False, 1, float(mean[i]),
-                float(step_m[i] / steps_s[i]), "a step of the clock?" if as_usual[i] else "",
+                "clock_step",
+                int(i),
+                int(i) + 1,
+                False,
+                1,
+                float(mean[i]),
+                float(step_m[i] / steps_s[i]),
+                "a step of the clock?" if as_usual[i] else "",
             )
             for i in at
-        ]  # fmt: skip
+        ]
 
     def _off_windows(self) -> list[tuple[int, int]]:
         off = self._speed_off(self._speed_delay_s)
@@ -444,9 +475,18 @@ class _Judge:
     # -- stretches -----------------------------------------------------------------------------
 
     def _stretches(
-        self, name: Name, off: Bools, first: Ints, last: Ints, excess: FloatArray,
-        stated: FloatArray, way: FloatArray, *, is_whole: bool, off_at: Bools | None = None,
-    ) -> list[Contradiction]:  # fmt: skip
+        self,
+        name: Name,
+        off: Bools,
+        first: Ints,
+        last: Ints,
+        excess: FloatArray,
+        stated: FloatArray,
+        way: FloatArray,
+        *,
+        is_whole: bool,
+        off_at: Bools | None = None,
+    ) -> list[Contradiction]:
         """Join windows that are off and overlap; their ends are where single samples agree."""
         found: list[Contradiction] = []
         group: list[int] = []
@@ -458,10 +498,16 @@ class _Judge:
                 a, b = self._ends(int(first[group[0]]), int(last[group[-1]]), off_at)
                 found.append(
                     Contradiction(
-                        name, a, b, is_whole, 1, float(stated[worst]), float(way[worst]),
+                        name,
+                        a,
+                        b,
+                        is_whole,
+                        1,
+                        float(stated[worst]),
+                        float(way[worst]),
                         self._why(int(first[worst]), int(last[worst])),
                     )
-                )  # fmt: skip
+                )
                 group = []
             group.append(i)
         return found
@@ -485,9 +531,11 @@ class _Judge:
             float(self._mean(self._odo, one, other, 0.0)[0]),
             float(self._mean(self._turn, one, other, 0.0)[0]),
         )
-        speeds: Sequence[float] = () if self._course.speed_mps is None else np.abs(
-            self._course.speed_mps[first : last + 1]
-        ).tolist()  # fmt: skip
+        speeds: Sequence[float] = (
+            ()
+            if self._course.speed_mps is None
+            else np.abs(self._course.speed_mps[first : last + 1]).tolist()
+        )
         bound = direction_bound_rad(self._course.object_class)
         why = kind_of(window, max(speeds, default=0.0), bound, signed=True)
         # Of a unit or another frame a whole recording is, not a stretch of it.

@@ -55,9 +55,13 @@ class Finding:
         """The refusal, which says how a person accepts it."""
         how = f"; --accept {self.name} takes it as it is" if self.acceptable else ""
         return InputError(
-            f"{self.problem} [{self.name}]", file=self.file, line=self.line, field=self.field,
-            value=self.value, remedy=self.remedy + how,
-        )  # fmt: skip
+            f"{self.problem} [{self.name}]",
+            file=self.file,
+            line=self.line,
+            field=self.field,
+            value=self.value,
+            remedy=self.remedy + how,
+        )
 
     @property
     def record(self) -> AcceptedFinding:
@@ -112,10 +116,14 @@ class Findings:
         self._lacks = True
         self._refused.append(
             InputError(
-                f"{error.problem} [{name}]", file=error.file, line=error.line,
-                field=error.field, value=error.value, remedy=error.remedy,
+                f"{error.problem} [{name}]",
+                file=error.file,
+                line=error.line,
+                field=error.field,
+                value=error.value,
+                remedy=error.remedy,
             )
-        )  # fmt: skip
+        )
 
     def need(self) -> None:
         """Raise InputError where a part ended; within ``listed``."""

@@ -183,28 +183,32 @@ class FrameIntake:
         if self._cut:
             at_s, why = self._first(self._cut)
             self._add(
-                findings, "cut_pictures",
+                findings,
+                "cut_pictures",
                 f"{len(self._cut)} of {self._count} JPEGs are cut off or damaged, the first at "
                 f"{at_s} of the clip: {why}",
-                "cut the span out with --start and --end", acceptable=True,
-            )  # fmt: skip
+                "cut the span out with --start and --end",
+                acceptable=True,
+            )
         if self._unread:
             at_s, why = self._first(self._unread)
             self._add(
-                findings, "unread_pictures",
+                findings,
+                "unread_pictures",
                 f"holds a frame at {at_s} of the clip that can't be used: {why}"
                 + (f" ({more} more such)" if (more := len(self._unread) - 1) else ""),
                 "convert the pictures, or cut the span out with --start and --end",
-            )  # fmt: skip
+            )
         if self._turned:
             number = self._turned[0]
             if self._has_lens:
                 self._add(
-                    findings, "turned_pictures",
+                    findings,
+                    "turned_pictures",
                     f"{len(self._turned)} of {self._count} JPEGs say EXIF orientation {number}: "
                     "the CameraInfo is of the pictures before they are turned",
                     "record upright pictures, or leave --camera-info out",
-                )  # fmt: skip
+                )
             notes.append(
                 f"{len(self._turned)} frames were turned upright: EXIF orientation {number}"
             )

@@ -69,9 +69,13 @@ class MotionOptions:
     block: str | None = None
 
     def body(
-        self, object_id: str, object_class: ObjectClass, reference: ReferencePoint,
-        role: Role, size: Size | None = None,
-    ) -> Body:  # fmt: skip
+        self,
+        object_id: str,
+        object_class: ObjectClass,
+        reference: ReferencePoint,
+        role: Role,
+        size: Size | None = None,
+    ) -> Body:
         """Describe an object; declarations replace ``reference`` and ``size`` of the source."""
         if object_id in self.sizes:
             size = size_of(object_class, *self.sizes[object_id])
@@ -228,9 +232,15 @@ def _declared(given: Mapping[str, Any]) -> Declared:
         event, version = load_event(given["event"])
         scenario, data = event.name, read_event_file(given["event"])[1].read_bytes()
     return Declared(
-        given["domain"], scenario, version, event, data, given["generator"],
-        _declaration(given["declared_by"], given["declared_on"], given["place"]), _log(given),
-    )  # fmt: skip
+        given["domain"],
+        scenario,
+        version,
+        event,
+        data,
+        given["generator"],
+        _declaration(given["declared_by"], given["declared_on"], given["place"]),
+        _log(given),
+    )
 
 
 def _today() -> date:

@@ -64,9 +64,12 @@ def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
         known = {one.block_id: one for one in library.blocks}
         if block not in known:
             raise InputError(
-                "is no block of this map", file=path, field="--block", value=block,
+                "is no block of this map",
+                file=path,
+                field="--block",
+                value=block,
                 remedy=f"its blocks are {_listed(list(known))}",
-            )  # fmt: skip
+            )
         chosen = known[block]
         share = share_on(chosen, points, headings)
     else:
@@ -149,8 +152,9 @@ def _best(
         raise InputError(
             f"{len(whole)} blocks lie under the VUT's way alike: "
             f"{_listed([b.block_id for b in whole])}",
-            file=path, remedy="name one with --block",
-        )  # fmt: skip
+            file=path,
+            remedy="name one with --block",
+        )
     return whole[0], best
 
 

@@ -1,14 +1,14 @@
-"""Bags that other programs recorded: poses from their topics and types, whose clocks must agree."""
+"""Bags that other programs recorded: poses from their topics and types."""
 
 from __future__ import annotations
 
 import sqlite3
 from array import array
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,171 +24,18 @@ from ssp_core.bag.seal import Seal, check_unaltered, read_seal
 from ssp_core.bag.sqlite import SUFFIX, open_bag
 from ssp_core.bag.types import TypeDefinition, store_from
 from ssp_core.cdr.messages import leading_stamp_ns
-from ssp_core.clock import NS_PER_S, ns_to_seconds
+from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.files import Closing, read_mapping
 from ssp_core.geodesy import Datum
 from ssp_core.geometry import yaw_of
 from ssp_core.hashing import sha256_file, sha256_json
+from ssp_eval.importers.clocks import Clock, Times
 from ssp_eval.importers.findings import Findings
 from ssp_eval.importers.tracks import Samples, Source
 
-Clock = Literal["header", "receive"]
-# Two topics whose stamps lie further apart, measured by when both were received, are on two
-# clocks. A camera's driver may take a tenth of a second to deliver.
-APART_S = 0.25
-# So much may the distance change from a recording's first third to its last.
-DRIFT_S = 0.05
-# Less than this isn't worth a word.
-_SAID_S = 0.02
-_NS = NDArray[np.int64]
 Number = TypeVar("Number", np.int64, np.float64)
-
-
-@dataclass(frozen=True)
-class Times:
-    """The times of one topic's messages, in the order of the recording."""
-
-    topic: str
-    stamps_ns: _NS
-    received_ns: _NS
-
-    def on(self, clock: Clock) -> _NS:
-        return self.stamps_ns if clock == "header" else self.received_ns
-
-    @property
-    def delay_s(self) -> NDArray[np.float64]:
-        """Compute the delays from stamp to receipt, in s."""
-        found: NDArray[np.float64] = (self.received_ns - self.stamps_ns) / NS_PER_S
-        return found
-
-
-def check_clocks(
-    file: Path, clock: Clock, topics: Sequence[Times], findings: Findings
-) -> list[str]:
-    """Check the topics' time bases against each other.
-
-    They are compared with the topic that most of them agree with; with the first of these where
-    there are several.
-
-    Args:
-        file: the bag.
-        clock: "receive" where the times are those of receipt; these aren't checked.
-        topics: the VUT's first.
-        findings: take each topic whose stamps are missing or go backwards, or that is on another
-            clock.
-
-    Returns:
-        What is to be known of them.
-    """
-    if clock == "receive":
-        return ["times are those of receipt by the recorder; stamps were left aside"]
-    broken = {one.topic: list(_stamp_errors(file, one)) for one in topics}
-    for error in (error for errors in broken.values() for error in errors):
-        findings.note("clocks", error)
-    notes = []
-    for one in topics:
-        spread_s = float(np.ptp(np.percentile(one.delay_s, (5, 95))))
-        if spread_s > _SAID_S:
-            notes.append(
-                f"{one.topic}: receipt comes {np.median(one.delay_s):.3f} s after the stamp, "
-                f"within {spread_s:.3f} s (5th to 95th percentile)"
-            )
-    sound = [one for one in topics if not broken[one.topic]]
-    first = _most_agreed(sound)
-    for other in sound:
-        apart = None if first is None or other is first else _apart(other, first)
-        if first is None or apart is None:
-            continue
-        late_s, drift_s = apart
-        if abs(late_s) > APART_S:
-            findings.note("clocks", InputError(
-                f"its stamps lie {abs(late_s):.3f} s {'before' if late_s > 0 else 'after'} those "
-                f"of {first.topic}, by when both were received: two clocks",
-                file=file, field=other.topic,
-                remedy="set the recorder's clocks, or take the times of receipt with "
-                "--clock receive",
-            ))  # fmt: skip
-        elif abs(drift_s) > DRIFT_S:
-            findings.note("clocks", InputError(
-                f"its stamps drift by {drift_s:.3f} s against those of {first.topic} over the "
-                "recording: two clocks",
-                file=file, field=other.topic,
-                remedy="take the times of receipt with --clock receive",
-            ))  # fmt: skip
-        elif abs(late_s) > _SAID_S:
-            notes.append(
-                f"{other.topic}: delivered {abs(late_s):.3f} s "
-                f"{'later' if late_s > 0 else 'sooner'} than {first.topic}, by stamp and receipt"
-            )
-    return notes
-
-
-def _most_agreed(topics: Sequence[Times]) -> Times | None:
-    """Give the topic whose clock most topics have; None: there is none."""
-
-    def others(one: Times) -> int:
-        found = [_apart(other, one) for other in topics]
-        return sum(
-            apart is not None and abs(apart[0]) <= APART_S and abs(apart[1]) <= DRIFT_S
-            for apart in found
-        )
-
-    return max(topics, key=others, default=None)
-
-
-def _apart(other: Times, first: Times) -> tuple[float, float] | None:
-    """Compute how much later another topic is received than a first one, and its drift, in s.
-
-    Returns:
-        None where they were never received at the same time.
-    """
-    late_s = _later_s(other, first)
-    if not len(late_s):
-        return None
-    third = max(1, len(late_s) // 3)
-    drift_s = float(np.median(late_s[-third:]) - np.median(late_s[:third]))
-    return float(np.median(late_s)), drift_s
-
-
-def _later_s(other: Times, first: Times) -> NDArray[np.float64]:
-    """Compute how much later than the first topic's another's messages are received, by stamps.
-
-    Compared at the same times of receipt: a simulator's time may run slower than the recorder's.
-    """
-    low, high = first.received_ns[0], first.received_ns[-1]
-    both = (other.received_ns >= low) & (other.received_ns <= high)
-    received_s = (other.received_ns[both] - low) / NS_PER_S
-    beside = np.interp(received_s, (first.received_ns - low) / NS_PER_S, first.delay_s)
-    found: NDArray[np.float64] = other.delay_s[both] - beside
-    return found
-
-
-def _stamp_errors(file: Path, times: Times) -> Iterator[InputError]:
-    """Yield what no clock can have written: stamps of 0, and others that go backwards."""
-    remedy = "take the times of receipt with --clock receive"
-    is_zero = times.stamps_ns == 0
-    zero = int(is_zero.sum())
-    # A simulator's time begins at 0, once.
-    begins = zero == 1 and times.stamps_ns[0] == 0 and times.stamps_ns[1:2].sum() < NS_PER_S
-    if zero and not begins:
-        yield InputError(
-            f"{zero} of {len(times.stamps_ns)} messages have the stamp 0", file=file,
-            field=times.topic, remedy=remedy,
-        )  # fmt: skip
-    stamps_ns = times.stamps_ns[~is_zero]
-    back = np.diff(stamps_ns) < 0
-    if back.any():
-        i = int(np.argmax(back)) + 1
-        step_s = (stamps_ns[i] - stamps_ns[i - 1]) / NS_PER_S
-        yield InputError(
-            f"{int(back.sum())} stamps go backwards, the first by {-step_s:.3f} s",
-            file=file,
-            field=times.topic,
-            value=stamps_ns[i] / NS_PER_S,
-            remedy=f"name a topic with one sender, or {remedy}",
-        )
-
+_NS = NDArray[np.int64]
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -292,8 +139,9 @@ class SourceBag(Closing):
     def __init__(self, path: Path) -> None:
         self.path = path
         if path.suffix == ".bag":
-            raise InputError("is a bag of ROS 1", file=path,
-                             remedy="convert it with rosbags-convert")  # fmt: skip
+            raise InputError(
+                "is a bag of ROS 1", file=path, remedy="convert it with rosbags-convert"
+            )
         if not path.exists():
             raise InputError("is not there", file=path, remedy="name a bag directory or file")
         self._stack = ExitStack()
@@ -311,9 +159,11 @@ class SourceBag(Closing):
             raise
         except _FAILURES as error:
             raise InputError(
-                f"can't be read as a ROS 2 bag: {error}", file=self.path, field=topic,
+                f"can't be read as a ROS 2 bag: {error}",
+                file=self.path,
+                field=topic,
                 remedy=_REPAIRABLE,
-            ) from error  # fmt: skip
+            ) from error
 
     def files_said(self) -> list[str]:
         """Say which files were left out, or that nothing names those that were read."""
@@ -350,8 +200,13 @@ class SourceBag(Closing):
                 remedy += f"; {', '.join(left_out)} isn't named by {FILE_NAME} and was left out"
             raise InputError("is no topic of this bag", file=self.path, field=topic, remedy=remedy)
         if found not in types:
-            raise InputError("has messages of another type", file=self.path, field=topic,
-                             value=found, remedy=f"{', '.join(types)} are read")  # fmt: skip
+            raise InputError(
+                "has messages of another type",
+                file=self.path,
+                field=topic,
+                value=found,
+                remedy=f"{', '.join(types)} are read",
+            )
         return found
 
     def check_definition(self, topic: str) -> None:
@@ -389,8 +244,9 @@ class SourceBag(Closing):
         except (SerdeError, *DAMAGE) as error:
             raise InputError(
                 f"holds a message at {received_ns} ns that is no {kind}: {error}",
-                file=self.path, field=topic,
-            ) from error  # fmt: skip
+                file=self.path,
+                field=topic,
+            ) from error
 
     def valid_at(self, topic: str, at_ns: int) -> Any:
         """Give the newest message that was received by a time, else the first one; None: none."""
@@ -409,8 +265,11 @@ class SourceBag(Closing):
         """
         found = leading_stamp_ns(data)
         if found is None:
-            raise InputError(f"holds a message at {received_ns} ns without a valid stamp",
-                             file=self.path, field=topic)  # fmt: skip
+            raise InputError(
+                f"holds a message at {received_ns} ns without a valid stamp",
+                file=self.path,
+                field=topic,
+            )
         return found
 
     def times(self, topic: str) -> Times:
@@ -419,8 +278,9 @@ class SourceBag(Closing):
         for received_ns, data in self.raw(topic):
             pairs.extend((self.stamp_ns(topic, received_ns, data), received_ns))
         if not pairs:
-            raise InputError("holds no message", file=self.path, field=topic,
-                             remedy="name a topic with messages")  # fmt: skip
+            raise InputError(
+                "holds no message", file=self.path, field=topic, remedy="name a topic with messages"
+            )
         return Times(topic, *_columns(pairs, 2, np.int64))
 
     def sha256(self) -> str:
@@ -531,9 +391,12 @@ class _PoseReading:
         self._kind = bag.types[topic]
         if self._kind == FIX and datum is None:
             raise InputError(
-                "holds geodetic positions", file=bag.path, field=topic, value=self._kind,
+                "holds geodetic positions",
+                file=bag.path,
+                field=topic,
+                value=self._kind,
                 remedy="give the origin of the map's frame with --datum LAT,LON[,ALT]",
-            )  # fmt: skip
+            )
         self._times, self._outside_ns, self._rows = array("q"), array("q"), array("d")
         self._frames: set[tuple[str, str]] = set()
         self._count = 0
@@ -556,9 +419,10 @@ class _PoseReading:
             after_s = ns_to_seconds(at_ns - self._span.zero_ns)
             raise InputError(
                 f"message {self._count}: {error}, {after_s:.3f} s after the first frame",
-                file=self._bag.path, field=self._topic,
+                file=self._bag.path,
+                field=self._topic,
                 remedy="leave the span out with --start and --end, or name another topic",
-            ) from error  # fmt: skip
+            ) from error
 
     def poses(self) -> Poses:
         """Give what was read.
@@ -591,23 +455,30 @@ class _PoseReading:
     def _check_some(self) -> None:
         path, topic = self._bag.path, self._topic
         if not self._count:
-            raise InputError("holds no message", file=path, field=topic,
-                             remedy="name a topic with messages")  # fmt: skip
+            raise InputError(
+                "holds no message", file=path, field=topic, remedy="name a topic with messages"
+            )
         if not self._times:
             outside_ns, zero_ns = self._outside_ns, self._span.zero_ns
             first_s, last_s = (ns_to_seconds(f(outside_ns) - zero_ns) for f in (min, max))
             raise InputError(
                 f"has poses from {first_s:.3f} to {last_s:.3f} s after the first frame, none "
                 "within the clip",
-                file=path, field=topic,
+                file=path,
+                field=topic,
                 remedy="frames and poses must be of one time; check the clocks, or use --clock "
                 "receive",
-            )  # fmt: skip
+            )
         if len(self._frames) > 1:
-            shown = ", ".join(sorted(f"{a or '(none)'} of {b or '(none)'}"
-                                     for a, b in self._frames)[:4])  # fmt: skip
-            raise InputError(f"changes its frames: {shown}", file=path, field=topic,
-                             remedy="one topic must be one object in one frame")  # fmt: skip
+            shown = ", ".join(
+                sorted(f"{a or '(none)'} of {b or '(none)'}" for a, b in self._frames)[:4]
+            )
+            raise InputError(
+                f"changes its frames: {shown}",
+                file=path,
+                field=topic,
+                remedy="one topic must be one object in one frame",
+            )
 
 
 def _columns(rows: array[Any], count: int, kind: type[Number]) -> list[NDArray[Number]]:

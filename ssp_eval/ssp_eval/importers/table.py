@@ -107,10 +107,15 @@ def _read(path: Path, findings: Findings) -> tuple[list[str], list[int], list[li
             f"is no CSV: {error}", file=path, line=rows.line_num, remedy="save it as plain CSV"
         ) from error
     if other:
-        findings.note("table", InputError(
-            f"has {other[0][1]} values, the header {len(header)}{_further(len(other))}", file=path,
-            line=other[0][0], remedy="a comma separates values, a point is the decimal mark",
-        ))  # fmt: skip
+        findings.note(
+            "table",
+            InputError(
+                f"has {other[0][1]} values, the header {len(header)}{_further(len(other))}",
+                file=path,
+                line=other[0][0],
+                remedy="a comma separates values, a point is the decimal mark",
+            ),
+        )
     if not cells:
         findings.need()
         raise InputError("holds no row", file=path, remedy=f"columns: {', '.join(COLUMNS)}")
@@ -125,16 +130,24 @@ def _further(count: int) -> str:
 def _check_header(path: Path, header: Sequence[str], findings: Findings) -> None:
     for name in (*COLUMNS, *OPTIONAL):
         if header.count(name) > 1:
-            findings.note("table", InputError("stands twice", file=path, line=1, field=name,
-                                              remedy="one column each"))  # fmt: skip
+            findings.note(
+                "table",
+                InputError("stands twice", file=path, line=1, field=name, remedy="one column each"),
+            )
     for i, missing in enumerate(name for name in COLUMNS if name not in header):
         near = [g for g in header if g.split("_")[0].lower() == missing.split("_")[0]]
         unit = f"; {near[0]} isn't read, convert and rename it" if near else ""
-        findings.note("table", InputError(
-            "is missing", file=path, line=1, field=missing,
-            value=None if i else ",".join(header),
-            remedy=f"the columns are {', '.join(COLUMNS)} (m, s, rad){unit}",
-        ))  # fmt: skip
+        findings.note(
+            "table",
+            InputError(
+                "is missing",
+                file=path,
+                line=1,
+                field=missing,
+                value=None if i else ",".join(header),
+                remedy=f"the columns are {', '.join(COLUMNS)} (m, s, rad){unit}",
+            ),
+        )
     findings.need()
 
 
@@ -157,19 +170,36 @@ def _classes(
         if found.setdefault(name, word) != word and name not in changed:
             changed[name] = InputError(
                 f"{name} was a {found[name]} until line {last[name]}: one id must be one object",
-                file=path, line=line, field="class", value=word, remedy="mend the ids",
-            )  # fmt: skip
+                file=path,
+                line=line,
+                field="class",
+                value=word,
+                remedy="mend the ids",
+            )
         last[name] = line
     if empty:
-        findings.note("table", InputError(
-            f"is empty{_further(len(empty))}", file=path, line=empty[0], field="id",
-            remedy="every row names its object",
-        ))  # fmt: skip
+        findings.note(
+            "table",
+            InputError(
+                f"is empty{_further(len(empty))}",
+                file=path,
+                line=empty[0],
+                field="id",
+                remedy="every row names its object",
+            ),
+        )
     for word, places in unknown.items():
-        findings.note("table", InputError(
-            f"is no class{_further(len(places))}", file=path, line=places[0], field="class",
-            value=word, remedy=f"known are {', '.join(OBJECTS)}",
-        ))  # fmt: skip
+        findings.note(
+            "table",
+            InputError(
+                f"is no class{_further(len(places))}",
+                file=path,
+                line=places[0],
+                field="class",
+                value=word,
+                remedy=f"known are {', '.join(OBJECTS)}",
+            ),
+        )
     for error in changed.values():
         findings.note("table", error)
     return {name: ObjectClass.from_word(word) for name, word in found.items()}
@@ -189,10 +219,17 @@ def _numbers(
     for rows, problem, remedy in wrong:
         if rows.any():
             i = int(np.argmax(rows))
-            findings.note("table", InputError(
-                f"{problem}{_further(int(rows.sum()))}", file=path, line=lines[i], field=name,
-                value=texts[i], remedy=remedy,
-            ))  # fmt: skip
+            findings.note(
+                "table",
+                InputError(
+                    f"{problem}{_further(int(rows.sum()))}",
+                    file=path,
+                    line=lines[i],
+                    field=name,
+                    value=texts[i],
+                    remedy=remedy,
+                ),
+            )
     return found
 
 
@@ -216,11 +253,17 @@ def _object(
         other = np.abs(values - values[0]) > _SIZE_M
         if other.any() and source.lines is not None:
             i = int(np.argmax(other))
-            findings.note("table", InputError(
-                f"was {values[0]:g} in line {source.lines[0]}: one id must be one object",
-                file=source.file, line=source.lines[i], field=name, value=float(values[i]),
-                remedy="mend the ids",
-            ))  # fmt: skip
+            findings.note(
+                "table",
+                InputError(
+                    f"was {values[0]:g} in line {source.lines[0]}: one id must be one object",
+                    file=source.file,
+                    line=source.lines[i],
+                    field=name,
+                    value=float(values[i]),
+                    remedy="mend the ids",
+                ),
+            )
     stamps_ns = np.array([seconds_to_ns(t_s) for t_s in columns["t_s"]], dtype=np.int64)
     motion = {name: columns[name] for name in (*_MOTION, *_RATES) if name in columns}
     return TableObject(

@@ -159,9 +159,13 @@ class Motion:
 
 
 def measured_motion(
-    options: MotionOptions, tracks: Sequence[Track], name: str, sha256: str, notes: list[str],
+    options: MotionOptions,
+    tracks: Sequence[Track],
+    name: str,
+    sha256: str,
+    notes: list[str],
     time_offset_s: float = 0.0,
-) -> Motion:  # fmt: skip
+) -> Motion:
     """Bind the road under the VUT's path, and state where the tracks come from.
 
     Args:

@@ -272,10 +272,13 @@ def make_track(samples: Samples, body: Body, findings: Findings) -> Track:
     samples, has_speeds = _with_speed(samples, body, velocity, notes)
     samples = _with_rates(samples, body, t_s, notes).moved_ahead(-body.ahead_m)
     course = Course(
-        body.object_class, t_s, samples.xy_m, reported_xy_m,
+        body.object_class,
+        t_s,
+        samples.xy_m,
+        reported_xy_m,
         samples["yaw_rad"] if has_heading else None,
         samples["speed_mps"] if has_speeds else None,
-    )  # fmt: skip
+    )
     found = _findings(samples, body, course, velocity)
     if axes is not None:
         # What the wrong axes bring about isn't named beside them.

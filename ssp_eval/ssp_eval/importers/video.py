@@ -147,9 +147,11 @@ def _sound(options: VideoOptions, findings: Findings) -> Soundness:
                 "frames",
                 f"get the file again from its source; --accept-damaged {found.damaged} takes so "
                 "many errors",
-                options.video, "--accept-damaged", value=options.most_damaged,
+                options.video,
+                "--accept-damaged",
+                value=options.most_damaged,
             )
-        )  # fmt: skip
+        )
     return found
 
 
@@ -316,9 +318,13 @@ def _measured(
             tracks.append(track)
     findings.need()
     return measured_motion(
-        options.clip.motion, tracks, given.file.name, sha256_file(given.file), notes,
+        options.clip.motion,
+        tracks,
+        given.file.name,
+        sha256_file(given.file),
+        notes,
         given.time_offset_s,
-    )  # fmt: skip
+    )
 
 
 def _track(
@@ -420,16 +426,25 @@ def _names(given: TableOptions, table: Table, findings: Findings) -> dict[str, s
     for object_id, name in wanted.items():
         if name not in table.objects:
             option = "--vut" if object_id == VUT_ID else f"--object {object_id}"
-            findings.note("table", InputError(
-                "is no id of the table", file=given.file, field=option, value=name,
-                remedy=f"its ids are {', '.join(list(table.objects)[:12])}",
-            ))  # fmt: skip
+            findings.note(
+                "table",
+                InputError(
+                    "is no id of the table",
+                    file=given.file,
+                    field=option,
+                    value=name,
+                    remedy=f"its ids are {', '.join(list(table.objects)[:12])}",
+                ),
+            )
     findings.need()
     if len(wanted) < 2:
         raise InputError(
-            "holds no object beside the VUT", file=given.file, field="id", value=given.vut,
+            "holds no object beside the VUT",
+            file=given.file,
+            field="id",
+            value=given.vut,
             remedy="an event needs an object target",
-        )  # fmt: skip
+        )
     twice = [name for name in set(wanted.values()) if list(wanted.values()).count(name) > 1]
     if twice:
         raise InputError("is named twice", file=given.file, field="--object", value=twice[0])
@@ -449,7 +464,8 @@ def _coverage(track: Track, low_ns: int, high_ns: int) -> list[str]:
     if track.body.role is Role.VUT:
         source = track.samples.source
         raise source.error(
-            text, f"at most {UNCOVERED_S:g} s may be missing; cut the video with --start and --end",
+            text,
+            f"at most {UNCOVERED_S:g} s may be missing; cut the video with --start and --end",
             index=0,
-        )  # fmt: skip
+        )
     return [f"{who}: {text}"]

@@ -149,9 +149,11 @@ def boxes_of_truth(path: Path) -> Iterator[BoxedFrame]:
     missing = [name for name in _NEEDED if not isinstance(stated, dict) or name not in stated]
     if missing or not isinstance(stated, dict):
         raise InputError(
-            "doesn't state its camera in full", file=path, field=f"camera.{missing[0]}",
+            "doesn't state its camera in full",
+            file=path,
+            field=f"camera.{missing[0]}",
             remedy=f"state {', '.join(missing)}",
-        )  # fmt: skip
+        )
     fields = {key: value for key, value in stated.items() if key in Camera.model_fields}
     camera = parse_model(Camera, fields, path)
     series = ((t_s, list(now.values())) for t_s, now in truth.states)

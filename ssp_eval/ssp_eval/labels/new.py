@@ -241,9 +241,13 @@ def _of_truth_file(given: _Given) -> _Recording:
     version = given.event_version or (None if given.event is None else given.event.version)
     truth = truth_from_file(given.truth, given.domain, version, given.event)
     return _Recording(
-        given.truth, truth.scenario, truth.domain, truth.event_version, sha256_file(given.truth),
+        given.truth,
+        truth.scenario,
+        truth.domain,
+        truth.event_version,
+        sha256_file(given.truth),
         truth,
-    )  # fmt: skip
+    )
 
 
 def _of_source(source: Source, event: KStar | None, given: _Given) -> _Recording:
@@ -311,14 +315,16 @@ def _check_same_event(recordings: Sequence[_Recording]) -> None:
         ):
             if ours != theirs and UNKNOWN_VERSION not in (ours, theirs):
                 raise InputError(
-                    f"is of the {field} {theirs}, {first.path} of {ours}", file=one.path,
+                    f"is of the {field} {theirs}, {first.path} of {ours}",
+                    file=one.path,
                     remedy="labels are planned together for recordings of one event",
-                )  # fmt: skip
+                )
         if one.domain in seen:
             raise InputError(
-                f"is of the domain {one.domain}, as {seen[one.domain]} is", file=one.path,
+                f"is of the domain {one.domain}, as {seen[one.domain]} is",
+                file=one.path,
                 remedy=f"give one recording per domain ({', '.join(DOMAINS)})",
-            )  # fmt: skip
+            )
         seen[one.domain] = one.path
 
 
@@ -337,10 +343,11 @@ def _plan(recordings: Sequence[_Recording]) -> list[_Planned]:
         timeline = one.timeline if found is None else found.timeline()
         if timeline is None:
             raise InputError(
-                "holds no states, and nobody says when its phases begin", file=one.path,
+                "holds no states, and nobody says when its phases begin",
+                file=one.path,
                 remedy="have a person look at it (`ssp audit observe`), give its clip's --truth "
                 "file, or of K*'s own synthetic clip its K* with --event",
-            )  # fmt: skip
+            )
         timelines.append(timeline)
     plan = plan_labels(timelines)
     return [

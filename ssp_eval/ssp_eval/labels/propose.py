@@ -162,9 +162,13 @@ class Located:
                 file=truth.source,
             )
         return Timeline(
-            truth.domain, event.trigger_s, event.conflict_s, event.resolution_s, self.crop,
+            truth.domain,
+            event.trigger_s,
+            event.conflict_s,
+            event.resolution_s,
+            self.crop,
             truth.frames_s,
-        )  # fmt: skip
+        )
 
     def by_plan(self, plan: Plan) -> Proposal:
         """Labels of a scenario's plan (METHOD 5.2b)."""

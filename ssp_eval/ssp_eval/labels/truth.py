@@ -341,9 +341,10 @@ def truth_of(
     facts, path = source.provenance, source.path
     if facts is None:
         raise InputError(
-            "is a video file and no recording", file=path,
+            "is a video file and no recording",
+            file=path,
             remedy="import it (ssp import-video), or give its --truth file alone",
-        )  # fmt: skip
+        )
     version = _version(path, facts, given, version)
     k_star = source.event or given
     start_s, end_s = source.first_s, source.last_s

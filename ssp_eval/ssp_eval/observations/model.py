@@ -24,9 +24,17 @@ from ssp_scenario_manager.event_spec.model import BoundaryWord, RoadTypeWord, Se
 SCHEMA: Literal["ssp.observation/1"] = "ssp.observation/1"
 
 PlaceWord = Literal[
-    "vut_lane", "left_lane", "right_lane", "oncoming_lane", "left_kerb", "right_kerb",
-    "2_lanes_left", "2_lanes_right", "3_lanes_left", "3_lanes_right",
-]  # fmt: skip
+    "vut_lane",
+    "left_lane",
+    "right_lane",
+    "oncoming_lane",
+    "left_kerb",
+    "right_kerb",
+    "2_lanes_left",
+    "2_lanes_right",
+    "3_lanes_left",
+    "3_lanes_right",
+]
 LaneWord = Literal["rightmost", "middle", "leftmost", "oncoming", "off the road"]
 RelationWord = Literal["merge", "crossing", "following", "oncoming", "none"]
 # Parts of the topology that an observation may leave out.

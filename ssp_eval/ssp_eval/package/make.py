@@ -224,8 +224,9 @@ def _utf8(path: str, file: Path) -> str:
     try:
         path.encode("utf-8")
     except UnicodeEncodeError:
-        raise InputError("has a name that is not UTF-8", file=str(file).encode("utf-8", "replace")
-                         .decode()) from None  # fmt: skip
+        raise InputError(
+            "has a name that is not UTF-8", file=str(file).encode("utf-8", "replace").decode()
+        ) from None
     return path
 
 

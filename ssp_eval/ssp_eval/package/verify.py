@@ -131,9 +131,10 @@ def _compare(told: Audit, found: Audit) -> Iterator[_Difference]:
         if codes[0] != codes[1]:
             yield _says(f"recordings[{number}].reasons", *codes)
         elif differing := list(
-            _differences(f"recordings[{number}].reasons", _json(one)["reasons"],
-                         _json(other)["reasons"])
-        ):  # fmt: skip
+            _differences(
+                f"recordings[{number}].reasons", _json(one)["reasons"], _json(other)["reasons"]
+            )
+        ):
             yield from differing
     for number, (one, other) in enumerate(pairs):
         seen = {"status", "reasons"} | _FREE_OF_RECORDING
@@ -177,9 +178,10 @@ def _differences(at: str, told: Any, found: Any) -> Iterator[_Difference]:
 
 def _same(told: Any, found: Any) -> bool:
     numbers = [
-        value for value in (told, found)
+        value
+        for value in (told, found)
         if isinstance(value, int | float) and not isinstance(value, bool)
-    ]  # fmt: skip
+    ]
     if len(numbers) == 2:
         return math.isclose(*numbers, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE)
     return type(told) is type(found) and bool(told == found)

@@ -337,10 +337,11 @@ class Clip(Closing):
             came = [entry for entry in shown.values() if entry is not None]
             found = {f.stamp_ns: f.jpeg for f in self._fetch(came)} if came else {}
         return tuple(
-            frame if (entry := shown[frame.stamp_ns]) is None
+            frame
+            if (entry := shown[frame.stamp_ns]) is None
             else replace(frame, jpeg=found[entry.stamp_ns])
             for frame in frames
-        )  # fmt: skip
+        )
 
     def crop_to(self, crop: Crop | None) -> None:
         """Treat the recording from here on as if it had been cut to a clip (METHOD 4.1).

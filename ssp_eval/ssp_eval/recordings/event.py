@@ -131,9 +131,11 @@ def phase_starts(event: Event) -> dict[str, float]:
 def _span(interval: Interval) -> Span:
     if interval.unit not in units_of("time"):
         raise InputError(
-            "is no unit of time", field="unit", value=interval.unit,
+            "is no unit of time",
+            field="unit",
+            value=interval.unit,
             remedy=f"{' or '.join(units_of('time'))}; `ssp spec check` says where it stands",
-        )  # fmt: skip
+        )
     return interval.si
 
 

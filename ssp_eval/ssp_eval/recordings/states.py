@@ -209,9 +209,15 @@ def _reported(states: Packed[ObjectState], zero_ns: int, is_session: bool) -> _R
 
 def _sighting(t_s: float, source: str, state: ObjectState, sequence: int) -> Sighting:
     return Sighting(
-        t_s, source, state.object_id, state.object_class.word, state.x_m, state.y_m,
-        state.speed_mps, sequence,
-    )  # fmt: skip
+        t_s,
+        source,
+        state.object_id,
+        state.object_class.word,
+        state.x_m,
+        state.y_m,
+        state.speed_mps,
+        sequence,
+    )
 
 
 def _joined(reported: Mapping[str, _Reported], vut_id: str) -> StateSeries:

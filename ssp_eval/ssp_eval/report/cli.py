@@ -236,7 +236,7 @@ def report(
     these, from a CSV file of component scores. The page of more than 500 cells shows statistics
     only with --tables. A cell that isn't as `ssp evaluate` left it, or whose admission its audit
     doesn't give, is refused: the report goes on without it and the exit status is 1.
-    """  # fmt: skip
+    """
     options = Options(resamples, seed, block)
     if only and figures is None:
         raise click.UsageError("--only needs --figures DIR")

@@ -473,9 +473,12 @@ def _short(value: float | None) -> float | None:
 
 # Means that a page shows folded: each has many rows, or is for those who look closer.
 _FOLDED = (
-    "by_scenario_model", "by_domain_model", "strata", "domain_differences_model",
+    "by_scenario_model",
+    "by_domain_model",
+    "strata",
+    "domain_differences_model",
     "foundation_models",
-)  # fmt: skip
+)
 # Notices that aren't about all cells, before a page only counts them.
 MOST_NOTICES = 12
 

@@ -330,40 +330,50 @@ def _causes(
     coarse_s = max(STEP_S, *(drive.step_s for drive in drives))
     found.append(
         CauseEntry(
-            name="delay", value=lag_s, unit="s", text=text,
+            name="delay",
+            value=lag_s,
+            unit="s",
+            text=text,
             notable=lag_s is None or abs(lag_s) >= coarse_s - _EPS,
         )
-    )  # fmt: skip
+    )
     if follows.gain is not None:
         text = f"{who} builds up {follows.gain:.2f} times the deceleration of {other}"
         if without is not None:
             text += f"; with that taken out the rating is {without.overall:.2f}"
         found.append(
             CauseEntry(
-                name="gain", value=follows.gain, unit="", text=text,
+                name="gain",
+                value=follows.gain,
+                unit="",
+                text=text,
                 notable=abs(follows.gain - 1.0) >= _NOTABLE_GAIN,
             )
-        )  # fmt: skip
+        )
     if reference.trigger_s is not None and comparison.trigger_s is not None:
         speeds = [d.at(d.speed_mps, d.trigger_s or 0.0) for d in drives]
         if speeds[0] is not None and speeds[1] is not None:
             off = speeds[1] - speeds[0]
             found.append(
                 CauseEntry(
-                    name="initial_speed", value=off, unit="m/s",
+                    name="initial_speed",
+                    value=off,
+                    unit="m/s",
                     text=f"at the trigger {who} is {abs(off):.2f} m/s "
                     f"{'faster' if off >= 0 else 'slower'}",
                     notable=abs(off) >= _NOTABLE_SPEED_MPS,
                 )
-            )  # fmt: skip
+            )
     if reference.trigger_gap_m is not None and comparison.trigger_gap_m is not None:
         off = comparison.trigger_gap_m - reference.trigger_gap_m
         found.append(
             CauseEntry(
-                name="initial_gap", value=off, unit="m",
+                name="initial_gap",
+                value=off,
+                unit="m",
                 text=f"at the trigger the gap of {who} is {abs(off):.2f} m "
                 f"{'larger' if off >= 0 else 'smaller'}",
                 notable=abs(off) >= _NOTABLE_GAP_M,
             )
-        )  # fmt: skip
+        )
     return found

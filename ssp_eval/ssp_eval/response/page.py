@@ -117,9 +117,13 @@ def curve_plot(reference: tuple[str, CurveEntry], comparison: tuple[str, CurveEn
         )
     named = f"Acceleration of {comparison[0]} against {reference[0]}"
     return pages.element(
-        "svg", pages.title(named) + "".join(parts), class_="response",
-        viewBox=f"0 0 {_WIDTH:g} {_HEIGHT:g}", role="img", aria_label=named,
-    )  # fmt: skip
+        "svg",
+        pages.title(named) + "".join(parts),
+        class_="response",
+        viewBox=f"0 0 {_WIDTH:g} {_HEIGHT:g}",
+        role="img",
+        aria_label=named,
+    )
 
 
 def _axes(
@@ -144,9 +148,13 @@ def _axes(
             pages.text(at, bottom + 18, f"{k * step_s:g}", text_anchor="middle"),
         ]
     parts.append(
-        pages.text((_LEFT + right) / 2, _HEIGHT - 4, "s from the start of the braking",
-                   text_anchor="middle")
-    )  # fmt: skip
+        pages.text(
+            (_LEFT + right) / 2,
+            _HEIGHT - 4,
+            "s from the start of the braking",
+            text_anchor="middle",
+        )
+    )
     middle = (_TOP + bottom) / 2
     parts.append(
         pages.text(12, middle, "m/s²", text_anchor="middle", transform=f"rotate(-90 12 {middle:g})")

@@ -158,9 +158,12 @@ def thresholds_of(values: Any, file: str | Path) -> Thresholds:
     if values.keys() != asdict(DEFAULT).keys():
         apart = sorted(values.keys() ^ asdict(DEFAULT).keys())
         raise InputError(
-            "names other thresholds than this version has", file=file, field="thresholds",
-            value=", ".join(apart), remedy="evaluate it again; stored answers aren't asked again",
-        )  # fmt: skip
+            "names other thresholds than this version has",
+            file=file,
+            field="thresholds",
+            value=", ".join(apart),
+            remedy="evaluate it again; stored answers aren't asked again",
+        )
     return Thresholds(**values)
 
 

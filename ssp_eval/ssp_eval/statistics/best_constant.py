@@ -161,8 +161,12 @@ def _records(labels: Labels, scene: Scene, plan: Plan) -> list[BehaviourRecord]:
         return None if value is None else Slot(value, whole)
 
     slots = Slots(
-        slot(scene.objects), slot(scene.position), slot(scene.motion), slot(scene.conflict),
-        slot(plan.lon_action), slot(plan.lat_action),
-    )  # fmt: skip
+        slot(scene.objects),
+        slot(scene.position),
+        slot(scene.motion),
+        slot(scene.conflict),
+        slot(plan.lon_action),
+        slot(plan.lat_action),
+    )
     trajectory = plan.trajectory
     return [BehaviourRecord(label.t_s, text, slots, trajectory) for label in labels.labels]

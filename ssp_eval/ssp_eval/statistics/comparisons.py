@@ -142,12 +142,18 @@ def _comparison(
     is_domain = subject == "domain"
     labels_alone = math.fsum(gained) / n if is_domain else None
     found = Comparison(
-        subject, first, second, metric, n, mean,
+        subject,
+        first,
+        second,
+        metric,
+        n,
+        mean,
         over_recordings(of_scenario) if is_domain else t_interval(differences),
-        mean / spread if spread is not None and spread > EQUAL else None, ahead,
+        mean / spread if spread is not None and spread > EQUAL else None,
+        ahead,
         scenarios=scenarios,
         labels_alone=None if labels_alone is None or math.isnan(labels_alone) else labels_alone,
-    )  # fmt: skip
+    )
     if metric != TESTED or n < 2:
         return found
     names = (subject, first, second, metric)

@@ -98,7 +98,7 @@ def constant_table(found: Sequence[OfScenario]) -> Table:
         Column("trajectory", "trajectory: x, y in m", "text"),
         *metric_columns(*keys),
         Column("domains", "IVCS by domain", "text"),
-    )  # fmt: skip
+    )
     rows: list[tuple[Value, ...]] = []
     for one in found:
         scores = one.constant.scores
@@ -106,7 +106,10 @@ def constant_table(found: Sequence[OfScenario]) -> Table:
         points = zip(path.t_s, path.x_m, path.y_m, strict=True)
         rows.append(
             (
-                one.scenario, one.recordings[0].run, len(scores), one.constant.text,
+                one.scenario,
+                one.recordings[0].run,
+                len(scores),
+                one.constant.text,
                 "; ".join(f"{x:.2f}, {y:.2f} at {t:g} s" for t, x, y in points),
                 *(mean(getattr(score, key) for score in scores) for key in keys),
                 ", ".join(
@@ -114,7 +117,7 @@ def constant_table(found: Sequence[OfScenario]) -> Table:
                     for row, score in zip(one.recordings, scores, strict=True)
                 ),
             )
-        )  # fmt: skip
+        )
     return Table(
         BEST_CONSTANTS,
         "The best blind constant of each scenario",

@@ -175,6 +175,11 @@ def _row(
     gained = [blind.get((second, *p), math.nan) - blind.get((first, *p), math.nan) for p in kept]
     labels_alone = None if not gained or any(map(math.isnan, gained)) else mean(gained).value
     return (
-        len(kept), difference, interval.low, interval.high, labels_alone,
-        relative_difference(other, base), finding(difference, interval, labels_alone),
-    )  # fmt: skip
+        len(kept),
+        difference,
+        interval.low,
+        interval.high,
+        labels_alone,
+        relative_difference(other, base),
+        finding(difference, interval, labels_alone),
+    )

@@ -36,11 +36,20 @@ def label_table(cells: Iterable[CellData], audits: Sequence[Audit]) -> Table:
             mark = HARDLY_VISIBLE if size is not None and size.hardly_visible else ""
             rows.append(
                 (
-                    scenario, domain, label.t_s, label.phase, _words(label.objects), label.position,
-                    label.motion, label.conflict, _words(label.lon_actions),
-                    _words(label.lat_actions), height_px, mark,
+                    scenario,
+                    domain,
+                    label.t_s,
+                    label.phase,
+                    _words(label.objects),
+                    label.position,
+                    label.motion,
+                    label.conflict,
+                    _words(label.lon_actions),
+                    _words(label.lat_actions),
+                    height_px,
+                    mark,
                 )
-            )  # fmt: skip
+            )
         if all(one.height_px is None for one in known.values()):
             why = (counted.sizes_from if counted is not None else "") or "not in its audit"
             lacking.append(f"{scenario} / {domain} ({why.removeprefix('not known: ')})")

@@ -134,10 +134,12 @@ def declared_texts(rows: Iterable[CellRow]) -> list[tuple[str, tuple[str, ...]]]
             where = found.setdefault((row.domain, row.declared_by), set())
             where.add(f"{row.scenario} / {row.domain}")
     return [
-        (f"{domain.capitalize()} by the word of {who}: {some(sorted(names))}.",
-         tuple(sorted(names)))
+        (
+            f"{domain.capitalize()} by the word of {who}: {some(sorted(names))}.",
+            tuple(sorted(names)),
+        )
         for (domain, who), names in sorted(found.items())
-    ]  # fmt: skip
+    ]
 
 
 def domain_text(rows: Sequence[CellRow]) -> str:
@@ -232,9 +234,11 @@ def _absent(rows: Sequence[CellRow]) -> list[str]:
         if row.model != BEST_CONSTANT and not condition_of(row.model)[1].startswith((TWIN, REPEAT))
     )
     return [
-        " / ".join((*clip, model)) for clip in clips for model in models
+        " / ".join((*clip, model))
+        for clip in clips
+        for model in models
         if (*clip, model) not in there
-    ]  # fmt: skip
+    ]
 
 
 def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:

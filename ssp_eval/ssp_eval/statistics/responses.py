@@ -69,8 +69,13 @@ def _row(scenario: str, pair: PairEntry) -> tuple[Value, ...]:
     figures = {figure.name: figure.difference for figure in pair.figures}
     causes = {cause.name: cause.value for cause in pair.causes}
     return (
-        scenario, pair.comparison, pair.reference, pair.verdict,
+        scenario,
+        pair.comparison,
+        pair.reference,
+        pair.verdict,
         *(None if pair.rating is None else getattr(pair.rating, part) for part in _PARTS),
         *(figures.get(name) for name in ("ttc_at_braking", "remaining_distance", "impact_speed")),
-        causes.get("delay"), causes.get("gain"), "; ".join(pair.why),
-    )  # fmt: skip
+        causes.get("delay"),
+        causes.get("gain"),
+        "; ".join(pair.why),
+    )

@@ -253,8 +253,16 @@ _RESPONSE = re.compile(r"S@(\d+(?:\.\d+)?)", re.ASCII)
 # A table of models alone, each line a mean over everything, may lack both.
 _OF_CELLS = ("scenario", "domain")
 COLUMNS = (
-    *_OF_CELLS, "model", "jovr", "sem_acc_eff", "cia_eff", "act_acc_eff", "tqsr", "atc_eff", "risk",
-)  # fmt: skip
+    *_OF_CELLS,
+    "model",
+    "jovr",
+    "sem_acc_eff",
+    "cia_eff",
+    "act_acc_eff",
+    "tqsr",
+    "atc_eff",
+    "risk",
+)
 _NUMBERS = frozenset({*METRIC_NAMES, "n", "seed", "total_b", "active_b"})
 _FACTS = ("total_b", "active_b", "architecture")
 
@@ -407,23 +415,30 @@ def rows_from_csv(path: Path, tell: Callable[[str], None] = lambda _note: None) 
         line, row = read.number, read.row
         if rows and row.over != rows[0].over:
             raise InputError(
-                f"is {_kind(row)}, and the lines before are {_kind(rows[0])}", file=path, line=line,
+                f"is {_kind(row)}, and the lines before are {_kind(rows[0])}",
+                file=path,
+                line=line,
                 remedy="analyse them apart: what is averaged already can't be averaged with cells",
-            )  # fmt: skip
+            )
         first = found.setdefault((*row.key, row.run, row.seed), line)
         if first != line:
             raise InputError(
-                f"cell {' / '.join(row.key)} stands in line {first} already", file=path, line=line,
+                f"cell {' / '.join(row.key)} stands in line {first} already",
+                file=path,
+                line=line,
                 remedy="give each cell once, or tell its runs apart in a column run or seed",
-            )  # fmt: skip
+            )
         before = facts.setdefault(row.model, read)
         for name in _FACTS:
             if getattr(row, name) != getattr(before.row, name):
                 raise InputError(
-                    f"differs for {row.model} from line {before.number}", file=path, line=line,
-                    field=name, value=getattr(row, name),
+                    f"differs for {row.model} from line {before.number}",
+                    file=path,
+                    line=line,
+                    field=name,
+                    value=getattr(row, name),
                     remedy="a model has one value in all its lines",
-                )  # fmt: skip
+                )
         if read.ivcs is not None and row.ivcs is not None:
             given, unit = read.ivcs
             if abs(given - row.ivcs) > unit:
@@ -483,10 +498,12 @@ def _lines(path: Path, tell: Callable[[str], None]) -> Iterator[_Read]:
             continue
         if len(fields) != len(names):
             raise InputError(
-                f"has {len(fields)} fields, the header has {len(names)}", file=path, line=number,
+                f"has {len(fields)} fields, the header has {len(names)}",
+                file=path,
+                line=number,
                 remedy="separate by commas, write decimals with a point, and put a field that "
                 'holds a comma in double quotes (")',
-            )  # fmt: skip
+            )
         yield _read(dict(zip(names, fields, strict=True)), path, number)
     if not names:
         remedy = f"begin with {','.join(COLUMNS)}"
@@ -502,11 +519,14 @@ def _read(fields: Mapping[str, str], path: Path, number: int) -> _Read:
         line = parse_model(_Line, given, path)
     except InputError as error:
         raise InputError(
-            error.problem, file=path, line=number, field=error.field,
+            error.problem,
+            file=path,
+            line=number,
+            field=error.field,
             value=None if isinstance(error.value, dict) else error.value,
             remedy="scores are shares from 0 to 1 with a decimal point; null is an empty field or "
             "a dash",
-        ) from error  # fmt: skip
+        ) from error
     named = "control" in line.model_fields_set
     if line.ivcs is None:
         return _Read(number, line.row(), None, named)

@@ -257,18 +257,47 @@ _EXPLAINED = (
 @click.command("shortlist")
 @click.argument("syn_campaign", type=_PATH)
 @click.argument("sim_campaign", type=_PATH)
-@click.option("--no-response", type=_SHARE, default=DEFAULT_LIMITS.no_response, show_default=True,
-              help="A candidate from this share of cells without a risk response on.")  # fmt: skip
-@click.option("--turned", type=_SHARE, default=DEFAULT_LIMITS.turned, show_default=True,
-              help="Likewise, share of pairs of models whose order turns.")  # fmt: skip
-@click.option("--width", type=_SHARE, default=DEFAULT_LIMITS.width, show_default=True,
-              help="Likewise, mean width of the intervals of IVCS.")  # fmt: skip
-@click.option("--most", type=WholeNumber(1), default=DEFAULT_LIMITS.most, show_default=True,
-              help="Ranks that are listed.")  # fmt: skip
-@click.option("--resamples", type=WholeNumber(100, 1_000_000), default=RESAMPLES,
-              show_default=True, help="Of the intervals.")  # fmt: skip
-@click.option("--out", type=_PATH, metavar="FILE.json",
-              help="Also write the list, for `ssp compile --shortlist`.")  # fmt: skip
+@click.option(
+    "--no-response",
+    type=_SHARE,
+    default=DEFAULT_LIMITS.no_response,
+    show_default=True,
+    help="A candidate from this share of cells without a risk response on.",
+)
+@click.option(
+    "--turned",
+    type=_SHARE,
+    default=DEFAULT_LIMITS.turned,
+    show_default=True,
+    help="Likewise, share of pairs of models whose order turns.",
+)
+@click.option(
+    "--width",
+    type=_SHARE,
+    default=DEFAULT_LIMITS.width,
+    show_default=True,
+    help="Likewise, mean width of the intervals of IVCS.",
+)
+@click.option(
+    "--most",
+    type=WholeNumber(1),
+    default=DEFAULT_LIMITS.most,
+    show_default=True,
+    help="Ranks that are listed.",
+)
+@click.option(
+    "--resamples",
+    type=WholeNumber(100, 1_000_000),
+    default=RESAMPLES,
+    show_default=True,
+    help="Of the intervals.",
+)
+@click.option(
+    "--out",
+    type=_PATH,
+    metavar="FILE.json",
+    help="Also write the list, for `ssp compile --shortlist`.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON (ssp.shortlist/1).")
 def shortlist_command(
     syn_campaign: Path,
@@ -293,9 +322,10 @@ def shortlist_command(
     for cell in (*first, *second):
         if cell.changed:
             raise InputError(
-                cell.changed, file=cell.folder,
+                cell.changed,
+                file=cell.folder,
                 remedy="give `ssp evaluate` its command again; what is stored isn't asked again",
-            )  # fmt: skip
+            )
     found = shortlist(first, second, limits, resamples)
     text = found.model_dump_json(by_alias=True, indent=1) + "\n"
     if out is not None:
@@ -335,6 +365,9 @@ def _show(found: Shortlist) -> None:
 def _fields(one: Listed) -> tuple[str, ...]:
     shares = (one.no_response, one.turned, one.width, one.priority)
     return (
-        "–" if one.rank is None else str(one.rank), one.scenario, one.event_version[:19],
-        *(f"{share:.2f}" for share in shares), "; ".join(one.reasons) or "no candidate",
-    )  # fmt: skip
+        "–" if one.rank is None else str(one.rank),
+        one.scenario,
+        one.event_version[:19],
+        *(f"{share:.2f}" for share in shares),
+        "; ".join(one.reasons) or "no candidate",
+    )

@@ -252,9 +252,14 @@ def compute(
         ]
         thresholds = pairs[0][1].thresholds
         records = bootstrap_records(
-            with_terms, GROUPINGS, options.resamples, options.seed, on_step, options.block,
+            with_terms,
+            GROUPINGS,
+            options.resamples,
+            options.seed,
+            on_step,
+            options.block,
             thresholds,
-        )  # fmt: skip
+        )
         comparisons = [
             replace(
                 one,

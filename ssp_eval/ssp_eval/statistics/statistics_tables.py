@@ -26,12 +26,17 @@ STAGE_NAMES = dict(
     zip(
         STAGES,
         (
-            "output validity", "semantics", "critical interaction", "action commitment",
-            "trajectory quality", "text–trajectory consistency", "risk response",
+            "output validity",
+            "semantics",
+            "critical interaction",
+            "action commitment",
+            "trajectory quality",
+            "text–trajectory consistency",
+            "risk response",
         ),
         strict=True,
     )
-)  # fmt: skip
+)
 NONE = "none"
 _COUNTS = (*(Column(key, name, "count") for key, name in STAGE_NAMES.items()),)
 _NOTES = (
@@ -116,9 +121,16 @@ def words(*keys: str) -> tuple[Column, ...]:
 
 def _interval(found: Estimate) -> tuple[Value, ...]:
     return (
-        found.value, found.percentile.low, found.percentile.high, found.bca.low, found.bca.high,
-        found.bias, found.null_share, found.unit, found.n,
-    )  # fmt: skip
+        found.value,
+        found.percentile.low,
+        found.percentile.high,
+        found.bca.low,
+        found.bca.high,
+        found.bias,
+        found.null_share,
+        found.unit,
+        found.n,
+    )
 
 
 def _ends(interval: Interval) -> tuple[Value, Value]:
@@ -228,17 +240,32 @@ def runs_table(found: Stability) -> Table:
 
     def row(kind: str, spread: Spread) -> tuple[Value, ...]:
         return (
-            kind, " / ".join(spread.names), spread.metric, spread.k, spread.value, spread.sd,
-            spread.low, spread.high, spread.interval.low, spread.interval.high,
-            spread.bootstrap.percentile.low, spread.bootstrap.percentile.high,
-        )  # fmt: skip
+            kind,
+            " / ".join(spread.names),
+            spread.metric,
+            spread.k,
+            spread.value,
+            spread.sd,
+            spread.low,
+            spread.high,
+            spread.interval.low,
+            spread.interval.high,
+            spread.bootstrap.percentile.low,
+            spread.bootstrap.percentile.high,
+        )
 
     columns = (
-        *words("of", "name", "metric"), Column("k", "K", "count"), Column("mean", "mean"),
-        Column("sd", "sd"), Column("min", "min"), Column("max", "max"), Column("low", "95 % low"),
-        Column("high", "95 % high"), Column("bootstrap_low", "bootstrap low"),
+        *words("of", "name", "metric"),
+        Column("k", "K", "count"),
+        Column("mean", "mean"),
+        Column("sd", "sd"),
+        Column("min", "min"),
+        Column("max", "max"),
+        Column("low", "95 % low"),
+        Column("high", "95 % high"),
+        Column("bootstrap_low", "bootstrap low"),
         Column("bootstrap_high", "bootstrap high"),
-    )  # fmt: skip
+    )
     notes = [
         "How far repetitions of the same cells differ; drawn are runs. K: how many there are; sd: "
         "standard deviation between them (K − 1). 95 %: Student's interval of the mean over runs, "
@@ -276,23 +303,47 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     listed = list(comparisons)
     rows = [
         (
-            c.subject, c.first, c.second, c.metric, c.n, c.difference, c.interval.low,
-            c.interval.high, c.labels_alone, c.finding, c.over_labels.low, c.over_labels.high,
-            c.standardised, c.favour, c.scenarios, c.p_scenarios, c.p_scenarios_holm, c.p, c.p_holm,
-            c.p_least, c.family or None,
+            c.subject,
+            c.first,
+            c.second,
+            c.metric,
+            c.n,
+            c.difference,
+            c.interval.low,
+            c.interval.high,
+            c.labels_alone,
+            c.finding,
+            c.over_labels.low,
+            c.over_labels.high,
+            c.standardised,
+            c.favour,
+            c.scenarios,
+            c.p_scenarios,
+            c.p_scenarios_holm,
+            c.p,
+            c.p_holm,
+            c.p_least,
+            c.family or None,
         )
         for c in listed
-    ]  # fmt: skip
+    ]
     difference: tuple[tuple[str, str, Kind], ...] = (
-        ("difference", "difference", "ratio"), ("low", "95 % low", "ratio"),
+        ("difference", "difference", "ratio"),
+        ("low", "95 % low", "ratio"),
         ("high", "95 % high", "ratio"),
-    )  # fmt: skip
+    )
     numbers: tuple[tuple[str, str, Kind], ...] = (
-        ("labels_low", "labels low", "ratio"), ("labels_high", "labels high", "ratio"),
-        ("d_z", "d_z", "ratio"), ("ahead", "ahead", "ratio"), ("scenarios", "scenarios", "count"),
-        ("p_scenarios", "p (scenarios)", "p"), ("p_scenarios_holm", "p (scenarios, Holm)", "p"),
-        ("p", "p", "p"), ("p_holm", "p (Holm)", "p"), ("p_least", "least p", "p"),
-    )  # fmt: skip
+        ("labels_low", "labels low", "ratio"),
+        ("labels_high", "labels high", "ratio"),
+        ("d_z", "d_z", "ratio"),
+        ("ahead", "ahead", "ratio"),
+        ("scenarios", "scenarios", "count"),
+        ("p_scenarios", "p (scenarios)", "p"),
+        ("p_scenarios_holm", "p (scenarios, Holm)", "p"),
+        ("p", "p", "p"),
+        ("p_holm", "p (Holm)", "p"),
+        ("p_least", "least p", "p"),
+    )
     notes = [
         "Pairs: cells of the same scenario and model for two domains, of the same scenario and "
         "domain for two models. difference: mean of first less second over the pairs, with "

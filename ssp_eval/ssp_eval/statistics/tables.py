@@ -104,17 +104,30 @@ def matrix_table(rows: Sequence[CellRow]) -> Table:
 
     table_rows: list[tuple[Value, ...]] = [
         (
-            row.scenario, row.domain, row.model, *((row.run,) if runs else ()),
-            *((row.seed,) if seeds else ()), row.n, *_scores(row, BEFORE_RISK),
-            Outcome(row.rsr, row.rl_s, bool(row.over)), *_scores(row, AFTER_RISK),
+            row.scenario,
+            row.domain,
+            row.model,
+            *((row.run,) if runs else ()),
+            *((row.seed,) if seeds else ()),
+            row.n,
+            *_scores(row, BEFORE_RISK),
+            Outcome(row.rsr, row.rl_s, bool(row.over)),
+            *_scores(row, AFTER_RISK),
             _remark(row, constants.get((row.scenario, row.domain))),
-            *_scores(row, BEHIND), row.total_b, row.active_b, row.architecture,
-            YES if row.control else NO, YES if row.admitted else NO,
-            YES if row.stand_in else NO, row.status, row.reason, row.thresholds,
+            *_scores(row, BEHIND),
+            row.total_b,
+            row.active_b,
+            row.architecture,
+            YES if row.control else NO,
+            YES if row.admitted else NO,
+            YES if row.stand_in else NO,
+            row.status,
+            row.reason,
+            row.thresholds,
             row.declared_by,
         )
         for row in sorted(rows, key=key)
-    ]  # fmt: skip
+    ]
     notes = ["n counts labels."]
     if over_what(rows):
         notes.append("risk of a macro row: the share of cells with a response, @ their mean RL.")
@@ -511,9 +524,14 @@ def strata_table(cells: Sequence[Cell], notes: Sequence[str]) -> Table:
         middle = math.fsum(values.values()) / len(values)
         rows.append((scenario, domain, len(values), middle, sd(values.values()), low, high, best))
     columns = (
-        *_key_columns(BY_SCENARIO_DOMAIN), COUNT, Column("mean", "mean"), Column("sd", "sd"),
-        Column("min", "min"), Column("max", "max"), Column("best", "best", "text"),
-    )  # fmt: skip
+        *_key_columns(BY_SCENARIO_DOMAIN),
+        COUNT,
+        Column("mean", "mean"),
+        Column("sd", "sd"),
+        Column("min", "min"),
+        Column("max", "max"),
+        Column("best", "best", "text"),
+    )
     said = ("n counts models; sd is that of a sample, and null for one model.",)
     left_out = _left_out(cells, BY_SCENARIO_DOMAIN)
     return Table("strata", "IVCS within strata", columns, tuple(rows), (*said, *left_out, *notes))
@@ -547,10 +565,15 @@ def foundation_table(
         row, values = facts[model], found[model]
         table_rows.append(
             (
-                model, row.architecture or None, row.total_b, row.active_b, values["ivcs"].n,
-                *(values[key] for key in IVCS_LAST), *_differences(values, base),
+                model,
+                row.architecture or None,
+                row.total_b,
+                row.active_b,
+                values["ivcs"].n,
+                *(values[key] for key in IVCS_LAST),
+                *_differences(values, base),
             )
-        )  # fmt: skip
+        )
     columns = (
         Column("model", "model", "text"),
         Column("architecture", "architecture", "text"),

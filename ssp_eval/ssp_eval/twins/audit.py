@@ -180,8 +180,10 @@ class _Comparison:
 def _alike_state(before: bytes, after: bytes) -> bool:
     one, two = decode_state(before), decode_state(after)
     return (one.object_id, one.stamp_ns, one.sequence) == (
-        two.object_id, two.stamp_ns, two.sequence,
-    )  # fmt: skip
+        two.object_id,
+        two.stamp_ns,
+        two.sequence,
+    )
 
 
 def _alike_image(before: bytes, after: bytes) -> bool:

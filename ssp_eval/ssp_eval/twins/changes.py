@@ -112,9 +112,11 @@ def parse_change(text: str) -> Change:
     except ValueError as error:
         known = next((form for one, form in _FORMS.items() if one.value == word), None)
         raise InputError(
-            f"is no change{'' if known is None else f': {error}'}", field="--change", value=text,
+            f"is no change{'' if known is None else f': {error}'}",
+            field="--change",
+            value=text,
             remedy=f"write {known or ', '.join(_FORMS.values())}",
-        ) from error  # fmt: skip
+        ) from error
 
 
 def _parsed(kind: Kind, first: str, second: str) -> Change:
@@ -248,10 +250,18 @@ def control_object(change: Change, road: Road, last_vut: ObjectState) -> ObjectS
     x_m, y_m = line.to_map(s_m + along * _CONTROL_AHEAD_M, place_m)
     yaw_rad = line.pose(s_m + along * _CONTROL_AHEAD_M).yaw_rad
     return ObjectState(
-        change.object_id, change.object_class, Role.TRAFFIC, 0, x_m, y_m,
-        wrap_angle(yaw_rad if along > 0.0 else yaw_rad + math.pi), 0.0, 0.0, 0.0,
+        change.object_id,
+        change.object_class,
+        Role.TRAFFIC,
+        0,
+        x_m,
+        y_m,
+        wrap_angle(yaw_rad if along > 0.0 else yaw_rad + math.pi),
+        0.0,
+        0.0,
+        0.0,
         DEFAULT_SIZES[change.object_class],
-    )  # fmt: skip
+    )
 
 
 def slowed(states: Sequence[ObjectState], share: float) -> list[ObjectState]:

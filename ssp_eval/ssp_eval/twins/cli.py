@@ -114,10 +114,12 @@ def _check_set(bag: Path, factual: Factual, force: bool) -> None:
         return
     if not force:
         raise InputError(
-            "holds twins of another recording", file=twins_folder(bag) / SET_FILE,
-            field="of_sha256", value=there.of_sha256,
+            "holds twins of another recording",
+            file=twins_folder(bag) / SET_FILE,
+            field="of_sha256",
+            value=there.of_sha256,
             remedy="give --force to replace them, or move the folder away",
-        )  # fmt: skip
+        )
     shutil.rmtree(twins_folder(bag))
 
 

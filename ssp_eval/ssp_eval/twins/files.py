@@ -173,9 +173,12 @@ def usable_twins(bag: Path, bag_sha256: str) -> Iterator[TwinRecord]:
         return
     if found.of_sha256 != bag_sha256:
         raise InputError(
-            "is of another recording", file=twins_folder(bag) / SET_FILE, field="of_sha256",
-            value=found.of_sha256, remedy=f"make the twins of {bag} anew with `ssp twins`",
-        )  # fmt: skip
+            "is of another recording",
+            file=twins_folder(bag) / SET_FILE,
+            field="of_sha256",
+            value=found.of_sha256,
+            remedy=f"make the twins of {bag} anew with `ssp twins`",
+        )
     yield from (twin for twin in found.twins if twin.audit.holds)
 
 

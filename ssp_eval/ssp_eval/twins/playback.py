@@ -64,9 +64,12 @@ class Factual:
         if not found:
             known = sorted({s.object_id for s in self.ticks[-1].objects} - {self.run.vut.id})
             raise InputError(
-                "is no object of the recording", file=self.path, field="--change",
-                value=object_id, remedy=f"its objects are {', '.join(known) or 'none'}",
-            )  # fmt: skip
+                "is no object of the recording",
+                file=self.path,
+                field="--change",
+                value=object_id,
+                remedy=f"its objects are {', '.join(known) or 'none'}",
+            )
         return Series(found)
 
 
@@ -81,8 +84,9 @@ def decoded(bag: BagReader, message: BagMessage, decode: Callable[[bytes], Decod
     except ValueError as error:
         raise InputError(
             f"holds a message at {message.log_time_ns} ns that is none: {error}",
-            file=bag.path, field=message.topic,
-        ) from error  # fmt: skip
+            file=bag.path,
+            field=message.topic,
+        ) from error
 
 
 def read_factual(bag: BagReader) -> Factual:
@@ -96,9 +100,10 @@ def read_factual(bag: BagReader) -> Factual:
     run, topic = facts.run, bag.topics.get(IMAGE)
     if facts.twin is not None:
         raise InputError(
-            f"is a twin: {facts.twin}", file=bag.path,
+            f"is a twin: {facts.twin}",
+            file=bag.path,
             remedy="change the recording that it was made of",
-        )  # fmt: skip
+        )
     if run is None or run.camera is None or run.mode == "live" or TICK not in bag.topics:
         raise InputError(
             "is no session of the simulated world with a camera, so that nobody can draw what it "
@@ -110,16 +115,19 @@ def read_factual(bag: BagReader) -> Factual:
     if run.camera.renderer != "raster" or facts.drawn is not None:
         raise InputError(
             "was drawn by CARLA, which promises no equal pixels: a twin would differ everywhere",
-            file=bag.path, field="camera.renderer", value="carla",
+            file=bag.path,
+            field="camera.renderer",
+            value="carla",
             remedy="run the task again with --camera raster",
-        )  # fmt: skip
+        )
     if topic is None or topic.count == 0 or topic.msgtype != COMPRESSED_TYPE:
         raise InputError(
             "holds no JPEG frames, which alone can be drawn anew byte by byte",
-            file=bag.path, field=IMAGE,
+            file=bag.path,
+            field=IMAGE,
             value="nothing" if topic is None or topic.count == 0 else topic.msgtype,
             remedy="record the run again with `ssp run`, without --video",
-        )  # fmt: skip
+        )
     ticks = tuple(decoded(bag, message, decode_tick) for message in bag.messages([TICK]))
     frames_ns = frozenset(decoded(bag, message, peek_stamp_ns) for message in bag.messages([IMAGE]))
     return Factual(bag.path, facts, run, ticks, frames_ns)
@@ -147,9 +155,11 @@ class World:
             self._added = control_object(change, factual.run.road, factual.vut.at(last_ns))
         elif change.object_id == factual.run.vut.id:
             raise InputError(
-                "is the VUT, which drives in a twin as it was recorded", file=factual.path,
-                field="--change", value=change.object_id,
-            )  # fmt: skip
+                "is the VUT, which drives in a twin as it was recorded",
+                file=factual.path,
+                field="--change",
+                value=change.object_id,
+            )
         elif change.object_id:
             self._own = factual.series(change.object_id)
 

@@ -109,9 +109,14 @@ def jpeg(ns: int, image: Any, frame_id: str = "camera_optical") -> Any:
 
 def raw(ns: int, image: Any, frame_id: str = "camera_optical") -> Any:
     return TYPES.types[RAW](
-        header=header(ns, frame_id), height=image.shape[0], width=image.shape[1], encoding="bgr8",
-        is_bigendian=0, step=3 * image.shape[1], data=image.ravel(),
-    )  # fmt: skip
+        header=header(ns, frame_id),
+        height=image.shape[0],
+        width=image.shape[1],
+        encoding="bgr8",
+        is_bigendian=0,
+        step=3 * image.shape[1],
+        data=image.ravel(),
+    )
 
 
 def camera_info(ns: int, focal_px: float, size: tuple[int, int] = (64, 48)) -> Any:
@@ -121,10 +126,18 @@ def camera_info(ns: int, focal_px: float, size: tuple[int, int] = (64, 48)) -> A
         x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
     )
     return TYPES.types[INFO](
-        header=header(ns, "camera_optical"), height=size[1], width=size[0],
-        distortion_model="plumb_bob", d=np.zeros(5), k=k, r=np.eye(3).ravel(), p=p, binning_x=0,
-        binning_y=0, roi=roi,
-    )  # fmt: skip
+        header=header(ns, "camera_optical"),
+        height=size[1],
+        width=size[0],
+        distortion_model="plumb_bob",
+        d=np.zeros(5),
+        k=k,
+        r=np.eye(3).ravel(),
+        p=p,
+        binning_x=0,
+        binning_y=0,
+        roi=roi,
+    )
 
 
 def transform(parent: str, child: str, xyz: Sequence[float], quaternion: Sequence[float]) -> Any:
@@ -199,10 +212,19 @@ def write_table(path: Path, states: Mapping[str, Sequence[ObjectState]], every: 
         for name, ones in states.items():
             for s in ones[::every]:
                 x, y = s.pose.to_parent((s.size.front_m - s.size.rear_m) / 2.0, 0.0)
-                writer.writerow([
-                    s.stamp_ns / NS_PER_S, name, s.object_class.word, x, y, s.yaw_rad, s.speed_mps,
-                    s.size.length_m, s.size.width_m,
-                ])  # fmt: skip
+                writer.writerow(
+                    [
+                        s.stamp_ns / NS_PER_S,
+                        name,
+                        s.object_class.word,
+                        x,
+                        y,
+                        s.yaw_rad,
+                        s.speed_mps,
+                        s.size.length_m,
+                        s.size.width_m,
+                    ]
+                )
     return path
 
 

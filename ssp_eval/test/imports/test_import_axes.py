@@ -75,13 +75,17 @@ def turned(day: TrackDay) -> TrackDay:
         day,
         states={
             name: [
-                replace(one, x_m=c * one.x_m - s * one.y_m, y_m=s * one.x_m + c * one.y_m,
-                        yaw_rad=one.yaw_rad + TURN_RAD)
+                replace(
+                    one,
+                    x_m=c * one.x_m - s * one.y_m,
+                    y_m=s * one.x_m + c * one.y_m,
+                    yaw_rad=one.yaw_rad + TURN_RAD,
+                )
                 for one in states
             ]
             for name, states in day.states.items()
         },
-    )  # fmt: skip
+    )
 
 
 def assert_same(out: Path, day: TrackDay) -> None:

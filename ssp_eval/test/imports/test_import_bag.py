@@ -54,9 +54,15 @@ from support.seals import with_checksums
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")
 DECLARED = (
-    "--domain", "physical", "--declared-by", "A. Engineer", "--declared-on", "2026-03-01",
-    "--place", "north track",
-)  # fmt: skip
+    "--domain",
+    "physical",
+    "--declared-by",
+    "A. Engineer",
+    "--declared-on",
+    "2026-03-01",
+    "--place",
+    "north track",
+)
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +89,11 @@ def test_the_event_is_the_sources_own(
     assert dict(provenance.participants.targets) == {"ot1": "car"}
     assert provenance.road is not None
     assert [(lane.y_m, lane.direction) for lane in provenance.road.lanes] == [
-        (0.0, "forward"), (3.5, "forward"), (7.0, "backward"), (10.5, "backward"),
-    ]  # fmt: skip
+        (0.0, "forward"),
+        (3.5, "forward"),
+        (7.0, "backward"),
+        (10.5, "backward"),
+    ]
     assert provenance.domain_said_by == "declared by A. Engineer, 2026-03-01, north track"
     with BagReader(out) as reader:
         numbers = [
@@ -108,8 +117,18 @@ def test_import_json_holds_sources_declarations_and_the_road_by_hash(
     bag: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "rec"
-    log = ("--log-by", "B. Safety", "--log-on", "2026-03-02", "--safety-abort", "no",
-           "--identity-switch", "no", "--site-change", "none")  # fmt: skip
+    log = (
+        "--log-by",
+        "B. Safety",
+        "--log-on",
+        "2026-03-02",
+        "--safety-abort",
+        "no",
+        "--identity-switch",
+        "no",
+        "--site-change",
+        "none",
+    )
     assert run(bag, out, *DECLARED, *log, "--site", "boulevard", "--event", "cut_in") == 0
     with BagReader(out) as reader:
         record = json.loads(reader.attachment("import.json") or b"")
@@ -119,15 +138,21 @@ def test_import_json_holds_sources_declarations_and_the_road_by_hash(
     name, version = "cut_in", load_event("cut_in")[1]
     assert record["schema"] == "ssp.import/2"
     assert record["source"] == {
-        "name": "bag", "sha256": sha256_file(file), "kind": "bag", "clock": "header",
+        "name": "bag",
+        "sha256": sha256_file(file),
+        "kind": "bag",
+        "clock": "header",
         "topics": {"vut": "/vut/odom", "ot1": "/ot1/odom", "camera": "/cam"},
-    }  # fmt: skip
+    }
     assert record["crop"] == {"start_s": 0.0, "end_s": 10.0}
     assert (record["scenario"], record["event_version"]) == (name, version)
     assert record["log"] == {
-        "by": "B. Safety", "on": "2026-03-02", "safety_abort": False, "identity_switch": False,
+        "by": "B. Safety",
+        "on": "2026-03-02",
+        "safety_abort": False,
+        "identity_switch": False,
         "site_changes": [],
-    }  # fmt: skip
+    }
     assert record["site"]["sha256"] == sha256_file(find_shipped("boulevard", "site"))
     assert record["site"]["block"] == "main"
     assert site == find_shipped("boulevard", "site").read_bytes()
@@ -156,15 +181,17 @@ def test_the_camera_is_that_of_camera_info_and_static_transforms(
             transform("base_link", "camera", (1.5, 0.1, 1.4), down),
             transform("camera", "camera_optical", (0.0, 0.0, 0.0), level),
         ]
-    )  # fmt: skip
+    )
     more: list[Message] = [
         ("/info", INFO, day.zero_ns, camera_info(day.zero_ns, 32.0)),
         ("/tf_static", TF, day.zero_ns, chain),
     ]
     source = write_bag(tmp_path / "day", [*day.messages(), *more])
     out = tmp_path / "rec"
-    assert run(source, out, "--domain", "physical", "--camera-info", "/info",
-               "--reference", "vut=0.5") == 0  # fmt: skip
+    assert (
+        run(source, out, "--domain", "physical", "--camera-info", "/info", "--reference", "vut=0.5")
+        == 0
+    )
     with BagReader(out) as reader:
         mount = reader.decode(next(iter(reader.messages(["/ssp/vut/front_camera/mount"]))))
         info = reader.decode(next(iter(reader.messages(["/ssp/vut/front_camera/camera_info"]))))
@@ -176,8 +203,10 @@ def test_the_camera_is_that_of_camera_info_and_static_transforms(
             for s in map(reader.decode, reader.messages(["/ssp/vut/state"]))
         }
     chain = [(one.header.frame_id, one.child_frame_id) for one in fixed.transforms]
-    assert chain == [("vut/base_link", "vut/front_camera"),
-                     ("vut/front_camera", "vut/front_camera_optical")]  # fmt: skip
+    assert chain == [
+        ("vut/base_link", "vut/front_camera"),
+        ("vut/front_camera", "vut/front_camera_optical"),
+    ]
     place = fixed.transforms[0].transform.translation
     assert (place.x, place.y, place.z) == (2.0, 0.1, 1.4)
     places = {
@@ -288,48 +317,88 @@ def of_all(topics: Sequence[str], shift_ns: Callable[[int], int]) -> Callable[[M
 
 WRONG_BAGS: list[tuple[str, Callable[[Message], Message | None], str]] = [
     ("km/h", twisted(3.6), "/ot1/odom: has speeds 3.6 times those of its positions"),
-    ("degrees", moved(lambda x, y, yaw: (x, y, math.pi / 2 - yaw)),
-     "degrees off its direction of motion (they look clockwise from +y, as a compass counts)"),
+    (
+        "degrees",
+        moved(lambda x, y, yaw: (x, y, math.pi / 2 - yaw)),
+        "degrees off its direction of motion (they look clockwise from +y, as a compass counts)",
+    ),
     ("left-handed", moved(lambda x, y, yaw: (x, y, yaw + math.pi)), "turned by half a turn"),
-    ("a jump", moved(lambda x, y, yaw: (x + (30.0 if x > 70.0 else 0.0), y, yaw)),
-     "/ot1/odom: jumps by 30.2 m within 0.02 s: one id must be one object"),
-    ("no speed for a while", for_a_while(twisted(0.0)),
-     "/ot1/odom: states 0.00 m/s from 5.00 s to 6.18 s after its first sample, while its positions "
-     "go at 9."),
-    ("a heading turned for a while", for_a_while(moved(lambda x, y, yaw: (x, y, yaw + math.pi))),
-     "/ot1/odom: has headings that lie 180 degrees off its direction of motion from 5.00 s to "),
-    ("a clock that steps", of_all(("/vut/odom", "/ot1/odom", "/cam"),
-                                  lambda t: 800_000_000 if t > 5 * 10**9 else 0),
-     "/vut/odom: moves by 0.2 m within 0.82 s, at 4.98 s after its first sample, where it goes at "
-     "10.00 m/s: a step of the clock? [clock_step]"),
-    ("no number", moved(lambda x, y, yaw: (math.nan if x > 70.0 else x, y, yaw)),
-     "/ot1/odom: has a x_m that is no number"),
-    ("two frames", framed("odom"),
-     "/ot1/odom: its poses are in frame 'odom', the others' in 'map' [frames]; say how its frame "
-     "lies in theirs with --transform ot1=X,Y,YAW_DEG"),
-    ("no stamps", lambda m: (*m[:3], replace(m[3], header=header(0, m[3].header.frame_id)))
-     if m[0] == "/ot1/odom" else m,
-     "/ot1/odom: 501 of 501 messages have the stamp 0 [clocks]; take the times of receipt"),
+    (
+        "a jump",
+        moved(lambda x, y, yaw: (x + (30.0 if x > 70.0 else 0.0), y, yaw)),
+        "/ot1/odom: jumps by 30.2 m within 0.02 s: one id must be one object",
+    ),
+    (
+        "no speed for a while",
+        for_a_while(twisted(0.0)),
+        "/ot1/odom: states 0.00 m/s from 5.00 s to 6.18 s after its first sample, while its "
+        "positions go at 9.",
+    ),
+    (
+        "a heading turned for a while",
+        for_a_while(moved(lambda x, y, yaw: (x, y, yaw + math.pi))),
+        "/ot1/odom: has headings that lie 180 degrees off its direction of motion from 5.00 s to ",
+    ),
+    (
+        "a clock that steps",
+        of_all(("/vut/odom", "/ot1/odom", "/cam"), lambda t: 800_000_000 if t > 5 * 10**9 else 0),
+        "/vut/odom: moves by 0.2 m within 0.82 s, at 4.98 s after its first sample, where it goes "
+        "at 10.00 m/s: a step of the clock? [clock_step]",
+    ),
+    (
+        "no number",
+        moved(lambda x, y, yaw: (math.nan if x > 70.0 else x, y, yaw)),
+        "/ot1/odom: has a x_m that is no number",
+    ),
+    (
+        "two frames",
+        framed("odom"),
+        "/ot1/odom: its poses are in frame 'odom', the others' in 'map' [frames]; say how its "
+        "frame lies in theirs with --transform ot1=X,Y,YAW_DEG",
+    ),
+    (
+        "no stamps",
+        lambda m: (
+            (*m[:3], replace(m[3], header=header(0, m[3].header.frame_id)))
+            if m[0] == "/ot1/odom"
+            else m
+        ),
+        "/ot1/odom: 501 of 501 messages have the stamp 0 [clocks]; take the times of receipt",
+    ),
     ("a stamp back", once_back, "/vut/odom: 1 stamps go backwards, the first by 0.480 s"),
-    ("two clocks", restamped(lambda t: 2_000_000_000, "/cam"),
-     "/cam: its stamps lie 2.000 s after those of /vut/odom, by when both were received"),
-    ("a clock that drifts", restamped(lambda t: -t // 50, "/ot1/odom"),
-     "/ot1/odom: its stamps drift by 0.134 s against those of /vut/odom"),
-    ("no object", lambda m: None if m[0] == "/ot1/odom" else m,
-     "/ot1/odom: is no topic of this bag [topics]; of these types it has /vut/odom"),
-    ("an object that isn't there", lambda m: None
-     if m[0] == "/ot1/odom" and m[2] > 1_700_000_000_010_000_000 else m,
-     "/ot1/odom: holds 1 samples within the crop"),
-]  # fmt: skip
+    (
+        "two clocks",
+        restamped(lambda t: 2_000_000_000, "/cam"),
+        "/cam: its stamps lie 2.000 s after those of /vut/odom, by when both were received",
+    ),
+    (
+        "a clock that drifts",
+        restamped(lambda t: -t // 50, "/ot1/odom"),
+        "/ot1/odom: its stamps drift by 0.134 s against those of /vut/odom",
+    ),
+    (
+        "no object",
+        lambda m: None if m[0] == "/ot1/odom" else m,
+        "/ot1/odom: is no topic of this bag [topics]; of these types it has /vut/odom",
+    ),
+    (
+        "an object that isn't there",
+        lambda m: None if m[0] == "/ot1/odom" and m[2] > 1_700_000_000_010_000_000 else m,
+        "/ot1/odom: holds 1 samples within the crop",
+    ),
+]
 
 
 @pytest.mark.parametrize(
     ("change", "match"), [w[1:] for w in WRONG_BAGS], ids=[w[0] for w in WRONG_BAGS]
 )
 def test_a_bag_that_contradicts_itself_is_refused(
-    day: TrackDay, tmp_path: Path, refused: Callable[..., str],
-    change: Callable[[Message], Message | None], match: str,
-) -> None:  # fmt: skip
+    day: TrackDay,
+    tmp_path: Path,
+    refused: Callable[..., str],
+    change: Callable[[Message], Message | None],
+    match: str,
+) -> None:
     source = write_bag(tmp_path / "day", messages_of(day, change))
     message = refused("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
     assert f"{source}: " in message
@@ -346,10 +415,16 @@ def test_a_bag_that_contradicts_itself_is_refused(
         (("--rate", 60), 1, "--rate: has 10 frames per second, fewer than 60"),
         (("--site", "nowhere"), 1, "no such site (got 'nowhere')"),
         (("--site", "boulevard", "--block", "side"), 1, "is no block of this map (got 'side')"),
-        (("--site", "north_track", "--transform", "all=5000,0,0"), 1,
-         "no block lies under the VUT's way"),
-        (("--event", "cut_in", "--object", "ot2=/ot1/odom:car"), 1,
-         "has the objects ot1, ot2, vut, the K* cut_in has ot1, vut"),
+        (
+            ("--site", "north_track", "--transform", "all=5000,0,0"),
+            1,
+            "no block lies under the VUT's way",
+        ),
+        (
+            ("--event", "cut_in", "--object", "ot2=/ot1/odom:car"),
+            1,
+            "has the objects ot1, ot2, vut, the K* cut_in has ot1, vut",
+        ),
         (("--event", "cut_in", "--scenario", "a"), 2, "--event gives --scenario"),
         (("--object", "ot1=/x:car"), 2, "--object names ot1 twice"),
         (("--object", "ot2=/x:lorry"), 2, "classes are car, truck"),
@@ -363,11 +438,15 @@ def test_a_bag_that_contradicts_itself_is_refused(
         (("--log-by", "A"), 2, "what isn't declared is unknown"),
         (("--place", "x", "--declared-on", "2999-01-01"), 2, "lies in the future"),
     ],
-)  # fmt: skip
+)
 def test_wrong_use_is_explained_and_leaves_nothing(
-    bag: Path, tmp_path: Path, refused: Callable[..., str], options: tuple[Any, ...], status: int,
+    bag: Path,
+    tmp_path: Path,
+    refused: Callable[..., str],
+    options: tuple[Any, ...],
+    status: int,
     match: str,
-) -> None:  # fmt: skip
+) -> None:
     given = ("import-bag", bag, *OBJECTS, *DECLARED, *options, "--out", tmp_path / "rec")
     assert match in refused(*given, status=status)
 
@@ -494,16 +573,22 @@ def test_geodetic_positions_need_a_datum_and_lie_in_its_frame(
         p = m[3].pose.pose.position
         fix = TYPES.types[FIX](
             header=header(m[3].header.stamp.sec * 10**9 + m[3].header.stamp.nanosec, "gps"),
-            status=status, latitude=lat + p.y / 111_358.0, longitude=lon + p.x / 59_718.0,
-            altitude=0.0, position_covariance=np.zeros(9), position_covariance_type=0,
-        )  # fmt: skip
+            status=status,
+            latitude=lat + p.y / 111_358.0,
+            longitude=lon + p.x / 59_718.0,
+            altitude=0.0,
+            position_covariance=np.zeros(9),
+            position_covariance_type=0,
+        )
         return (m[0], FIX, m[2], fix)
 
     source = write_bag(tmp_path / "day", messages_of(day, as_fix))
     given = ("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
     assert "give the origin of the map's frame with --datum" in refused(*given)
-    assert run(source, tmp_path / "rec", *DECLARED, "--datum", f"{lat},{lon}",
-               "--site", "boulevard") == 0  # fmt: skip
+    assert (
+        run(source, tmp_path / "rec", *DECLARED, "--datum", f"{lat},{lon}", "--site", "boulevard")
+        == 0
+    )
     event, _ = imported(tmp_path / "rec")
     assert starts(event) == pytest.approx(starts(truth(day)), abs=0.1)
 
@@ -549,9 +634,11 @@ def test_frames_of_two_sizes_are_refused(
 ) -> None:
     def cropped(m: Message) -> Message:
         ns = m[2]
-        return (*m[:3], jpeg(ns - 3_000_000, picture(1, (128, 48)))) if (
-            m[0] == "/cam" and ns > 1_700_000_005 * 10**9
-        ) else m  # fmt: skip
+        return (
+            (*m[:3], jpeg(ns - 3_000_000, picture(1, (128, 48))))
+            if (m[0] == "/cam" and ns > 1_700_000_005 * 10**9)
+            else m
+        )
 
     source = write_bag(tmp_path / "day", messages_of(day, cropped))
     message = refused("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")

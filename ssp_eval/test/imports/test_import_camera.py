@@ -55,25 +55,40 @@ def facts(
     [
         (info(), (32, 32, 32, 24)),
         # Of a sensor of 128 x 96 px, binned.
-        (info(k_of(64, 64, 64, 48), width=128, height=96, binning_x=2, binning_y=2),
-         (32, 32, 32, 24)),
+        (
+            info(k_of(64, 64, 64, 48), width=128, height=96, binning_x=2, binning_y=2),
+            (32, 32, 32, 24),
+        ),
         (info(k_of(40, 80, 40, 90), width=64, height=144, binning_y=3), None),
         (info(k_of(32, 96, 32, 72), width=64, height=144, binning_y=3), (32, 32, 32, 24)),
         # Of a sensor of 200 x 100 px, the part from (60, 30) on.
-        (info(k_of(40, 40, 100, 50), width=200, height=100, roi=(60, 30, 64, 48)),
-         (40, 40, 40, 20)),
+        (
+            info(k_of(40, 40, 100, 50), width=200, height=100, roi=(60, 30, 64, 48)),
+            (40, 40, 40, 20),
+        ),
         # Both: the region first, then binned.
-        (info(k_of(80, 80, 200, 100), width=400, height=200, roi=(136, 52, 128, 96), binning_x=2,
-              binning_y=2), (40, 40, 32, 24)),
+        (
+            info(
+                k_of(80, 80, 200, 100),
+                width=400,
+                height=200,
+                roi=(136, 52, 128, 96),
+                binning_x=2,
+                binning_y=2,
+            ),
+            (40, 40, 32, 24),
+        ),
         # A region that is the whole sensor.
         (info(roi=(0, 0, 64, 48)), (32, 32, 32, 24)),
         # Rounded up by the driver.
-        (info(k_of(64, 64, 63, 48), width=127, height=95, binning_x=2, binning_y=2),
-         (32, 32, 31.5, 24)),
+        (
+            info(k_of(64, 64, 63, 48), width=127, height=95, binning_x=2, binning_y=2),
+            (32, 32, 31.5, 24),
+        ),
         # The principal point a quarter from the edge, focal lengths a tenth apart.
         (info(k_of(32, 29, 17, 35)), (32, 29, 17, 35)),
     ],
-)  # fmt: skip
+)
 def test_a_lens_is_that_of_the_frames(lens: Any, k: tuple[float, ...] | None) -> None:
     if k is None:
         with pytest.raises(InputError, match="camera_matrix"):
@@ -130,17 +145,28 @@ def turned(degrees: float) -> tuple[float, ...]:
         ([placed((1.5, 0, 1.4), (0, 0, 0, math.nan))], "no number"),
         ([placed((1.5, 0, 1.4), (0, 0, 0, 0))], "base_link to camera_optical .* norm 0, not 1"),
         ([placed((1.5, 0, 1.4), (-0.51, 0.51, -0.51, 0.51))], r"norm 1\.02"),
-        ([placed((1.5, 0, 0), (0, 0, 0, 0), child="mast"), placed((0, 0, 1.4), parent="mast")],
-         "base_link to mast .* norm 0"),
-        ([HERE, placed((0.3, 0, 2.9))],
-         r"two places of camera_optical on base_link: \(1\.50, 0\.00, 1\.40\) and \(0\.30, 0\.00"),
+        (
+            [placed((1.5, 0, 0), (0, 0, 0, 0), child="mast"), placed((0, 0, 1.4), parent="mast")],
+            "base_link to mast .* norm 0",
+        ),
+        (
+            [HERE, placed((0.3, 0, 2.9))],
+            r"two places of camera_optical on base_link: \(1\.50, 0\.00, 1\.40\) and \(0\.30, "
+            r"0\.00",
+        ),
         ([HERE, placed((1.515, 0, 1.4))], r"0\.015 m"),
         ([HERE, placed((1.5, 0, 1.4), turned(0.6))], r"0\.6 degrees apart"),
         # By two ways.
-        ([HERE, placed((1, 0, 0), (0, 0, 0, 1), child="mast"), placed((0, 0, 1.4), parent="mast")],
-         r"0\.500 m"),
+        (
+            [
+                HERE,
+                placed((1, 0, 0), (0, 0, 0, 1), child="mast"),
+                placed((0, 0, 1.4), parent="mast"),
+            ],
+            r"0\.500 m",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_place_that_cannot_be_is_refused_and_a_declared_one_settles_it(
     static: Sequence[Any], match: str
 ) -> None:
@@ -215,8 +241,18 @@ def test_the_bags_own_places_and_lens_count_as_they_are_in_the_clip(
         ("/tf_static", TF, ns + 4 * 10**9, tree((0.3, 0, 2.9))),
     ]
     source = write_bag(tmp_path / "day", [*day.messages(), *more])
-    options = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam",
-               "--camera-info", "/info", "--domain", "physical")  # fmt: skip
+    options = (
+        "--vut",
+        "/vut/odom",
+        "--object",
+        "ot1=/ot1/odom:car",
+        "--camera",
+        "/cam",
+        "--camera-info",
+        "/info",
+        "--domain",
+        "physical",
+    )
     said = refused("import-bag", source, *options, "--out", tmp_path / "out")
     assert "/tf_static: gives two places" in said
     out = ["--start", "2.5", "--end", "3.5", "--out", str(tmp_path / "out")]

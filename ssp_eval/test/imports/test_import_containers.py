@@ -116,9 +116,10 @@ def test_pixels_that_are_not_square_are_stretched(
     frames, record = brought(film, "--ego-unknown", "--hfov-deg", 90)
     width, height = size_px
     assert frames[3].image.shape == (height, width, 3)
-    assert np.abs(
-        frames[3].image.astype(int) - cv2.resize(picture(3), size_px).astype(int)
-    ).mean() < 25  # fmt: skip
+    assert (
+        np.abs(frames[3].image.astype(int) - cv2.resize(picture(3), size_px).astype(int)).mean()
+        < 25
+    )
     assert record["notes"] == [
         f"camera: pixels aren't square; pictures of 64x48 px were stretched to {width}x{height}"
     ]

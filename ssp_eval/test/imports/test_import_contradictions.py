@@ -79,8 +79,9 @@ def test_of_120_sound_tracks_none_is_refused(white: float) -> None:
     for seed in range(120):
         manoeuvre, source, rate_hz = case = cases[seed % len(cases)]
         random = np.random.default_rng(seed)
-        rows = list(measured(motion(manoeuvre, random), SOURCES[source], rate_hz, random,
-                             white=white))  # fmt: skip
+        rows = list(
+            measured(motion(manoeuvre, random), SOURCES[source], rate_hz, random, white=white)
+        )
         walks = manoeuvre == "walk"
         kind = ObjectClass.PEDESTRIAN if walks else ObjectClass.CAR
         assert contradictions(course(rows, kind)) == [], (seed, case)
@@ -166,8 +167,11 @@ def test_a_speed_backwards_while_it_goes_forwards_is_a_heading() -> None:
 def test_a_clock_that_steps_is_the_reason(rate_hz: float, step_s: float, has_speed: bool) -> None:
     rows = changed(drive(6.0, rate_hz), 2.0, 9.0, t=lambda t: t + step_s)
     whole = course(rows)
-    judged = whole if has_speed else Course(whole.object_class, whole.t_s, whole.xy_m,
-                                            whole.xy_m, None, None)  # fmt: skip
+    judged = (
+        whole
+        if has_speed
+        else Course(whole.object_class, whole.t_s, whole.xy_m, whole.xy_m, None, None)
+    )
     (one,) = contradictions(judged)
     assert (one.name, one.why) == ("clock_step", "a step of the clock?")
     assert one.last / rate_hz == pytest.approx(2.0, abs=0.01)
@@ -184,8 +188,11 @@ def test_a_leap_is_a_step_of_more_than_half_as_much_again(has_speed: bool) -> No
         # At 10 Hz and 10 m/s a step is 1 m.
         rows = changed(drive(6.0, 10.0, yaw_rad=0.0), 3.0, 9.0, x=lambda x, by=step_m: x + by - 1.0)
         whole = course(rows)
-        judged = whole if has_speed else Course(whole.object_class, whole.t_s, whole.xy_m,
-                                                whole.xy_m, None, None)  # fmt: skip
+        judged = (
+            whole
+            if has_speed
+            else Course(whole.object_class, whole.t_s, whole.xy_m, whole.xy_m, None, None)
+        )
         assert [one.name for one in contradictions(judged)] == (["leap"] if is_leap else [])
 
 

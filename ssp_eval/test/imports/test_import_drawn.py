@@ -27,9 +27,22 @@ pytestmark = pytest.mark.carla
 IMAGE = absolute(CAMERA_IMAGE)
 # Wide enough for what the counterpart writes into its pictures.
 SIZE = (384, 96)
-IMPORT = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam",
-          "--domain", "physical", "--declared-by", "A. Engineer", "--declared-on", "2026-03-01",
-          "--place", "north track")  # fmt: skip
+IMPORT = (
+    "--vut",
+    "/vut/odom",
+    "--object",
+    "ot1=/ot1/odom:car",
+    "--camera",
+    "/cam",
+    "--domain",
+    "physical",
+    "--declared-by",
+    "A. Engineer",
+    "--declared-on",
+    "2026-03-01",
+    "--place",
+    "north track",
+)
 LENS = ("--camera-info", "/info", "--mount", "1.5,0,1.4,2")
 
 
@@ -45,9 +58,10 @@ def imports(day: TrackDay, tmp_path_factory: pytest.TempPathFactory) -> Path:
     messages.append(("/info", INFO, day.zero_ns, camera_info(day.zero_ns, 192.0, SIZE)))
     source = str(write_bag(folder / "day", messages))
     for name, given in (
-        ("whole", (*LENS, "--site", "boulevard")), ("roadless", LENS),
+        ("whole", (*LENS, "--site", "boulevard")),
+        ("roadless", LENS),
         ("lensless", ("--site", "boulevard")),
-    ):  # fmt: skip
+    ):
         assert main(["import-bag", source, *IMPORT, *given, "--out", str(folder / name)]) == 0
     (folder / "map.xodr").write_text(EMPTY_XODR)
     return folder

@@ -15,7 +15,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_eval.importers.findings import Finding, Findings
 
-OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")  # fmt: skip
+OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")
 
 
 def finding(name: str, acceptable: bool = True, file: str = "bag") -> Finding:
@@ -93,9 +93,16 @@ def test_all_topics_that_a_person_names_wrongly_are_listed_at_once(
 ) -> None:
     wrong = ("--vut", "/vut/odo", "--object", "ot1=/cam:car", "--camera", "/ot1/odom")
     text = refused(
-        "import-bag", cut_bag, *wrong, "--camera-info", "/info", "--domain", "physical",
-        "--out", tmp_path / "rec",
-    )  # fmt: skip
+        "import-bag",
+        cut_bag,
+        *wrong,
+        "--camera-info",
+        "/info",
+        "--domain",
+        "physical",
+        "--out",
+        tmp_path / "rec",
+    )
     assert "has 4 errors" in text
     assert "/vut/odo: is no topic of this bag [topics]; of these types it has" in text
     assert "/cam: has messages of another type [topics]" in text
@@ -145,8 +152,9 @@ def test_all_clocks_and_frames_that_do_not_agree_are_listed_at_once(
         if topic == "/cam":
             message.header.stamp.sec += 9
     bag = write_bag(tmp_path / "bag", messages)
-    text = refused("import-bag", bag, *OBJECTS, "--domain", "physical", "--out", tmp_path / "rec",
-                   "--end", "4")  # fmt: skip
+    text = refused(
+        "import-bag", bag, *OBJECTS, "--domain", "physical", "--out", tmp_path / "rec", "--end", "4"
+    )
     assert "/ot1/odom: its poses are in frame 'odom', the others' in 'map' [frames]" in text
     assert "messages have the stamp 0 [clocks]" in text
     assert "stamps go backwards, the first by" in text

@@ -21,12 +21,39 @@ def test_a_track_days_bag_and_a_video_with_states_are_labelled(
     source = write_bag(tmp_path / "day", day.messages())
     track, other = tmp_path / "track", tmp_path / "player"
     named = ("--scenario", "merge", "--site", "boulevard")
-    assert main(["import-bag", str(source), *OBJECTS, "--domain", "physical", *named,
-                 "--out", str(track)]) == 0  # fmt: skip
+    assert (
+        main(
+            [
+                "import-bag",
+                str(source),
+                *OBJECTS,
+                "--domain",
+                "physical",
+                *named,
+                "--out",
+                str(track),
+            ]
+        )
+        == 0
+    )
     video = write_video(tmp_path / "clip.avi", 101)
     table = write_table(tmp_path / "states.csv", day.states, every=2)
-    assert main(["import-video", str(video), "--states", str(table), "--domain", "simulation",
-                 *named, "--out", str(other)]) == 0  # fmt: skip
+    assert (
+        main(
+            [
+                "import-video",
+                str(video),
+                "--states",
+                str(table),
+                "--domain",
+                "simulation",
+                *named,
+                "--out",
+                str(other),
+            ]
+        )
+        == 0
+    )
     # The conflict is so short that two labels in it would be too near the one in the trigger.
     capsys.readouterr()
     assert main(["labels", "new", str(other), str(track)]) == 1

@@ -29,8 +29,16 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
-OPTIONS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam", "--domain",
-           "simulation")  # fmt: skip
+OPTIONS = (
+    "--vut",
+    "/vut/odom",
+    "--object",
+    "ot1=/ot1/odom:car",
+    "--camera",
+    "/cam",
+    "--domain",
+    "simulation",
+)
 DAY = cut_in(3.0)
 Make = Callable[[int, Any], Any]
 

@@ -173,23 +173,36 @@ def test_left_hand_traffic_of_the_map_is_noted(video: Path, table: Path, tmp_pat
 
 WRONG: list[tuple[str, Callable[[list[dict[str, Any]]], None], str]] = [
     ("km/h", scaled("speed_mps", 3.6), "speeds 3.6 times those of its positions"),
-    ("no speed for a while", lambda rows: [r.update(speed_mps=0.0) for r in rows[75:125]] and None,
-     ":77: id vut: states 0.00 m/s from 3.00 s to 4.96 s after its first sample, while its "
-     "positions go at 10.00 m/s"),
+    (
+        "no speed for a while",
+        lambda rows: [r.update(speed_mps=0.0) for r in rows[75:125]] and None,
+        ":77: id vut: states 0.00 m/s from 3.00 s to 4.96 s after its first sample, while its "
+        "positions go at 10.00 m/s",
+    ),
     ("degrees", scaled("yaw_rad", math.degrees(1)), "a heading of more than one turn: degrees?"),
     ("milliseconds", scaled("t_s", 1000.0), "has 1 rows within the clip, from 0.000"),
-    ("another run's time", lambda rows: [r.update(t_s=float(r["t_s"]) + 60) for r in rows] and None,
-     "has 0 rows within the clip, from 0.000 to 10.000 s"),
-    ("half a run", lambda rows: rows.__delitem__(slice(150, 251)),
-     "covers the clip from 0.00 s after its first frame to 4.04 s before its last one"),
-]  # fmt: skip
+    (
+        "another run's time",
+        lambda rows: [r.update(t_s=float(r["t_s"]) + 60) for r in rows] and None,
+        "has 0 rows within the clip, from 0.000 to 10.000 s",
+    ),
+    (
+        "half a run",
+        lambda rows: rows.__delitem__(slice(150, 251)),
+        "covers the clip from 0.00 s after its first frame to 4.04 s before its last one",
+    ),
+]
 
 
 @pytest.mark.parametrize(("change", "match"), [w[1:] for w in WRONG], ids=[w[0] for w in WRONG])
 def test_a_table_that_contradicts_itself_or_the_video_is_refused(
-    video: Path, table: Path, tmp_path: Path, refused: Callable[..., str],
-    change: Callable[[list[dict[str, Any]]], None], match: str,
-) -> None:  # fmt: skip
+    video: Path,
+    table: Path,
+    tmp_path: Path,
+    refused: Callable[..., str],
+    change: Callable[[list[dict[str, Any]]], None],
+    match: str,
+) -> None:
     changed(table, change)
     message = refused("import-video", video, "--states", table, "--out", tmp_path / "rec")
     assert "states.csv:" in message
@@ -210,45 +223,83 @@ def with_text(old: str, new: str, line: int | None = None) -> Callable[[str], st
 
 
 WRONG_TEXTS: list[tuple[str, Callable[[str], str], str]] = [
-    ("a column missing", with_text("speed_mps", "speed_kmh"),
-     "states.csv:1: speed_mps: is missing"),
-    ("its unit named", with_text("speed_mps", "speed_kmh"),
-     "speed_kmh isn't read, convert and rename it"),
-    ("a column by another name", with_text("speed_mps", "speed"),
-     "states.csv:1: speed_mps: is missing"),
+    (
+        "a column missing",
+        with_text("speed_mps", "speed_kmh"),
+        "states.csv:1: speed_mps: is missing",
+    ),
+    (
+        "its unit named",
+        with_text("speed_mps", "speed_kmh"),
+        "speed_kmh isn't read, convert and rename it",
+    ),
+    (
+        "a column by another name",
+        with_text("speed_mps", "speed"),
+        "states.csv:1: speed_mps: is missing",
+    ),
     ("a column twice", with_text("speed_mps", "yaw_rad"), "states.csv:1: yaw_rad: stands twice"),
     ("no number", with_text(",10.0,", ",fast,", 9), "states.csv:9: speed_mps: is no number"),
     ("not finite", with_text(",10.0,", ",nan,", 9), "states.csv:9: speed_mps: is no number"),
     ("grouped digits", with_text(",10.0,", ",1_0.0,", 9), "states.csv:9: speed_mps: is no number"),
-    ("an unknown class", with_text("car", "lorry", 300),
-     "states.csv:300: class: is no class [table] (got 'lorry'); known are car, truck"),
-    ("a class that changes", with_text("car", "truck", 300),
-     "states.csv:300: class: ot1 was a car until line 299: one id must be one object"),
-    ("a size that changes", with_text("4.5", "12.0", 300),
-     "states.csv:300: length_m: was 4.5 in line 253: one id must be one object [table] (got 12.0)"),
-    ("a size of nobody", with_text(",4.5,1.8", ",4.5,0", 300),
-     "states.csv:300: width_m: is no extent of a road user"),
+    (
+        "an unknown class",
+        with_text("car", "lorry", 300),
+        "states.csv:300: class: is no class [table] (got 'lorry'); known are car, truck",
+    ),
+    (
+        "a class that changes",
+        with_text("car", "truck", 300),
+        "states.csv:300: class: ot1 was a car until line 299: one id must be one object",
+    ),
+    (
+        "a size that changes",
+        with_text("4.5", "12.0", 300),
+        "states.csv:300: length_m: was 4.5 in line 253: one id must be one object [table] "
+        "(got 12.0)",
+    ),
+    (
+        "a size of nobody",
+        with_text(",4.5,1.8", ",4.5,0", 300),
+        "states.csv:300: width_m: is no extent of a road user",
+    ),
     ("no id", with_text("ot1", "", 300), "states.csv:300: id: is empty"),
-    ("a value too many", with_text("car", "car,1", 300),
-     "states.csv:300: has 10 values, the header 9"),
-    ("time that goes back", with_text("4.0,", "3.0,", 102),
-     "states.csv:102: id vut: goes back in time by 0.960 s"),
-    ("two objects of one id", with_text("\n", "\n0.0,vut,car,90.0,0.0,0.0,10.0,4.5,1.8\n"),
-     "states.csv:3: id vut: has two positions at one time"),
+    (
+        "a value too many",
+        with_text("car", "car,1", 300),
+        "states.csv:300: has 10 values, the header 9",
+    ),
+    (
+        "time that goes back",
+        with_text("4.0,", "3.0,", 102),
+        "states.csv:102: id vut: goes back in time by 0.960 s",
+    ),
+    (
+        "two objects of one id",
+        with_text("\n", "\n0.0,vut,car,90.0,0.0,0.0,10.0,4.5,1.8\n"),
+        "states.csv:3: id vut: has two positions at one time",
+    ),
     ("nothing", lambda text: text.splitlines()[0], "states.csv: holds no row"),
     ("no header", lambda text: text.split("\n", 1)[1], "states.csv:1: t_s: is missing"),
-    ("nobody else", lambda text: "".join(text.splitlines(keepends=True)[:252]),
-     "states.csv: id: holds no object beside the VUT"),
-]  # fmt: skip
+    (
+        "nobody else",
+        lambda text: "".join(text.splitlines(keepends=True)[:252]),
+        "states.csv: id: holds no object beside the VUT",
+    ),
+]
 
 
 @pytest.mark.parametrize(
     ("change", "match"), [w[1:] for w in WRONG_TEXTS], ids=[w[0] for w in WRONG_TEXTS]
 )
 def test_a_wrong_table_is_named_by_file_line_and_column(
-    video: Path, table: Path, tmp_path: Path, refused: Callable[..., str],
-    change: Callable[[str], str], match: str,
-) -> None:  # fmt: skip
+    video: Path,
+    table: Path,
+    tmp_path: Path,
+    refused: Callable[..., str],
+    change: Callable[[str], str],
+    match: str,
+) -> None:
     text = table.read_text()
     table.write_text(change(text))
     assert table.read_text() != text
@@ -305,9 +356,12 @@ def test_all_that_is_wrong_in_a_table_is_listed_at_once(
 
 @pytest.mark.parametrize("change", [with_text("x_m,y_m", "x,y"), with_text("x_m,y_m", "x_m,x_m")])
 def test_all_columns_that_are_missing_are_named_at_once(
-    video: Path, table: Path, tmp_path: Path, refused: Callable[..., str],
+    video: Path,
+    table: Path,
+    tmp_path: Path,
+    refused: Callable[..., str],
     change: Callable[[str], str],
-) -> None:  # fmt: skip
+) -> None:
     table.write_text(change(table.read_text()))
     text = refused("import-video", video, "--states", table, "--out", tmp_path / "rec")
     assert "has 2 errors" in text
@@ -339,9 +393,14 @@ def test_all_columns_that_are_missing_are_named_at_once(
     ],
 )
 def test_wrong_use_of_a_table_is_explained(
-    video: Path, table: Path, tmp_path: Path, refused: Callable[..., str],
-    options: tuple[str, ...], status: int, match: str,
-) -> None:  # fmt: skip
+    video: Path,
+    table: Path,
+    tmp_path: Path,
+    refused: Callable[..., str],
+    options: tuple[str, ...],
+    status: int,
+    match: str,
+) -> None:
     given = ("import-video", video, "--states", table, *options, "--out", tmp_path / "rec")
     assert match in refused(*given, status=status)
 

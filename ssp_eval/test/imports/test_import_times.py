@@ -27,8 +27,16 @@ from ssp_core.clock import NS_PER_S
 from ssp_eval.importers.ros_bag import SourceBag
 from ssp_eval.importers.target import keep_every, thin
 
-OPTIONS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam", "--domain",
-           "simulation")  # fmt: skip
+OPTIONS = (
+    "--vut",
+    "/vut/odom",
+    "--object",
+    "ot1=/ot1/odom:car",
+    "--camera",
+    "/cam",
+    "--domain",
+    "simulation",
+)
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 DAY = cut_in(12.0)
 

@@ -56,9 +56,22 @@ def from_table(day: TrackDay, domain: str, folder: Path) -> Path:
     video, table = write_video(folder / "a.mp4", 100), write_table(folder / "a.csv", day.states, 5)
     declared = ("--domain", domain, "--declared-by", "A", "--declared-on", "2026-03-01")
     arguments = (
-        "import-video", video, "--states", table, "--vut", "vut", *declared, "--place", "hall",
-        "--scenario", "cut_in", "--generator", "a camera", "--out", folder / "rec",
-    )  # fmt: skip
+        "import-video",
+        video,
+        "--states",
+        table,
+        "--vut",
+        "vut",
+        *declared,
+        "--place",
+        "hall",
+        "--scenario",
+        "cut_in",
+        "--generator",
+        "a camera",
+        "--out",
+        folder / "rec",
+    )
     assert main([str(one) for one in arguments]) == 0
     return folder / "rec"
 

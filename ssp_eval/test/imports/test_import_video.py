@@ -94,8 +94,13 @@ def test_import_json_says_what_is_known_and_what_is_not(video: Path, tmp_path: P
         "schema": "ssp.import/2",
         "rules_version": RULES_VERSION,
         "source": {
-            "name": "source.avi", "sha256": sha256_file(video), "kind": "video", "width_px": 64,
-            "height_px": 48, "fps": 25.0, "frames": 100,
+            "name": "source.avi",
+            "sha256": sha256_file(video),
+            "kind": "video",
+            "width_px": 64,
+            "height_px": 48,
+            "fps": 25.0,
+            "frames": 100,
         },
         "crop": {"start_s": 1.0, "end_s": 3.0},
         "generator": "unknown",
@@ -104,7 +109,10 @@ def test_import_json_says_what_is_known_and_what_is_not(video: Path, tmp_path: P
         "event_version": None,
         "ego": {"provenance": "unknown", "speed_mps": None},
         "camera": {
-            "provenance": "unknown", "hfov_deg": None, "height_m": None, "pitch_down_rad": None,
+            "provenance": "unknown",
+            "hfov_deg": None,
+            "height_m": None,
+            "pitch_down_rad": None,
         },
         "declaration": None,
         "log": None,
@@ -112,7 +120,7 @@ def test_import_json_says_what_is_known_and_what_is_not(video: Path, tmp_path: P
         "site": None,
         "accepted": [],
         "notes": [],
-    }  # fmt: skip
+    }
 
 
 def test_the_source_is_entered_into_the_log(video: Path, tmp_path: Path) -> None:
@@ -160,8 +168,9 @@ def test_declared_geometry_becomes_camera_info_and_mount(video: Path, tmp_path: 
     assert (info.width, info.height) == (64, 48)
     assert mount.transform.translation.z == 1.5
     assert (mount.header.frame_id, mount.child_frame_id) == (
-        "vut/base_link", "vut/front_camera_optical",
-    )  # fmt: skip
+        "vut/base_link",
+        "vut/front_camera_optical",
+    )
     assert record["camera"]["provenance"] == "declared"
     assert record["camera"]["pitch_down_rad"] == pytest.approx(math.radians(3))
     assert mounting_of(mount.transform).pitch_down_rad == pytest.approx(math.radians(3))
@@ -340,11 +349,17 @@ def patched(path: Path, box: bytes, at: int, value: int, form: str = ">I") -> No
     ("box", "at", "value"),
     [
         # Units per second of the track and of the movie, and units from frame to frame.
-        (b"mdhd", 16, 0), (b"mdhd", 16, 25600), (b"mdhd", 16, 12800 ^ 1 << 10),
-        (b"mvhd", 16, 0), (b"mvhd", 16, 2000), (b"stts", 16, 0), (b"stts", 16, 1024),
-        (b"mdhd", 20, 2**31), (b"mvhd", 20, 1),
+        (b"mdhd", 16, 0),
+        (b"mdhd", 16, 25600),
+        (b"mdhd", 16, 12800 ^ 1 << 10),
+        (b"mvhd", 16, 0),
+        (b"mvhd", 16, 2000),
+        (b"stts", 16, 0),
+        (b"stts", 16, 1024),
+        (b"mdhd", 20, 2**31),
+        (b"mvhd", 20, 1),
     ],
-)  # fmt: skip
+)
 def test_a_time_axis_that_cannot_be_is_refused(
     box: bytes, at: int, value: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -56,16 +56,26 @@ def clip_labels(event: Event, version: str) -> dict[str, Any]:
         passed = sum(t_s >= start_s for start_s in starts)
         labels.append(
             {
-                "t_s": t_s, "phase": PHASES[passed], "risk_visible": t_s > 3.2,
-                "objects": ["car"], "position": "front", "motion": "same_direction",
-                "conflict": "potential", "lon_actions": ["maintain"], "lat_actions": ["straight"],
+                "t_s": t_s,
+                "phase": PHASES[passed],
+                "risk_visible": t_s > 3.2,
+                "objects": ["car"],
+                "position": "front",
+                "motion": "same_direction",
+                "conflict": "potential",
+                "lon_actions": ["maintain"],
+                "lat_actions": ["straight"],
             }
-        )  # fmt: skip
+        )
     return {
-        "schema": "ssp.labels/1", "scenario": "cut_in", "domain": "synthetic",
-        "event_version": version, "risk_time_s": 3.3, "first_frame_dynamics": False,
+        "schema": "ssp.labels/1",
+        "scenario": "cut_in",
+        "domain": "synthetic",
+        "event_version": version,
+        "risk_time_s": 3.3,
+        "first_frame_dynamics": False,
         "labels": labels,
-    }  # fmt: skip
+    }
 
 
 def bag_hash(bag: Path) -> str:
@@ -99,11 +109,26 @@ def evidence(
             "bag_sha256": bag_hash(bags[domain]),
         }
     bags["synthetic"] = root / "runs" / "cut_in-synthetic" / "bag"
-    assert main(
-        ["import-video", str(clip), "--ego-unknown", "--generator", str(event.source.generator),
-         "--scenario", "cut_in", "--event-version", version,
-         "--domain", "synthetic", "--out", str(bags["synthetic"])]
-    ) == 0  # fmt: skip
+    assert (
+        main(
+            [
+                "import-video",
+                str(clip),
+                "--ego-unknown",
+                "--generator",
+                str(event.source.generator),
+                "--scenario",
+                "cut_in",
+                "--event-version",
+                version,
+                "--domain",
+                "synthetic",
+                "--out",
+                str(bags["synthetic"]),
+            ]
+        )
+        == 0
+    )
     labels = labels_to_json(propose(truth_from_bag(bags["simulation"])).labels)
     for domain in ("simulation", "physical"):
         write_json(bags[domain].parent / "labels.json", {**labels, "domain": domain})
@@ -111,9 +136,13 @@ def evidence(
     runs = [str(bags[domain]) for domain in DOMAINS]
     assert main(["audit", *runs, "--out", str(root / "audits" / "cut_in")]) == 0
     results = run_campaign(
-        [(bags[d], None) for d in DOMAINS], [bridge_spec(MODEL)], InProcessClients(), root,
-        CellOptions(), admissions=load_admissions([root / "audits" / "cut_in"]),
-    )  # fmt: skip
+        [(bags[d], None) for d in DOMAINS],
+        [bridge_spec(MODEL)],
+        InProcessClients(),
+        root,
+        CellOptions(),
+        admissions=load_admissions([root / "audits" / "cut_in"]),
+    )
     assert [result.status for result in results] == ["ok"] * 3
     assert [result.admission for result in results] == ["admitted"] * 3
     return root

@@ -103,7 +103,7 @@ def found_in(package: Path, path: str) -> list[Finding]:
             'response.pairs[0].verdict: says "unlike"',
         ),
     ],
-)  # fmt: skip
+)
 def test_a_forged_value_is_named_with_what_rests_on_it(
     change: Callable[[Value], object], field: str, package: Path
 ) -> None:
@@ -181,8 +181,9 @@ def test_a_verdict_is_bound_to_audit_and_cell(package: Path) -> None:
     table = load_table(package).model_dump(mode="json", by_alias=True)
     (entry,) = (e for e in table["files"] if e["path"] == path)
     assert {link["source"] for link in table["links"] if link["target"] == path} == {
-        AUDIT, "demo/cells/cut_in__simulation__constant_velocity/cell.json",
-    }  # fmt: skip
+        AUDIT,
+        "demo/cells/cut_in__simulation__constant_velocity/cell.json",
+    }
     shared = [e["path"] for e in table["files"] if e["sha256"] == entry["sha256"]]
     assert len(shared) == 2  # simulation and physical end alike
     data = json.dumps({"schema": "ssp.verdict/1", "verdict": "valid", "reasons": ["hm"]}).encode()

@@ -132,9 +132,16 @@ def test_a_later_entry_into_the_log_leaves_the_package_whole(own: Path, tmp_path
 
 
 def test_folders_are_named_apart(evidence: Path, tmp_path: Path) -> None:
-    parts = {name: tmp_path / place for name, place in
-             (("runs", "a/part"), ("cells", "b/part"), ("frames", "c"), ("audits", "d"),
-              ("clips", "e"))}  # fmt: skip
+    parts = {
+        name: tmp_path / place
+        for name, place in (
+            ("runs", "a/part"),
+            ("cells", "b/part"),
+            ("frames", "c"),
+            ("audits", "d"),
+            ("clips", "e"),
+        )
+    }
     for name, place in parts.items():
         shutil.copytree(evidence / name, place)
     assert make(*parts.values(), "--out", tmp_path / "package") == 0
@@ -171,8 +178,14 @@ def test_a_recording_without_a_compiled_task_is_refused(
     make_bag: Writer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = make_bag("run/bag").parent
-    run_campaign([(run / "bag", None)], [bridge_spec(MODEL)], InProcessClients(), run,
-                 CellOptions(), propose_labels=True)  # fmt: skip
+    run_campaign(
+        [(run / "bag", None)],
+        [bridge_spec(MODEL)],
+        InProcessClients(),
+        run,
+        CellOptions(),
+        propose_labels=True,
+    )
     assert make(run, "--out", tmp_path / "package") == 1
     error = capsys.readouterr().err
     assert "names a K* that is not in the package" in error
@@ -330,9 +343,13 @@ def test_the_list_that_chose_an_event_is_kept_and_linked(own: Path, tmp_path: Pa
     listed = own / "shortlist.json"
     listed.write_text('{"schema": "ssp.shortlist/1"}')
     record = Record(
-        kind="shortlist", when="2026-01-01T00:00:00Z", who="compiler", subject="cut_in",
-        reason="no risk response", details={"sha256": sha256_file(listed)},
-    )  # fmt: skip
+        kind="shortlist",
+        when="2026-01-01T00:00:00Z",
+        who="compiler",
+        subject="cut_in",
+        reason="no risk response",
+        details={"sha256": sha256_file(listed)},
+    )
     append_record(task / "log.jsonl", record)
     table, _ = make_package([own], tmp_path / "package")
     (entry,) = [one for one in table.files if one.role == "shortlist"]

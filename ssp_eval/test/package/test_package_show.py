@@ -24,9 +24,17 @@ def test_a_score_is_walked_back_to_the_event(
     steps = json.loads(capsys.readouterr().out)["steps"]
     kinds = list(dict.fromkeys(step["what"] for step in steps))
     assert kinds == [
-        "score", "evidence", "raw output", "request", "frame sent", "recording", "compiled task",
-        "K*", "labels", "audit",
-    ]  # fmt: skip
+        "score",
+        "evidence",
+        "raw output",
+        "request",
+        "frame sent",
+        "recording",
+        "compiled task",
+        "K*",
+        "labels",
+        "audit",
+    ]
     by_kind = {step["what"]: step for step in steps}
     assert by_kind["recording"]["says"] == [
         "physical is a software stand-in, not a vehicle: a simulated world (lockstep)"

@@ -46,9 +46,14 @@ def with_twin(
         bag_writer(place, domain="simulation", task=run / "task")
     write_twin_set(run / "bag", {NAME: audit_of_twin()})
     run_campaign(
-        [(run / "bag", None)], [bridge_spec("constant_velocity")], InProcessClients(), own,
-        CellOptions(), admissions=load_admissions([own / "audits" / "cut_in"]), twins=True,
-    )  # fmt: skip
+        [(run / "bag", None)],
+        [bridge_spec("constant_velocity")],
+        InProcessClients(),
+        own,
+        CellOptions(),
+        admissions=load_admissions([own / "audits" / "cut_in"]),
+        twins=True,
+    )
     return own, run / "bag"
 
 

@@ -200,7 +200,7 @@ RUN = "demo/runs/cut_in-simulation"
         ("demo/audits/cut_in/audit.json", b'6": "sha', b'6": "sha0', "demo/audits", "recording"),
         ("log.jsonl", b"middle", b"centre", "log.jsonl", "not what the parts"),
     ],
-)  # fmt: skip
+)
 def test_a_forged_file_is_caught_by_what_names_it(
     path: str, old: bytes, new: bytes, named: str, text: str, package: Path
 ) -> None:

@@ -40,8 +40,10 @@ def check_command(ctx: click.Context, path: Path, json_: bool) -> None:
         for remark in report.remarks:
             note(remark)
         for topic, why in report.undecoded.items():
-            out.print(f"{topic}: {report.messages.get(topic, 0)} messages not decoded: {why}",
-                      markup=False)  # fmt: skip
+            out.print(
+                f"{topic}: {report.messages.get(topic, 0)} messages not decoded: {why}",
+                markup=False,
+            )
         if report.seal:
             out.print(f"{path}: {report.seal}", markup=False)
         verdict = "sound" if report.ok else f"problems: {len(report.problems)}"

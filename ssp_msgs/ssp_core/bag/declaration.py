@@ -80,20 +80,30 @@ def load_declaration(file: Path, run: RunSpec) -> Declaration:
     """
     found = load_model(Declaration, file)
     if found.seal is not None:
-        raise InputError("is sealed already", file=file, field="seal", value=found.seal,
-                         remedy="give the file that was written by hand")  # fmt: skip
+        raise InputError(
+            "is sealed already",
+            file=file,
+            field="seal",
+            value=found.seal,
+            remedy="give the file that was written by hand",
+        )
     if run.mode != "live":
         raise InputError(
             "is of a session with a simulated world, of which nobody's word makes a live one",
-            file=file, field="participants", value=run.mode, remedy="leave --declared out",
-        )  # fmt: skip
+            file=file,
+            field="participants",
+            value=run.mode,
+            remedy="leave --declared out",
+        )
     wanted = declaring(run)
     for who in found.participants:
         if who not in wanted:
             raise InputError(
-                "takes no part in this session", file=file, field=f"participants.{who}",
+                "takes no part in this session",
+                file=file,
+                field=f"participants.{who}",
                 remedy=f"its participants are {', '.join(wanted)}",
-            )  # fmt: skip
+            )
     return found
 
 
@@ -151,9 +161,12 @@ def read_declaration(folder: Path, bag_sha256: str) -> Declaration | None:
     found = load_model(Declaration, file)
     if found.seal != found.content_sha256:
         raise InputError(
-            f"was changed after {found.who} sealed it", file=file, field="seal", value=found.seal,
+            f"was changed after {found.who} sealed it",
+            file=file,
+            field="seal",
+            value=found.seal,
             remedy="remove it, and declare anew with `ssp audit declare`",
-        )  # fmt: skip
+        )
     if bag_sha256 and found.bag_sha256 != bag_sha256:
         raise InputError(
             f"is of another bag, or of an earlier state of this one, which has the hash "
@@ -231,6 +244,8 @@ def check_result(run: RunSpec, part: Participation, folder: Path) -> None:
     if told.get("stand_in") not in allowed:
         raise InputError(
             f"says another thing than its bag: {part.text}",
-            file=folder.parent / RESULT_FILE, field="stand_in", value=told.get("stand_in"),
+            file=folder.parent / RESULT_FILE,
+            field="stand_in",
+            value=told.get("stand_in"),
             remedy="restore bag and result as the run left them",
-        )  # fmt: skip
+        )

@@ -111,8 +111,9 @@ def check_depth(image: ImageMessage) -> None:
     is_jpeg = image.data[:2] == JPEG_START
     bits = read_header(image.data).bits if is_jpeg else image.data[_PNG_BITS]
     if bits > 8:
-        raise ValueError(f"a picture of {bits} bits a value, of which no range is stated; 8 are "
-                         "read here")  # fmt: skip
+        raise ValueError(
+            f"a picture of {bits} bits a value, of which no range is stated; 8 are read here"
+        )
 
 
 def decode_still(image: ImageMessage) -> Bgr:

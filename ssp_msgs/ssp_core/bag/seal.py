@@ -140,13 +140,17 @@ def check_unaltered(seal: Seal, path: Path) -> None:
         InputError: it, or a source of it, is altered or damaged.
     """
     if seal.altered:
-        raise InputError(f"{ALTERED}: {seal.altered}", file=path,
-                         remedy="take the bag as it was recorded")  # fmt: skip
+        raise InputError(
+            f"{ALTERED}: {seal.altered}", file=path, remedy="take the bag as it was recorded"
+        )
     if seal.damaged:
         raise InputError(f"is damaged: {seal.damaged}", file=path, remedy=REPAIR)
     if (source := seal.altered_source) is not None:
-        raise InputError(f"was made of {source.name}, which {ALTERED}: {source.state}", file=path,
-                         remedy="make it anew of the bag as it was recorded")  # fmt: skip
+        raise InputError(
+            f"was made of {source.name}, which {ALTERED}: {source.state}",
+            file=path,
+            remedy="make it anew of the bag as it was recorded",
+        )
 
 
 def source_of(bag: BagReader) -> tuple[Source, ...]:
@@ -215,9 +219,14 @@ class _Walk:
     def seal(self) -> Seal:
         """Return the findings so far."""
         return Seal(
-            self.maker, self.chunks, tuple(self.ends), self.open_at, self.altered, self.damaged,
+            self.maker,
+            self.chunks,
+            tuple(self.ends),
+            self.open_at,
+            self.altered,
+            self.damaged,
             tuple(self.sources),
-        )  # fmt: skip
+        )
 
     def file(self, path: Path, number: int, *, last: bool) -> bool:
         """Go through one file; whether the next one is to be looked at."""

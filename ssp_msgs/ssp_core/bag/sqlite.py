@@ -47,14 +47,20 @@ def _files(folder: Path, told: dict[str, Any]) -> tuple[Path, ...]:
     """
     names = told.get("relative_file_paths")
     if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
-        raise InputError("must list the bag's files", file=folder / FILE_NAME,
-                         field=f"{ROOT_KEY}.relative_file_paths")  # fmt: skip
+        raise InputError(
+            "must list the bag's files",
+            file=folder / FILE_NAME,
+            field=f"{ROOT_KEY}.relative_file_paths",
+        )
     # Only the name counts: a bag reads no file outside its directory.
     files = tuple(folder / PurePosixPath(name).name for name in names)
     for file in files:
         if file.suffix != SUFFIX:
-            raise InputError("is compressed, which is not read here", file=file,
-                             remedy="convert the bag with `ros2 bag convert`")  # fmt: skip
+            raise InputError(
+                "is compressed, which is not read here",
+                file=file,
+                remedy="convert the bag with `ros2 bag convert`",
+            )
     return files
 
 

@@ -104,8 +104,9 @@ def settle_stamps(
     leapt[:] = True
     leapt[usual] = False
     base = int(distances[usual[0]])
-    beside = np.interp(received - received[0], received[usual] - received[0],
-                       distances[usual] - base)  # fmt: skip
+    beside = np.interp(
+        received - received[0], received[usual] - received[0], distances[usual] - base
+    )
     times = np.where(leapt, received + base + np.round(beside).astype(np.int64), stamps)
     return SettledStamps(times, leapt)
 

@@ -84,8 +84,11 @@ def check_verdict(bag: BagReader, seal: Seal, folder: Path) -> str:
         difference = f"the verdict in the bag is {kept.text}"
         if beside == kept:
             difference = "the verdict in the bag differs in other words"
-        raise InputError(f"says {beside.text}; {difference}", file=file,
-                         remedy="restore the file as the run left it")  # fmt: skip
+        raise InputError(
+            f"says {beside.text}; {difference}",
+            file=file,
+            remedy="restore the file as the run left it",
+        )
     told = parse_verdict(data, file)
     _check_result_verdict(result, told, folder)
     named = parse_mapping(data, str(file)).get("seal")
@@ -93,8 +96,11 @@ def check_verdict(bag: BagReader, seal: Seal, folder: Path) -> str:
     if named and named not in ends:
         raise InputError(
             "is of another recording: it names a seal that this bag doesn't have",
-            file=file, field="seal", value=named, remedy="restore the bag as the run left it",
-        )  # fmt: skip
+            file=file,
+            field="seal",
+            value=named,
+            remedy="restore the bag as the run left it",
+        )
     if inside is not None:
         return ""
     broken = next((one for one in seal.sources if one.is_damaged or one.is_unclosed), None)
@@ -102,8 +108,9 @@ def check_verdict(bag: BagReader, seal: Seal, folder: Path) -> str:
         raise InputError(
             f"says valid, the bag holds no verdict, and it was made of {broken.name}, "
             f"{broken.state}: no runner calls such a recording valid",
-            file=file, remedy="restore the bag as the run left it",
-        )  # fmt: skip
+            file=file,
+            remedy="restore the bag as the run left it",
+        )
     return UNBOUND
 
 
@@ -123,9 +130,11 @@ def _check_result_seal(result: dict[str, Any], seal: Seal, folder: Path) -> None
     if named and named != seal.end:
         raise InputError(
             f"names another seal than its bag has, {seal.end or 'which has none'}",
-            file=folder.parent / RESULT_FILE, field="seal", value=named,
+            file=folder.parent / RESULT_FILE,
+            field="seal",
+            value=named,
             remedy="restore bag and result as the run left them",
-        )  # fmt: skip
+        )
 
 
 def _check_result_verdict(result: dict[str, Any], told: RecordedVerdict, folder: Path) -> None:
@@ -133,6 +142,8 @@ def _check_result_verdict(result: dict[str, Any], told: RecordedVerdict, folder:
     if named is not None and named != told.verdict.name.lower():
         raise InputError(
             f"says another verdict than its bag, {told.text}",
-            file=folder.parent / RESULT_FILE, field="verdict", value=named,
+            file=folder.parent / RESULT_FILE,
+            field="verdict",
+            value=named,
             remedy="restore bag and result as the run left them",
-        )  # fmt: skip
+        )

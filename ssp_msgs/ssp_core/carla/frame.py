@@ -33,11 +33,13 @@ class CarlaPose:
         cp, sp = _cos_sin(self.pitch_deg)
         cy, sy = _cos_sin(self.yaw_deg)
         cr, sr = _cos_sin(self.roll_deg)
-        return np.array([
-            [cp * cy, cy * sp * sr - sy * cr, -cy * sp * cr - sy * sr],
-            [cp * sy, sy * sp * sr + cy * cr, -sy * sp * cr + cy * sr],
-            [sp, -cp * sr, cp * cr],
-        ])  # fmt: skip
+        return np.array(
+            [
+                [cp * cy, cy * sp * sr - sy * cr, -cy * sp * cr - sy * sr],
+                [cp * sy, sy * sp * sr + cy * cr, -sy * sp * cr + cy * sr],
+                [sp, -cp * sr, cp * cr],
+            ]
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,11 +118,13 @@ def camera_pose(pose: Pose2, size: Size, camera: Camera, ground: Ground) -> Carl
     base_turn = base.rotation
     shift = base_turn @ np.array([camera.forward_m, -camera.left_m, camera.height_m])
     mount = CarlaPose(
-        0.0, 0.0, 0.0,
+        0.0,
+        0.0,
+        0.0,
         -math.degrees(camera.pitch_down_rad),
         -math.degrees(camera.yaw_left_rad),
         math.degrees(camera.roll_right_rad),
-    )  # fmt: skip
+    )
     turn = base_turn @ mount.rotation
     return CarlaPose(
         pose.x_m + float(shift[0]),

@@ -151,9 +151,10 @@ def _tell_bodies(found: _Found) -> None:
     for object_class in DEFAULT_SIZES:
         word = object_class.name.lower()
         of_class = [
-            one for one in found.bodies
+            one
+            for one in found.bodies
             if is_candidate(Blueprint(one.blueprint, one.base_type, one.wheels), object_class)
-        ]  # fmt: skip
+        ]
         usable = [one for one in of_class if not one.problem]
         left_out = [f"{one.blueprint}: {one.problem}" for one in of_class if one.problem]
         found.rows.append(
@@ -194,19 +195,30 @@ def _teleport(server: CarlaServer, actor: int, place: CarlaPose) -> Row:
         pose = _beside(place, ahead, right, 24.0 * index)
         server.step([Placement(actor, pose)])
         found = server.pose_of(actor)
-        worst_m = max(worst_m, math.dist((found.x_m, found.y_m, found.z_m),
-                                         (pose.x_m, pose.y_m, pose.z_m)))  # fmt: skip
+        worst_m = max(
+            worst_m, math.dist((found.x_m, found.y_m, found.z_m), (pose.x_m, pose.y_m, pose.z_m))
+        )
         worst_deg = max(worst_deg, abs(math.remainder(found.yaw_deg - pose.yaw_deg, 360.0)))
     fine = worst_m <= _TELEPORT_M and worst_deg <= _TURN_DEG
     text = f"{len(_GRID)} places, each in the frame after; at most {worst_deg:.4f} degrees off"
-    return Row(check="teleport", outcome=Outcome.PASS if fine else Outcome.FAIL,
-               measured=worst_m, bound=_TELEPORT_M, unit="m", text=text)  # fmt: skip
+    return Row(
+        check="teleport",
+        outcome=Outcome.PASS if fine else Outcome.FAIL,
+        measured=worst_m,
+        bound=_TELEPORT_M,
+        unit="m",
+        text=text,
+    )
 
 
 def _pictures(
-    server: CarlaServer, actor: int, camera: CarlaCamera, place: CarlaPose, behind: CarlaPose,
+    server: CarlaServer,
+    actor: int,
+    camera: CarlaCamera,
+    place: CarlaPose,
+    behind: CarlaPose,
     rows: list[Row],
-) -> None:  # fmt: skip
+) -> None:
     """Take pictures while the camera itself moves: its pose in each must be the tick's."""
     wrong, worst_m = 0, 0.0
     began = time.monotonic()
@@ -219,11 +231,25 @@ def _pictures(
         wrong += off_m > _TELEPORT_M
     took_s = time.monotonic() - began
     text = f"of {_PICTURES} pictures that a moving camera took, farthest {worst_m:.4f} m off"
-    rows.append(Row(check="frames", outcome=Outcome.FAIL if wrong else Outcome.PASS,
-                    measured=float(wrong), bound=0.0, text=text))  # fmt: skip
+    rows.append(
+        Row(
+            check="frames",
+            outcome=Outcome.FAIL if wrong else Outcome.PASS,
+            measured=float(wrong),
+            bound=0.0,
+            text=text,
+        )
+    )
     size = f"{_CAMERA.width_px} × {_CAMERA.height_px}"
-    rows.append(Row(check="picture_rate", outcome=Outcome.INFO, measured=_PICTURES / took_s,
-                    unit="1/s", text=f"ticks with a picture of {size}, awaited"))  # fmt: skip
+    rows.append(
+        Row(
+            check="picture_rate",
+            outcome=Outcome.INFO,
+            measured=_PICTURES / took_s,
+            unit="1/s",
+            text=f"ticks with a picture of {size}, awaited",
+        )
+    )
 
 
 def _repeat(server: CarlaServer, actor: int, camera: CarlaCamera, place: CarlaPose) -> Row:
@@ -232,17 +258,23 @@ def _repeat(server: CarlaServer, actor: int, camera: CarlaCamera, place: CarlaPo
     for _ in range(2):
         taken = []
         for index in range(_REPEATED):
-            moved = [Placement(actor, _beside(place, 0.5 * index, 0.0)),
-                     Placement(camera.actor, _behind(place))]  # fmt: skip
+            moved = [
+                Placement(actor, _beside(place, 0.5 * index, 0.0)),
+                Placement(camera.actor, _behind(place)),
+            ]
             taken.append(server.picture(camera, server.step(moved)).pixels)
         passes.append(taken)
     differences = [
         float(np.abs(a.astype(np.int16) - b.astype(np.int16)).mean())
         for a, b in zip(*passes, strict=True)
     ]
-    return Row(check="repeated_pictures", outcome=Outcome.INFO, measured=max(differences),
-               unit="of 255", text=f"largest mean difference of {_REPEATED} pictures taken twice",
-    )  # fmt: skip
+    return Row(
+        check="repeated_pictures",
+        outcome=Outcome.INFO,
+        measured=max(differences),
+        unit="of 255",
+        text=f"largest mean difference of {_REPEATED} pictures taken twice",
+    )
 
 
 def projected_rectangle(
@@ -278,12 +310,20 @@ def _box_in_picture(
     ]
     changed = np.abs(taken[0] - taken[1]).max(axis=2) > 0
     if not changed.any():
-        return Row(check="box_in_picture", outcome=Outcome.FAIL,
-                   text="the body isn't in the picture where it was put")  # fmt: skip
+        return Row(
+            check="box_in_picture",
+            outcome=Outcome.FAIL,
+            text="the body isn't in the picture where it was put",
+        )
     rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
     seen = (columns[0] - 0.5, rows[0] - 0.5, columns[-1] + 0.5, rows[-1] + 0.5)
     wanted = projected_rectangle(behind, _CAMERA, pose, box)
     apart = [abs(a - b) for a, b in zip(seen, wanted, strict=True)]
     text = "left {:.1f}, top {:.1f}, right {:.1f}, bottom {:.1f}; a body is rounder than its box"
-    return Row(check="box_in_picture", outcome=Outcome.INFO, measured=max(apart), unit="px",
-               text=text.format(*apart))  # fmt: skip
+    return Row(
+        check="box_in_picture",
+        outcome=Outcome.INFO,
+        measured=max(apart),
+        unit="px",
+        text=text.format(*apart),
+    )

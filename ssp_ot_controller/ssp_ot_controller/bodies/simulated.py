@@ -127,9 +127,16 @@ class BodyServer:
         self._sequence += 1
         b = self.body
         reading = BodyReading(
-            self._now_ns, b.x_m, b.y_m, b.yaw_rad, b.speed_mps, b.acceleration_mps2,
-            b.yaw_rate_radps, 0.02, self.brakes_by_itself,
-        )  # fmt: skip
+            self._now_ns,
+            b.x_m,
+            b.y_m,
+            b.yaw_rad,
+            b.speed_mps,
+            b.acceleration_mps2,
+            b.yaw_rate_radps,
+            0.02,
+            self.brakes_by_itself,
+        )
         envelope = Envelope(self.object_id, self._boot_ns, self._sequence, self._now_ns)
         return encode_state(envelope, reading)
 

@@ -25,9 +25,18 @@ from ssp_ot_controller.camera.storyboards import LaneCounts, Storyboard, storybo
 TRUTH_SCHEMA = "ssp.truth/1"
 GENERATOR = "ssp-clip/1"
 _RECORD = (
-    "object_id", "object_class", "role", "stamp_ns", "x_m", "y_m", "yaw_rad", "speed_mps",
-    "acceleration_mps2", "yaw_rate_radps", "size",
-)  # fmt: skip
+    "object_id",
+    "object_class",
+    "role",
+    "stamp_ns",
+    "x_m",
+    "y_m",
+    "yaw_rad",
+    "speed_mps",
+    "acceleration_mps2",
+    "yaw_rate_radps",
+    "size",
+)
 _SIZE = ("front_m", "rear_m", "width_m", "height_m")
 
 

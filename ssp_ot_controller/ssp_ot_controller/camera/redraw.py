@@ -162,13 +162,15 @@ def _planes(view: View) -> Array:
     """
     lens = view.intrinsics
     right, down = 2.0 * lens.width_px, 2.0 * lens.height_px
-    return np.array([
-        [0.0, 0.0, 1.0, -_NEAR_M],
-        [lens.fx_px, 0.0, lens.cx_px + lens.width_px, 0.0],
-        [-lens.fx_px, 0.0, right - lens.cx_px, 0.0],
-        [0.0, lens.fy_px, lens.cy_px + lens.height_px, 0.0],
-        [0.0, -lens.fy_px, down - lens.cy_px, 0.0],
-    ])  # fmt: skip
+    return np.array(
+        [
+            [0.0, 0.0, 1.0, -_NEAR_M],
+            [lens.fx_px, 0.0, lens.cx_px + lens.width_px, 0.0],
+            [-lens.fx_px, 0.0, right - lens.cx_px, 0.0],
+            [0.0, lens.fy_px, lens.cy_px + lens.height_px, 0.0],
+            [0.0, -lens.fy_px, down - lens.cy_px, 0.0],
+        ]
+    )
 
 
 def _outline(view: View, points: Array) -> Array:

@@ -459,9 +459,15 @@ class IsoObject:
     def _own(self) -> ObjectState:
         b = self.body
         reading = BodyReading(
-            self._now_ns, b.x_m, b.y_m, b.yaw_rad, b.speed_mps, b.acceleration_mps2,
-            b.yaw_rate_radps, POSITION_STD_M,
-        )  # fmt: skip
+            self._now_ns,
+            b.x_m,
+            b.y_m,
+            b.yaw_rad,
+            b.speed_mps,
+            b.acceleration_mps2,
+            b.yaw_rate_radps,
+            POSITION_STD_M,
+        )
         self._states += 1
         return state_of(reading, self._rules.spec, self._states)
 

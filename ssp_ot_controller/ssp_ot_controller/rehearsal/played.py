@@ -93,9 +93,18 @@ class PlayedVehicle:
         vut, b = self._run.vut, self.body
         began_ns = self._began_ns if self._began_ns is not None else self._now_ns
         return ObjectState(
-            vut.id, vut.cls, Role.VUT, max(self._now_ns - began_ns, 0), b.x_m, b.y_m, b.yaw_rad,
-            b.speed_mps, b.acceleration_mps2, b.yaw_rate_radps, vut.size,
-        )  # fmt: skip
+            vut.id,
+            vut.cls,
+            Role.VUT,
+            max(self._now_ns - began_ns, 0),
+            b.x_m,
+            b.y_m,
+            b.yaw_rad,
+            b.speed_mps,
+            b.acceleration_mps2,
+            b.yaw_rate_radps,
+            vut.size,
+        )
 
 
 class StateLog(Closing):

@@ -60,9 +60,11 @@ class FrontCamera(Node):
         self._run: RunSpec = load_run(run_file)
         if self._run.camera is None:
             raise InputError(
-                "asks for no pictures", file=run_file, field="camera",
+                "asks for no pictures",
+                file=run_file,
+                field="camera",
                 remedy="give the run a camera, or don't start front_camera",
-            )  # fmt: skip
+            )
         self._camera: Camera = self._run.camera
         for text in left_out(self._run.road):
             self.get_logger().warning(text)
@@ -89,14 +91,18 @@ class FrontCamera(Node):
         if run.mode != "lockstep":
             raise InputError(
                 "CARLA draws in lockstep only: by the wall clock a late picture would be lost",
-                file=run_file, field="mode", value=run.mode, remedy="run it in lockstep",
-            )  # fmt: skip
+                file=run_file,
+                field="mode",
+                value=run.mode,
+                remedy="run it in lockstep",
+            )
         for name, value in (("carla", carla), ("map_file", map_file)):
             if not value:
                 raise InputError(
-                    "isn't given, and the run's camera has the renderer carla", field=name,
+                    "isn't given, and the run's camera has the renderer carla",
+                    field=name,
                     remedy="start the run with `ssp run --camera carla://HOST:PORT`",
-                )  # fmt: skip
+                )
         said = self.create_publisher(String, names.CAMERA_RENDERER, LATCHED)
 
         def tell(record: Mapping[str, Any]) -> None:

@@ -118,9 +118,10 @@ class SilWorld(Node):
         for name, value in (("carla", carla), ("map_file", map_file)):
             if not value:
                 raise InputError(
-                    "isn't given, and the run has the plant carla", field=name,
+                    "isn't given, and the run has the plant carla",
+                    field=name,
                     remedy="start the run with `ssp run --plant carla://HOST:PORT`",
-                )  # fmt: skip
+                )
 
         def tell(record: Mapping[str, Any]) -> None:
             said = self.create_publisher(String, names.WORLD_PLANT, ros.LATCHED)

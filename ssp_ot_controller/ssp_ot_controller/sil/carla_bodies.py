@@ -65,8 +65,10 @@ class CarlaBodies:
         if run.mode != "lockstep":
             raise InputError(
                 "CARLA moves bodies in lockstep only, and never beside real ones",
-                field="mode", value=run.mode, remedy="run it in lockstep, or without --plant",
-            )  # fmt: skip
+                field="mode",
+                value=run.mode,
+                remedy="run it in lockstep, or without --plant",
+            )
         self._run, self._step_s = run, run.step_s
         self._specs: dict[str, ParticipantSpec] = {p.id: p for p in (run.vut, *run.targets)}
         self._actors: dict[str, int] = {}
@@ -89,25 +91,27 @@ class CarlaBodies:
                 cls = self._specs[name].cls
                 self._pedals[name] = Pedals(cls, responses[name], run.step_s, scale)
             self._begin()
-            on_record({
-                "schema": PLANT_SCHEMA,
-                "address": str(address),
-                "version": facts.version,
-                "client_version": facts.client_version,
-                "map_name": facts.map_name,
-                "map_sha256": facts.map_sha256,
-                "synchronous": True,
-                "step_s": run.step_s,
-                "first_frame": self._server.tick(),
-                "seed": run.seed,
-                "settings": self._server.settings(),
-                "bodies": {n: body_record(b, self._size(n)) for n, b in self._bodies.items()},
-                "responses": {
-                    n: {key: round(v, 4) for key, v in asdict(r).items()}
-                    for n, r in responses.items()
-                },
-                "counterpart": self._server.is_counterpart(),
-            })  # fmt: skip
+            on_record(
+                {
+                    "schema": PLANT_SCHEMA,
+                    "address": str(address),
+                    "version": facts.version,
+                    "client_version": facts.client_version,
+                    "map_name": facts.map_name,
+                    "map_sha256": facts.map_sha256,
+                    "synchronous": True,
+                    "step_s": run.step_s,
+                    "first_frame": self._server.tick(),
+                    "seed": run.seed,
+                    "settings": self._server.settings(),
+                    "bodies": {n: body_record(b, self._size(n)) for n, b in self._bodies.items()},
+                    "responses": {
+                        n: {key: round(v, 4) for key, v in asdict(r).items()}
+                        for n, r in responses.items()
+                    },
+                    "counterpart": self._server.is_counterpart(),
+                }
+            )
         except BaseException:
             self._server.close()
             raise
@@ -247,12 +251,14 @@ class CarlaBodies:
         if brake > 0.0 and abs(speed) < _STILL_MPS:
             return BodyState(x, y, yaw, curvature_1pm=curvature_1pm)
         return BodyState(
-            x, y, yaw,
+            x,
+            y,
+            yaw,
             speed_mps=speed,
             acceleration_mps2=(speed - before.speed_mps) / self._step_s,
             curvature_1pm=curvature_1pm,
             yaw_rate_radps=wrap_angle(yaw - before.yaw_rad) / self._step_s,
-        )  # fmt: skip
+        )
 
     def _check_upright(self, name: str, motion: CarlaMotion) -> None:
         pose = motion.pose

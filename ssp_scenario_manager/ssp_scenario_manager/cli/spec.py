@@ -132,8 +132,12 @@ def _named(fields: Sequence[str]) -> str:
 @spec.command()
 @click.argument("kind", type=click.Choice(list(KINDS)), metavar="KIND")
 @click.option("--name", help="Of the event [default: new_KIND].")
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), metavar="FILE",
-              help="File to write [default: NAME.event.yaml].")  # fmt: skip
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="File to write [default: NAME.event.yaml].",
+)
 def new(kind: str, name: str | None, out: Path | None) -> None:
     """Write a commented K* of a KIND of interaction that lacks nothing but decisions."""
     name = name or f"new_{kind}"
@@ -148,8 +152,12 @@ def new(kind: str, name: str | None, out: Path | None) -> None:
 
 @spec.command()
 @click.argument("file")
-@click.option("--out", type=click.Path(path_type=Path), metavar="PATH",
-              help="A .svg (picture) or .json (graph) file, or a folder for both.")  # fmt: skip
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="PATH",
+    help="A .svg (picture) or .json (graph) file, or a folder for both.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the graph as JSON.")
 def graph(file: str, out: Path | None, as_json: bool) -> None:
     """Draw a K*: the typed interaction graph as JSON and as a picture (METHOD 1)."""
@@ -207,8 +215,13 @@ def diff(first: str, second: str, as_json: bool) -> int:
     if as_json:
         items = [item.as_dict() for item in found]
         versions = {"first": old_version, "second": new_version}
-        click.echo(json.dumps({"same": not found, "versions": versions, "differences": items},
-                              indent=1, sort_keys=True))  # fmt: skip
+        click.echo(
+            json.dumps(
+                {"same": not found, "versions": versions, "differences": items},
+                indent=1,
+                sort_keys=True,
+            )
+        )
         return 1 if found else 0
     if not found:
         click.echo(f"the same version: {old_version}")

@@ -61,18 +61,38 @@ _REMEDIES = {
 @click.option("--start", type=Number(0), default=0.0, help="Start of the crop [default: 0].")
 @click.option("--end", type=Number(0), help="End of the crop [default: the video's].")
 @click.option("--name", help="Of the event [default: from VIDEO's name].")
-@click.option("--type", "kind", type=click.Choice(sorted(KINDS)), help="Kind of interaction, "
-              "where a person states it; else the model's answer.")  # fmt: skip
+@click.option(
+    "--type",
+    "kind",
+    type=click.Choice(sorted(KINDS)),
+    help="Kind of interaction, where a person states it; else the model's answer.",
+)
 @click.option("--annotation", type=_PATH, help="EMM-AU annotation, kept as provenance.")
 @click.option("--show-annotation", is_flag=True, help="Show its descriptions to the model.")
-@click.option("--frames", type=WholeNumber(2, 200), default=16, show_default=True,
-              help="Frames shown, evenly over the crop.")  # fmt: skip
-@click.option("--width", type=WholeNumber(64, 4096), default=960, show_default=True,
-              help="Wider frames are scaled down to this, px.")  # fmt: skip
-@click.option("--timeout", type=Number(0.1), default=120.0, show_default=True,
-              help="For one answer, s.")  # fmt: skip
-@click.option("--tries", type=WholeNumber(1, 20), default=3, show_default=True,
-              help="Of one request, while the server is silent, away or busy.")  # fmt: skip
+@click.option(
+    "--frames",
+    type=WholeNumber(2, 200),
+    default=16,
+    show_default=True,
+    help="Frames shown, evenly over the crop.",
+)
+@click.option(
+    "--width",
+    type=WholeNumber(64, 4096),
+    default=960,
+    show_default=True,
+    help="Wider frames are scaled down to this, px.",
+)
+@click.option(
+    "--timeout", type=Number(0.1), default=120.0, show_default=True, help="For one answer, s."
+)
+@click.option(
+    "--tries",
+    type=WholeNumber(1, 20),
+    default=3,
+    show_default=True,
+    help="Of one request, while the server is silent, away or busy.",
+)
 @click.option("--no-schema", is_flag=True, help="Don't ask the server to hold answers to a schema.")
 @click.option("--generator", default="unknown", show_default=True, help="What made the video.")
 @click.option("--original", help="Version or name of the original [default: VIDEO's name].")

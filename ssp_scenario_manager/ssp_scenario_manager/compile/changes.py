@@ -65,6 +65,7 @@ def run_mapping(run: RunSpec) -> dict[str, Any]:
     mapping.setdefault("datum", None)
     mapping.setdefault("session_token", "")
     mapping.setdefault("declaring", [])
+    mapping.setdefault("plant", run.plant)
     mapping["limits"].setdefault("stop_reaction_s", run.limits.stop_reaction_s)
     return mapping
 

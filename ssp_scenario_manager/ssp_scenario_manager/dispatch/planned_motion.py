@@ -456,6 +456,13 @@ def _point_at(columns: FloatArray, own_s: float) -> FloatArray:
     a, b = ReferencePoint(*columns[:, i - 1].tolist()), ReferencePoint(*columns[:, i].tolist())
     p = between(a, b, own_s)
     return np.array(
-        (own_s, p.x_m, p.y_m, wrap_angle(p.yaw_rad), p.speed_mps, p.acceleration_mps2,
-         p.curvature_1pm)
-    )  # fmt: skip
+        (
+            own_s,
+            p.x_m,
+            p.y_m,
+            wrap_angle(p.yaw_rad),
+            p.speed_mps,
+            p.acceleration_mps2,
+            p.curvature_1pm,
+        )
+    )

@@ -177,8 +177,9 @@ _RULES = ("rht", "lht")
 _DIRECTIONS = ("standard", "reversed", "both")
 _SPELT = {"rht": "RHT", "lht": "LHT"}
 # Participants that restrictions of access name, of which one that may use a lane makes it a car's.
-_CARS = frozenset({"passengercar", "car", "none", "simulator", "autonomoustraffic",
-                   "throughtraffic"})  # fmt: skip
+_CARS = frozenset(
+    {"passengercar", "car", "none", "simulator", "autonomoustraffic", "throughtraffic"}
+)
 
 
 def _end(element: Element) -> End | None:

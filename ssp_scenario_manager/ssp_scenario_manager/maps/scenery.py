@@ -121,11 +121,16 @@ def _buildings(element: Element, heading_rad: float, height_m: float) -> list[Sc
         height_m = height_m if height_m > 0.0 else tall
     return [
         Building(
-            type="building", s_m=s, l_m=t, yaw_rad=math.remainder(heading_rad, 2 * math.pi),
-            length_m=length, width_m=width, height_m=height_m,
+            type="building",
+            s_m=s,
+            l_m=t,
+            yaw_rad=math.remainder(heading_rad, 2 * math.pi),
+            length_m=length,
+            width_m=width,
+            height_m=height_m,
         )
         for s, t in places
-    ]  # fmt: skip
+    ]
 
 
 def _outlined(

@@ -408,8 +408,10 @@ def _beside(way: Way) -> tuple[tuple[SceneryItem, ...], tuple[str, ...]]:
     fewer = kept[:MOST_SCENERY]
     notes = []
     if len(kept) < len(way.scenery):
-        notes.append(f"{len(way.scenery) - len(kept)} objects or signs that stand on the lanes or "
-                     "have no place along the block are left out")  # fmt: skip
+        notes.append(
+            f"{len(way.scenery) - len(kept)} objects or signs that stand on the lanes or "
+            "have no place along the block are left out"
+        )
     if len(fewer) < len(kept):
         notes.append(f"only {MOST_SCENERY} of {len(kept)} objects and signs are kept")
     return tuple(fewer), tuple(notes)

@@ -180,9 +180,18 @@ def _no_single_field(holder: Any, field: str) -> InputError:
 
 ROWS_FILE = "runs.csv"
 _MEASURED = (
-    "verdict", "reason", "trigger_s", "conflict_s", "resolution_s", "initiator_first",
-    "time_gap_s", "min_distance_m", "error_longitudinal_rms_m", "error_lateral_rms_m", "session_s",
-)  # fmt: skip
+    "verdict",
+    "reason",
+    "trigger_s",
+    "conflict_s",
+    "resolution_s",
+    "initiator_first",
+    "time_gap_s",
+    "min_distance_m",
+    "error_longitudinal_rms_m",
+    "error_lateral_rms_m",
+    "session_s",
+)
 Row = list[str]
 
 

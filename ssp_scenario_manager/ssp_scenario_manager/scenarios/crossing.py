@@ -124,9 +124,14 @@ def _across(event: Event, block: Block, kerb_m: float) -> tuple[float, float]:
 
 
 def _along(
-    block: Block, vut: Size, lane_m: float, speed_mps: float, rate: float, below_s: float,
+    block: Block,
+    vut: Size,
+    lane_m: float,
+    speed_mps: float,
+    rate: float,
+    below_s: float,
     hidden_m: float | None,
-) -> _Along:  # fmt: skip
+) -> _Along:
     """Choose a marked crossing if there is one and the VUT has the room, else the earliest place.
 
     Args:

@@ -56,8 +56,9 @@ class Players:
     def vut(self, t_s: float) -> ObjectState:
         """Return the VUT's state now, which is at a session time."""
         pose = self.path.pose(self.station_m)
-        return _state(self.plan.vut, Role.VUT, t_s, (pose.x_m, pose.y_m, pose.yaw_rad),
-                      self.speed_mps, 0.0)  # fmt: skip
+        return _state(
+            self.plan.vut, Role.VUT, t_s, (pose.x_m, pose.y_m, pose.yaw_rad), self.speed_mps, 0.0
+        )
 
     def target(self, spec: ParticipantSpec, t_s: float) -> ObjectState:
         """Return a target's state at a session time."""
@@ -116,9 +117,16 @@ def _state(
     acceleration_mps2: float,
 ) -> ObjectState:
     return ObjectState(
-        spec.id, spec.cls, role, seconds_to_ns(t_s), *pose, speed_mps, acceleration_mps2, 0.0,
+        spec.id,
+        spec.cls,
+        role,
+        seconds_to_ns(t_s),
+        *pose,
+        speed_mps,
+        acceleration_mps2,
+        0.0,
         spec.size,
-    )  # fmt: skip
+    )
 
 
 # Far from the trigger's threshold, nothing happens that needs the fine step.

@@ -17,9 +17,13 @@ Words = Any
 
 
 def zebra(
-    s: float, t: float = 0.0, corners: Sequence[tuple[float, float]] = (), *, on_road: bool = False,
+    s: float,
+    t: float = 0.0,
+    corners: Sequence[tuple[float, float]] = (),
+    *,
+    on_road: bool = False,
     more: str = "",
-) -> str:  # fmt: skip
+) -> str:
     """A crosswalk; its corners are in its own frame, or along and beside the road."""
     tag, names = ("cornerRoad", "st") if on_road else ("cornerLocal", "uv")
     points = "".join(f'<{tag} {names[0]}="{a}" {names[1]}="{b}"/>' for a, b in corners)
@@ -54,14 +58,18 @@ QUARTER = math.pi / 2
         (zebra(20, -6, more='length="4" width="3"'), []),
         (zebra(20, -1.75, box(-2, 2, -1.5, 1.5)), [Crossing(20.0, whole=False)]),
         # Two halves with a refuge between them are one.
-        (zebra(20, 0, box(-2, 2, -3, -1)) + zebra(20.5, 0, box(-2, 2, 1, 3)),
-         [Crossing(20.25, 2.25)]),
+        (
+            zebra(20, 0, box(-2, 2, -3, -1)) + zebra(20.5, 0, box(-2, 2, 1, 3)),
+            [Crossing(20.25, 2.25)],
+        ),
         # Half a lane farther along, they aren't.
-        (zebra(20, 0, box(-2, 2, -3, -1)) + zebra(30, 0, box(-2, 2, 1, 3)),
-         [Crossing(20.0, whole=False), Crossing(30.0, whole=False)]),
+        (
+            zebra(20, 0, box(-2, 2, -3, -1)) + zebra(30, 0, box(-2, 2, 1, 3)),
+            [Crossing(20.0, whole=False), Crossing(30.0, whole=False)],
+        ),
         (zebra(70, 0, ALL) + zebra(20, 0, ALL), [Crossing(20.0), Crossing(70.0)]),
     ],
-)  # fmt: skip
+)
 def test_the_outline_of_a_zebra_counts(made: Made, objects: str, found: list[Crossing]) -> None:
     block = forward(made, objects)
     assert len(block.crossings) == len(found)

@@ -171,8 +171,10 @@ def test_right_hand_networks_stay_as_they_are(tmp_path: Path, attribute: str) ->
     block = only(load_library(path), "edge E forward")
     assert [lane.name for lane in block.lanes] == ["E_2", "E_3"]
     assert (block.right_boundary, block.shoulder_right_m, block.sidewalk_right_m) == (
-        "sidewalk", 3, 3,
-    )  # fmt: skip
+        "sidewalk",
+        3,
+        3,
+    )
     assert not block.left_hand
 
 

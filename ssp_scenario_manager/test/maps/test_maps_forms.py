@@ -59,9 +59,14 @@ def test_elements_under_a_prefix_are_refused(made: Made) -> None:
 
 @pytest.mark.parametrize(
     ("encoding", "name"),
-    [("utf-8-sig", "Straße"), ("ISO-8859-1", "Straße"), ("windows-1252", "Straße"),
-     ("UTF-16", "道路"), ("UTF-8", "道路")],
-)  # fmt: skip
+    [
+        ("utf-8-sig", "Straße"),
+        ("ISO-8859-1", "Straße"),
+        ("windows-1252", "Straße"),
+        ("UTF-16", "道路"),
+        ("UTF-8", "道路"),
+    ],
+)
 def test_encodings_that_the_parser_knows(made: Made, encoding: str, name: str) -> None:
     path = made.road(attributes=f'name="{name}"').write()
     told = "UTF-8" if encoding == "utf-8-sig" else encoding
@@ -83,8 +88,11 @@ def test_other_encodings_are_refused_with_the_remedy(made: Made, encoding: str |
 
 def test_packed_maps_are_refused_with_the_remedy(made: Made) -> None:
     data = made.road().write().read_bytes()
-    packed = {"gunzip": gzip.compress(data), "bunzip2": bz2.compress(data),
-              "unxz": lzma.compress(data)}  # fmt: skip
+    packed = {
+        "gunzip": gzip.compress(data),
+        "bunzip2": bz2.compress(data),
+        "unxz": lzma.compress(data),
+    }
     for tool, content in packed.items():
         path = made.folder / f"map.{tool}"
         path.write_bytes(content)
@@ -102,9 +110,12 @@ def test_packed_maps_are_refused_with_the_remedy(made: Made) -> None:
 
 @pytest.mark.parametrize(
     ("unit", "remedy"),
-    [("kph", "write km/h, which is meant"), ("KMH", "write km/h, which is meant"),
-     ("kn", "write one of m/s, mph, km/h")],
-)  # fmt: skip
+    [
+        ("kph", "write km/h, which is meant"),
+        ("KMH", "write km/h, which is meant"),
+        ("kn", "write one of m/s, mph, km/h"),
+    ],
+)
 def test_a_road_with_another_unit_is_left_out_by_name(
     made: Made, words: Words, unit: str, remedy: str
 ) -> None:
@@ -143,8 +154,9 @@ def test_headings_in_degrees_are_refused(made: Made, words: Words) -> None:
 
 def test_roads_in_degrees_that_are_linked_are_refused(made: Made, words: Words) -> None:
     made.road("1", geometry=words.at(0, 0, 0, 100), links=words.to_road("successor", "2", "start"))
-    made.road("2", geometry=words.at(100, 0, 90, 100),
-              links=words.to_road("predecessor", "1", "end"))  # fmt: skip
+    made.road(
+        "2", geometry=words.at(100, 0, 90, 100), links=words.to_road("predecessor", "1", "end")
+    )
     with pytest.raises(InputError, match=r"road 2 / .*\(got 90\.0\); hdg is in radians"):
         load_library(made.write())
 

@@ -300,26 +300,50 @@ def test_units_of_the_event_are_converted() -> None:
 @pytest.mark.parametrize(
     ("topology", "block", "reason"),
     [
-        ({"lanes_opposite": fixed(2)}, {"lanes": lanes(2, 0)},
-         "oncoming lanes 0, needs 2 (identity)"),
-        ({"lanes_same_direction": fixed(2)}, {"lanes": lanes(3, 2)},
-         "same-direction lanes 3, needs 2 (identity)"),
+        (
+            {"lanes_opposite": fixed(2)},
+            {"lanes": lanes(2, 0)},
+            "oncoming lanes 0, needs 2 (identity)",
+        ),
+        (
+            {"lanes_same_direction": fixed(2)},
+            {"lanes": lanes(3, 2)},
+            "same-direction lanes 3, needs 2 (identity)",
+        ),
         ({}, {"segment": "curve"}, "segment curve, needs straight (identity)"),
-        ({"road_type": fixed("urban")}, {"road_type": "rural"},
-         "road_type rural, needs urban (identity)"),
-        ({"road_type": fixed("urban")}, {"road_type": "any"},
-         "road_type unknown to the map, needs urban (identity)"),
-        ({"left_boundary": fixed("kerb")}, {"left_boundary": "sidewalk"},
-         "left_boundary sidewalk, needs kerb (identity)"),
-        ({"lane_width": fixed({"min": 3.4, "max": 3.4, "unit": "m"})}, {},
-         "lane_width 3.5, needs 3.4 m (identity)"),
-        ({"curvature": fixed({"min": 0, "max": 0.001, "unit": "1/m"})},
-         {"line": straight(300.0, 0.004)}, "curvature 0.004, needs 0 to 0.001 1/m (identity)"),
-        ({"permitted_manoeuvres": fixed(["keep_lane", "lane_change_right"])}, {},
-         "permitted_manoeuvres crossing, keep_lane, lane_change_left, lane_change_right, stop, "
-         "needs keep_lane, lane_change_right (identity)"),
+        (
+            {"road_type": fixed("urban")},
+            {"road_type": "rural"},
+            "road_type rural, needs urban (identity)",
+        ),
+        (
+            {"road_type": fixed("urban")},
+            {"road_type": "any"},
+            "road_type unknown to the map, needs urban (identity)",
+        ),
+        (
+            {"left_boundary": fixed("kerb")},
+            {"left_boundary": "sidewalk"},
+            "left_boundary sidewalk, needs kerb (identity)",
+        ),
+        (
+            {"lane_width": fixed({"min": 3.4, "max": 3.4, "unit": "m"})},
+            {},
+            "lane_width 3.5, needs 3.4 m (identity)",
+        ),
+        (
+            {"curvature": fixed({"min": 0, "max": 0.001, "unit": "1/m"})},
+            {"line": straight(300.0, 0.004)},
+            "curvature 0.004, needs 0 to 0.001 1/m (identity)",
+        ),
+        (
+            {"permitted_manoeuvres": fixed(["keep_lane", "lane_change_right"])},
+            {},
+            "permitted_manoeuvres crossing, keep_lane, lane_change_left, lane_change_right, stop, "
+            "needs keep_lane, lane_change_right (identity)",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_block_that_differs_in_an_identity_field_is_no_candidate(
     topology: dict[str, Any], block: dict[str, Any], reason: str
 ) -> None:

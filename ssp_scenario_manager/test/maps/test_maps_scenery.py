@@ -193,8 +193,11 @@ def test_repetitions(made: Made) -> None:
     row = '<repeat s="10" length="60" distance="20" tStart="6" tEnd="9"/>'
     text = f'<object type="tree" s="0" t="0" height="8">{row}</object>'
     assert [(i.s_m, i.l_m) for i in items(made, objects=text)] == [
-        (10, 6), (30, 7), (50, 8), (70, 9),
-    ]  # fmt: skip
+        (10, 6),
+        (30, 7),
+        (50, 8),
+        (70, 9),
+    ]
 
 
 def test_nothing_of_a_map_stands_on_the_lanes(made: Made) -> None:
@@ -260,8 +263,14 @@ def test_too_many(made: Made) -> None:
 )
 def test_any_number_gives_blocks_or_an_input_error(made: Made, name: str, value: str) -> None:
     made.parts.clear()
-    attributes = {"type": "building", "s": "30", "t": "-12", "length": "9", "width": "8",
-                  "height": "6"} | {name: value}  # fmt: skip
+    attributes = {
+        "type": "building",
+        "s": "30",
+        "t": "-12",
+        "length": "9",
+        "width": "8",
+        "height": "6",
+    } | {name: value}
     text = " ".join(f'{key}="{word}"' for key, word in attributes.items())
     made.road(objects=f"<object {text}/>")
     try:

@@ -72,9 +72,12 @@ def present_speed_mps(request: Request | None) -> float | None:
 
 
 def _start(
-    times_s: Sequence[float], xs_m: Sequence[float], ys_m: Sequence[float], step_s: float,
+    times_s: Sequence[float],
+    xs_m: Sequence[float],
+    ys_m: Sequence[float],
+    step_s: float,
     speed_mps: float | None,
-) -> tuple[str, str]:  # fmt: skip
+) -> tuple[str, str]:
     """Say why a plan doesn't begin at the vehicle, and what is to be noted of its beginning."""
     if not times_s or not xs_m or not ys_m:
         return "", ""

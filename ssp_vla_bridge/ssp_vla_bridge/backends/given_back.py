@@ -56,10 +56,11 @@ def turned(text: str, fact: str, is_plan: bool = False) -> str:
         return _SIDE.sub(lambda m: _as("right" if m[1].lower() == "left" else "left", m[1]), text)
     if fact == ACTION:
         return _SENTENCE.sub(
-            lambda m: _ACTION.sub(_other_action, m[0])
-            if is_plan or _OF_ITSELF.search(m[0]) else m[0],
+            lambda m: (
+                _ACTION.sub(_other_action, m[0]) if is_plan or _OF_ITSELF.search(m[0]) else m[0]
+            ),
             text,
-        )  # fmt: skip
+        )
     return text
 
 

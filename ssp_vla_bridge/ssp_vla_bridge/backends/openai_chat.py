@@ -51,11 +51,23 @@ from ssp_vla_bridge.native_history import previous_stage
 from ssp_vla_bridge.prompts import Prompt, find_stages, shown
 
 _TYPES: dict[str, type] = {
-    "base_url": str, "model": str, "api_key_env": str, "interface": str, "temperature": float,
-    "seed": int, "top_p": float, "presence_penalty": float, "frequency_penalty": float,
-    "max_tokens": int, "timeout_s": float, "tries": int, "image_width": int, "extra": dict,
-    "give_back": str, "images": str,
-}  # fmt: skip
+    "base_url": str,
+    "model": str,
+    "api_key_env": str,
+    "interface": str,
+    "temperature": float,
+    "seed": int,
+    "top_p": float,
+    "presence_penalty": float,
+    "frequency_penalty": float,
+    "max_tokens": int,
+    "timeout_s": float,
+    "tries": int,
+    "image_width": int,
+    "extra": dict,
+    "give_back": str,
+    "images": str,
+}
 # Default, least and most.
 _DECODING: dict[str, tuple[float, float, float]] = {
     "temperature": (0.0, 0.0, 2.0),
@@ -135,19 +147,24 @@ def read_options(given: Mapping[str, Any]) -> Options:
         remedy = "it is set by the bridge"
         if name in _TYPES:
             remedy = "it is an option of its own"
-        raise InputError("is no extra parameter", field=f"backend_options.extra.{name}",
-                         remedy=remedy)  # fmt: skip
+        raise InputError(
+            "is no extra parameter", field=f"backend_options.extra.{name}", remedy=remedy
+        )
     give_back = given.get("give_back") or ""
     if give_back and give_back not in FACTS:
         raise InputError(
-            "is nothing that can be turned", field="backend_options.give_back", value=give_back,
+            "is nothing that can be turned",
+            field="backend_options.give_back",
+            value=give_back,
             remedy=f"known are {', '.join(FACTS)}",
-        )  # fmt: skip
+        )
     if (images := given.get("images")) not in (None, NO_IMAGES):
         raise InputError(
-            "is no choice of pictures", field="backend_options.images", value=images,
+            "is no choice of pictures",
+            field="backend_options.images",
+            value=images,
             remedy=f"{NO_IMAGES} asks without any; left out, the frames are sent",
-        )  # fmt: skip
+        )
     key = key_option(given)
     if gives_away(recorded, key):
         raise InputError(
@@ -282,14 +299,21 @@ class OpenAIBackend:
         on = self._ask(own.name, own.prompt, pictures, end_s, given)
         check_continued(on.text)
         return replace(
-            on, text=f"{said} {on.text.lstrip()}", tries=own.tries + on.tries,
-            latency_s=own.latency_s + on.latency_s, given={own.name: given},
-        )  # fmt: skip
+            on,
+            text=f"{said} {on.text.lstrip()}",
+            tries=own.tries + on.tries,
+            latency_s=own.latency_s + on.latency_s,
+            given={own.name: given},
+        )
 
     def _ask(
-        self, name: str, prompt: Prompt, pictures: Sequence[Mapping[str, Any]], end_s: float,
+        self,
+        name: str,
+        prompt: Prompt,
+        pictures: Sequence[Mapping[str, Any]],
+        end_s: float,
         begun: str = "",
-    ) -> _Said:  # fmt: skip
+    ) -> _Said:
         """Ask one stage.
 
         Args:

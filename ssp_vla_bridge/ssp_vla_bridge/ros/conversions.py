@@ -68,8 +68,16 @@ def request_to_msg(request: Request) -> Any:
     if camera is not None:
         msg.camera_info = CameraInfo(width=camera.width_px, height=camera.height_px)
         msg.camera_info.k = [
-            camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0,
-        ]  # fmt: skip
+            camera.fx_px,
+            0.0,
+            camera.cx_px,
+            0.0,
+            camera.fy_px,
+            camera.cy_px,
+            0.0,
+            0.0,
+            1.0,
+        ]
         msg.camera_height = camera.height_m or 0.0
         msg.camera_pitch = camera.pitch_down_rad or 0.0
     msg.history = [_message(EgoSampleMsg, sample) for sample in request.history]

@@ -21,11 +21,19 @@ NAMES = [f"{name}:{mode}" for name, adapter in ADAPTERS.items() for mode in adap
 
 number = st.sampled_from(["5.0", "-0.2", "0", ".5", "4.", "1e3", "nan", "-inf", "1e400", "\u22121"])
 row = st.builds("{}{}, {}{}".format, st.sampled_from(["[", "("]), number, number, st.just("]"))
-rows = st.builds(lambda one, count, joint: joint.join([one] * count), row, st.integers(1, 22),
-                 st.sampled_from([", ", "\n", " "]))  # fmt: skip
-piece = rows | st.text(max_size=5) | st.sampled_from(
-    ["[", "]", "3-second trajectory: ", "</think>", "Observed: ", "...", "['", "']", ",", "**"]
-)  # fmt: skip
+rows = st.builds(
+    lambda one, count, joint: joint.join([one] * count),
+    row,
+    st.integers(1, 22),
+    st.sampled_from([", ", "\n", " "]),
+)
+piece = (
+    rows
+    | st.text(max_size=5)
+    | st.sampled_from(
+        ["[", "]", "3-second trajectory: ", "</think>", "Observed: ", "...", "['", "']", ",", "**"]
+    )
+)
 text = st.lists(piece, max_size=8).map("".join)
 wide = st.floats() | st.sampled_from([0.0, 0.1, 0.5])
 array = st.builds(

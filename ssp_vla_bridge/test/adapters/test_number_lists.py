@@ -167,9 +167,34 @@ def test_offsets_are_those_of_the_text():
 
 
 PIECES = [
-    "[", "]", "(", ")", "{", "}", ",", ", ", " ", "\n", "1", "-0.2", "[1, 2]", "(3, 4)", "nan",
-    "\u2212", "...", "t=", "v=", "m/s", "'", '"', "\\", "x", "*", "</think>", "trajectory:",
-]  # fmt: skip
+    "[",
+    "]",
+    "(",
+    ")",
+    "{",
+    "}",
+    ",",
+    ", ",
+    " ",
+    "\n",
+    "1",
+    "-0.2",
+    "[1, 2]",
+    "(3, 4)",
+    "nan",
+    "\u2212",
+    "...",
+    "t=",
+    "v=",
+    "m/s",
+    "'",
+    '"',
+    "\\",
+    "x",
+    "*",
+    "</think>",
+    "trajectory:",
+]
 
 
 @settings(max_examples=300, deadline=None)
@@ -185,11 +210,23 @@ def test_any_text_is_scanned(text):
 
 
 HOSTILE = {
-    "opening": "[", "closing": "]", "empty": "[]", "all three": "[({", "rows": "[1,2],",
-    "labels": "[1,2] t=", "odd rows": "[1 2 , \u22123]x", "quotes": "['", "spaces": "[ ",
-    "digits": "1", "dots": ".", "opened rows": "[1,2", "one number": "(1)", "minus": "[-",
-    "words": "[a", "lines": "[1,2]\n",
-}  # fmt: skip
+    "opening": "[",
+    "closing": "]",
+    "empty": "[]",
+    "all three": "[({",
+    "rows": "[1,2],",
+    "labels": "[1,2] t=",
+    "odd rows": "[1 2 , \u22123]x",
+    "quotes": "['",
+    "spaces": "[ ",
+    "digits": "1",
+    "dots": ".",
+    "opened rows": "[1,2",
+    "one number": "(1)",
+    "minus": "[-",
+    "words": "[a",
+    "lines": "[1,2]\n",
+}
 
 
 @pytest.mark.parametrize("unit", HOSTILE.values(), ids=HOSTILE)

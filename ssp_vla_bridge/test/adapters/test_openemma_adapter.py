@@ -337,11 +337,15 @@ def limited(text, *names):
     spans = [("intent", 0, 0), ("motion", 0, len(text))]
     return {
         "stages": [
-            {"name": name, "start": start, "end": end,
-             "finish_reason": "length" if name in names else "stop"}
+            {
+                "name": name,
+                "start": start,
+                "end": end,
+                "finish_reason": "length" if name in names else "stop",
+            }
             for name, start, end in spans
         ]
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize("tail", ["", " ", "\n", ","])

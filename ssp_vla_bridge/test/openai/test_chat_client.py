@@ -70,9 +70,17 @@ def test_a_bomb_is_never_unpacked(service):
 
 @pytest.mark.parametrize(
     ("text", "seconds"),
-    [("7", 7.0), ("0.5", 0.5), ("0", 0.0), ("-1", None), ("inf", None), ("nan", None),
-     ("Wed, 21 Oct 2026 07:28:00 GMT", None), ("", None)],
-)  # fmt: skip
+    [
+        ("7", 7.0),
+        ("0.5", 0.5),
+        ("0", 0.0),
+        ("-1", None),
+        ("inf", None),
+        ("nan", None),
+        ("Wed, 21 Oct 2026 07:28:00 GMT", None),
+        ("", None),
+    ],
+)
 def test_retry_after_is_in_seconds_or_nothing(text, seconds):
     assert retry_after_s({"retry-after": text}) == seconds
     assert retry_after_s({}) is None

@@ -92,8 +92,9 @@ def test_an_answer_of_one_stage_is_given_back_as_a_beginning(service, make_opena
     first, then = (one.body for one in service.asked)
     assert then["messages"][:-1] == first["messages"]
     assert then["messages"][-1] == {
-        "role": "assistant", "content": "A pedestrian ahead. I slow down.\nTrajectory:",
-    }  # fmt: skip
+        "role": "assistant",
+        "content": "A pedestrian ahead. I slow down.\nTrajectory:",
+    }
     assert (then["continue_final_message"], then["add_generation_prompt"]) == (True, False)
     assert "continue_final_message" not in first
     service.answers = [service.answers[0], ROWS.replace("4, 0", "5, 0")]

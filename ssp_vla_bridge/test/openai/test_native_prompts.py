@@ -84,8 +84,10 @@ ASKED_IN = {
     "waypoints": {field.name: {"motion"} for field in fields(TASK)},
 }
 OTHER = {
-    "instruction": "Park the lorry.", "trajectory_step_s": 0.25, "trajectory_horizon_s": 2.5,
-}  # fmt: skip
+    "instruction": "Park the lorry.",
+    "trajectory_step_s": 0.25,
+    "trajectory_horizon_s": 2.5,
+}
 
 
 @EVERY

@@ -94,9 +94,13 @@ def test_wide_frames_are_scaled_down_where_that_is_asked(service, make_openai, m
 def test_every_decoding_parameter_is_sent_and_recorded(service, make_openai, make_request):
     extra = {"chat_template_kwargs": {"enable_thinking": False}, "top_k": 1}
     chosen = {
-        "temperature": 0.5, "seed": 7, "top_p": 0.9, "presence_penalty": 0.1,
-        "frequency_penalty": -0.1, "max_tokens": 99,
-    }  # fmt: skip
+        "temperature": 0.5,
+        "seed": 7,
+        "top_p": 0.9,
+        "presence_penalty": 0.1,
+        "frequency_penalty": -0.1,
+        "max_tokens": 99,
+    }
     answer = make_openai(**chosen, extra=extra).answer(make_request())
     for asked in service.asked:
         sent = {key: value for key, value in asked.body.items() if key != "messages"}
@@ -111,9 +115,15 @@ def test_the_defaults_are_explicit(service, make_openai, make_request):
     make_openai().answer(make_request())
     sent = {key: value for key, value in service.asked[0].body.items() if key != "messages"}
     assert sent == {
-        "model": "seer-7b", "stream": False, "temperature": 0, "seed": 0, "top_p": 1,
-        "presence_penalty": 0, "frequency_penalty": 0, "max_tokens": 1024,
-    }  # fmt: skip
+        "model": "seer-7b",
+        "stream": False,
+        "temperature": 0,
+        "seed": 0,
+        "top_p": 1,
+        "presence_penalty": 0,
+        "frequency_penalty": 0,
+        "max_tokens": 1024,
+    }
 
 
 def test_null_leaves_a_parameter_out(service, make_openai, make_request):
@@ -133,8 +143,10 @@ def test_the_record_says_how_each_stage_came(service, make_openai, make_request)
         assert said["system_fingerprint"] == "fp_1"
         assert said["finish_reason"] == "stop"
         assert said["usage"] == {
-            "prompt_tokens": 900, "completion_tokens": 20, "total_tokens": 920,
-        }  # fmt: skip
+            "prompt_tokens": 900,
+            "completion_tokens": 20,
+            "total_tokens": 920,
+        }
         assert said["latency_s"] >= 0
         assert said["tries"] == 1
     assert decoding["notes"] == []

@@ -351,7 +351,13 @@ def test_nothing_of_the_environment_is_sent(service, make_openai, make_request):
     for asked in service.asked:
         assert asked.headers["authorization"] == "Bearer none"
         assert set(asked.headers) == {
-            "accept", "accept-encoding", "authorization", "connection", "content-length",
-            "content-type", "host", "user-agent",
-        }  # fmt: skip
+            "accept",
+            "accept-encoding",
+            "authorization",
+            "connection",
+            "content-length",
+            "content-type",
+            "host",
+            "user-agent",
+        }
         assert "not-for-this-server" not in json.dumps([asked.headers, asked.body])

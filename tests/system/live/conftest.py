@@ -320,9 +320,14 @@ def _compile(scenario: str, folder: Path, site: str) -> Path:
     run = compiled.task.run
     # Silence of two seconds is nothing to stop for here; a blind stop needs that much more room.
     waits = (
-        "state_age_s", "heartbeat_s", "trigger_age_s", "link_delay_s", "frozen_s", "ack_s",
+        "state_age_s",
+        "heartbeat_s",
+        "trigger_age_s",
+        "link_delay_s",
+        "frozen_s",
+        "ack_s",
         "stop_reaction_s",
-    )  # fmt: skip
+    )
     lax = {**dict.fromkeys(waits, SILENCE_S), "clock_offset_s": 0.5, "error_longitudinal_m": 8.0}
     limits = run.limits.model_copy(update=lax)
     middle = [sum(axis) / len(run.geofence) for axis in zip(*run.geofence, strict=True)]
@@ -336,10 +341,15 @@ def _compile(scenario: str, folder: Path, site: str) -> Path:
     changed = run.model_copy(update=update)
     for difference in differences(run, changed):
         record = Record(
-            kind="site_change", when="2025-03-01T09:30:00Z", who="A. Tester", subject=run.scenario,
-            field=difference.field, old=difference.compiled, new=difference.executed,
+            kind="site_change",
+            when="2025-03-01T09:30:00Z",
+            who="A. Tester",
+            subject=run.scenario,
+            field=difference.field,
+            old=difference.compiled,
+            new=difference.executed,
             reason="the machine may be busy",
-        )  # fmt: skip
+        )
         append_record(folder / LOG_FILE, record)
     text = changed.model_dump_json(by_alias=True, indent=1)
     write_text(folder / RUN_FILE, text + "\n")

@@ -36,8 +36,9 @@ def is_admitted_and_scored(
     with BagReader(physical / "bag") as bag:
         assert "/ssp/world/tick" not in bag.topics
     assert (live.evidence, live.measured_from) == (
-        "states", "states that VUT and object targets reported",
-    )  # fmt: skip
+        "states",
+        "states that VUT and object targets reported",
+    )
     assert live.kpr == 1.0
     assert live.epd is not None
     assert live.epd < 0.15

@@ -33,24 +33,53 @@ def llm_options(prefix: str = "") -> Callable[[Command], Command]:
         prefix: of the options besides ``--llm``, where a command has another server too.
     """
     options = [
-        click.option("--rules-only", "rules_only", is_flag=True,
-                     help="Read texts by the rules alone, without the learned reader that fills "
-                     "what they leave empty."),
-        click.option("--llm", metavar="MODEL", help="LLM that is asked for slots which are still "
-                     "empty, as its server names it. Default: none."),
-        click.option(f"--{prefix}base-url", "llm_base_url", metavar="URL",
-                     help="Of the LLM's server (OpenAI chat interface), up to and with /v1."),
-        click.option(f"--{prefix}api-key-env", "llm_api_key_env", metavar="VAR",
-                     help="Environment variable that holds the key for it."),
-        click.option(f"--{prefix}cache", "llm_cache", metavar="DIR",
-                     type=click.Path(path_type=Path, file_okay=False, resolve_path=True),
-                     help="Folder that keeps the LLM's answers, so that none is asked for twice."),
-        click.option("--llm-timeout", "llm_timeout_s",
-                     type=Number(0.1), default=60.0, show_default=True,
-                     help="For one answer of the LLM, s."),
-        click.option(f"--{prefix}no-schema", "llm_no_schema", is_flag=True,
-                     help="Don't ask the LLM's server to hold answers to a schema."),
-    ]  # fmt: skip
+        click.option(
+            "--rules-only",
+            "rules_only",
+            is_flag=True,
+            help="Read texts by the rules alone, without the learned reader that fills "
+            "what they leave empty.",
+        ),
+        click.option(
+            "--llm",
+            metavar="MODEL",
+            help="LLM that is asked for slots which are still "
+            "empty, as its server names it. Default: none.",
+        ),
+        click.option(
+            f"--{prefix}base-url",
+            "llm_base_url",
+            metavar="URL",
+            help="Of the LLM's server (OpenAI chat interface), up to and with /v1.",
+        ),
+        click.option(
+            f"--{prefix}api-key-env",
+            "llm_api_key_env",
+            metavar="VAR",
+            help="Environment variable that holds the key for it.",
+        ),
+        click.option(
+            f"--{prefix}cache",
+            "llm_cache",
+            metavar="DIR",
+            type=click.Path(path_type=Path, file_okay=False, resolve_path=True),
+            help="Folder that keeps the LLM's answers, so that none is asked for twice.",
+        ),
+        click.option(
+            "--llm-timeout",
+            "llm_timeout_s",
+            type=Number(0.1),
+            default=60.0,
+            show_default=True,
+            help="For one answer of the LLM, s.",
+        ),
+        click.option(
+            f"--{prefix}no-schema",
+            "llm_no_schema",
+            is_flag=True,
+            help="Don't ask the LLM's server to hold answers to a schema.",
+        ),
+    ]
 
     return lambda command: reduce(lambda found, option: option(found), reversed(options), command)
 

@@ -27,8 +27,24 @@ MAX_PLACES = 8  # of one quote in a text that are looked at
 _ACTIONS = ("lon_action", "lat_action")
 _KINDS = {"objects": "user", "position": "place", "motion": "state", "conflict": "conflict"}
 # Cues within a quote that turn it round, but for the labels that consist in them.
-_TURNING = frozenset({"not", "no", "if", "needed", "else", "may", "past", "ready", "reject",
-                      "rejected", "quoted", "imaginary", "revise", "but"})  # fmt: skip
+_TURNING = frozenset(
+    {
+        "not",
+        "no",
+        "if",
+        "needed",
+        "else",
+        "may",
+        "past",
+        "ready",
+        "reject",
+        "rejected",
+        "quoted",
+        "imaginary",
+        "revise",
+        "but",
+    }
+)
 _DENIALS = frozenset({"not", "no"})
 _CARRIED: Mapping[str, frozenset[str]] = {
     "no_conflict": _DENIALS,
@@ -44,9 +60,28 @@ _VUT = frozenset({"car", "vehicle"})
 _WOULD = frozenset({"would", "i'd"})  # without braking it would hit us: that is a threat
 _RISKY = ("risk", "danger", "threat", "hazard", "potential", "possib", "chance", "likel")
 # A threat, or that one must react: to stand in the way alone is no active conflict.
-_PRESSING = ("colli", "crash", "hit", "contact", "imminent", "immediate", "danger", "threat",
-             "risk", "hazard", "critical", "emergenc", "urgent", "must", "forc", "react", "avoid",
-             "choice", "room", "active")  # fmt: skip
+_PRESSING = (
+    "colli",
+    "crash",
+    "hit",
+    "contact",
+    "imminent",
+    "immediate",
+    "danger",
+    "threat",
+    "risk",
+    "hazard",
+    "critical",
+    "emergenc",
+    "urgent",
+    "must",
+    "forc",
+    "react",
+    "avoid",
+    "choice",
+    "room",
+    "active",
+)
 _PLACED = Scope.REJECTED | Scope.PLANNED | Scope.FUTURE | Scope.LATER | Scope.INTENDED
 _COMMITTED = Scope.FUTURE | Scope.INTENDED | Scope.LATER
 _SUBJECTS = frozenset({"user", "pronoun", "ego"})

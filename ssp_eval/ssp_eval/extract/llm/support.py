@@ -97,8 +97,13 @@ def written(support: Support) -> str:
 
 def _entry(name: str, words: Iterable[str], indent: str) -> str:
     inner = f"{indent}  "
-    told = fill(" ".join(sorted(words)), 100, initial_indent=inner, subsequent_indent=inner,
-                break_on_hyphens=False)  # fmt: skip
+    told = fill(
+        " ".join(sorted(words)),
+        100,
+        initial_indent=inner,
+        subsequent_indent=inner,
+        break_on_hyphens=False,
+    )
     return f"{indent}{name}: >-\n{told}"
 
 

@@ -65,15 +65,32 @@ def of_labels(name: str, shares: NDArray[np.float64], slots: Slots) -> list[Cand
         odds, against = _odds(most[at]), _odds(rival)
         kinds = [float(other == at) for other in range(len(labels))]
         features = [
-            odds, _odds(any_of[at]), against, _odds(rivals),
-            most[at], any_of[at], rival, rivals,
-            most[at] / whole, any_of[at] / whole_of, float(clause == last),
-            clause / max(count - 1, 1), float(said[last, at]) if last >= 0 else 0.0,
-            *_rules(none, same, slots), log(count), min(count, _LONG) / _LONG,
-            *kinds, *(kind * same for kind in kinds), *(kind * odds for kind in kinds),
-            same * odds, same * against, none * against, none * odds,
-            none * log(count), same * log(count),
-        ]  # fmt: skip
+            odds,
+            _odds(any_of[at]),
+            against,
+            _odds(rivals),
+            most[at],
+            any_of[at],
+            rival,
+            rivals,
+            most[at] / whole,
+            any_of[at] / whole_of,
+            float(clause == last),
+            clause / max(count - 1, 1),
+            float(said[last, at]) if last >= 0 else 0.0,
+            *_rules(none, same, slots),
+            log(count),
+            min(count, _LONG) / _LONG,
+            *kinds,
+            *(kind * same for kind in kinds),
+            *(kind * odds for kind in kinds),
+            same * odds,
+            same * against,
+            none * against,
+            none * odds,
+            none * log(count),
+            same * log(count),
+        ]
         found.append(Candidate(label, features, clause))
     return found
 
@@ -97,11 +114,22 @@ def of_classes(shares: Mapping[str, float], slots: Slots, count: int) -> list[Ca
         same, none = float(one == given), float(given is None)
         least, total = min(odds, default=0.0), sum(min(one, 0.0) for one in odds)
         features = [
-            least, total, same * least, none * least, float(one == likely),
-            *_rules(none, same, slots), log(count), float(len(shares) > 1), float(len(shares) > 2),
-            float(len(one) > 1), float(not one), float(len(one) > 1) * same,
-            float(not one) * same, none * log(count), same * log(count),
-        ]  # fmt: skip
+            least,
+            total,
+            same * least,
+            none * least,
+            float(one == likely),
+            *_rules(none, same, slots),
+            log(count),
+            float(len(shares) > 1),
+            float(len(shares) > 2),
+            float(len(one) > 1),
+            float(not one),
+            float(len(one) > 1) * same,
+            float(not one) * same,
+            none * log(count),
+            same * log(count),
+        ]
         found.append(Candidate(tuple(one), features, -1))
     return found
 

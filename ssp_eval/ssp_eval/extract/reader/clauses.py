@@ -100,10 +100,11 @@ def view(reading: Reading) -> View:
     critical = critical_of(reading.world)
     mentions = {said.first for said in critical.mentions} if critical is not None else set()
     seen = [
-        _seen(words[one.first : one.stop], [(reading.hits[i], reading.flags[i]) for i in at],
-              mentions)
+        _seen(
+            words[one.first : one.stop], [(reading.hits[i], reading.flags[i]) for i in at], mentions
+        )
         for one, at in zip(clauses, inside, strict=True)
-    ]  # fmt: skip
+    ]
     told = _told(reading, clauses)
     last = clauses[-1].sentence + 1 if clauses else 1
     features = []

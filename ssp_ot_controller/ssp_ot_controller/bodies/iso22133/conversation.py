@@ -54,8 +54,11 @@ C, P = ControlState, SessionPhase
 # The phase whose states an object target in this state expects of the object. Elsewhere it is the
 # session's own.
 _PHASE_OF = {
-    C.PRE_ARMING: P.ARMED, C.ARMED: P.ARMED, C.RUNNING: P.RUNNING, C.POSTRUN: P.STOPPING,
-}  # fmt: skip
+    C.PRE_ARMING: P.ARMED,
+    C.ARMED: P.ARMED,
+    C.RUNNING: P.RUNNING,
+    C.POSTRUN: P.STOPPING,
+}
 # What an object was asked for when its object target came into a state; elsewhere nothing.
 _ASKED = {
     C.PRE_ARMING: "was asked to arm",

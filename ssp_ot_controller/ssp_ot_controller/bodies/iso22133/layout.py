@@ -19,9 +19,15 @@ from ssp_ot_controller.bodies.iso22133.framing import EVIDENCE_BYTES, Item, Reas
 
 # struct's letters; 48 bits and texts are bytes for it.
 _LETTERS = {
-    "u8": "B", "u16": "H", "u32": "I", "i16": "h", "i32": "i", "i48": "6s", "f32": "f",
+    "u8": "B",
+    "u16": "H",
+    "u32": "I",
+    "i16": "h",
+    "i32": "i",
+    "i48": "6s",
+    "f32": "f",
     "text": "64s",
-}  # fmt: skip
+}
 _TEXT_BYTES = 64
 _BITS_48 = 48
 # What is told of one message at most.

@@ -465,9 +465,24 @@ class Opaque:
 
 
 Message: TypeAlias = (
-    Traj | Osem | Ostm | Strt | Heab | Monr | Rcmm | Sypm | Mtsp | Dreq | Dres | Accm | Treo | Exac
-    | Grem | Trcm | Opaque
-)  # fmt: skip
+    Traj
+    | Osem
+    | Ostm
+    | Strt
+    | Heab
+    | Monr
+    | Rcmm
+    | Sypm
+    | Mtsp
+    | Dreq
+    | Dres
+    | Accm
+    | Treo
+    | Exac
+    | Grem
+    | Trcm
+    | Opaque
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,9 +80,14 @@ def build_bend(road: Road) -> Bend | None:
     middles = low + cell * (np.stack([column, row], axis=2) + 0.5)
     _, nearest = cKDTree(nodes[:, :2]).query(middles)
     return Bend(
-        nodes, nearest.astype(np.int32), float(low[0]), float(low[1]), 1.0 / cell,
-        float(stations[0]), step,
-    )  # fmt: skip
+        nodes,
+        nearest.astype(np.int32),
+        float(low[0]),
+        float(low[1]),
+        1.0 / cell,
+        float(stations[0]),
+        step,
+    )
 
 
 def block_line(road: Road) -> ReferenceLine:

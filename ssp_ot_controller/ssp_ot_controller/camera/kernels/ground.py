@@ -346,9 +346,13 @@ def _plain_strip(ground: Ground, x: float, y: float, wx: float, wy: float) -> in
 
 @inlined
 def _fill_plain(
-    values: Array, strip: int, noise: Array, place: tuple[float, ...], step: tuple[float, ...],
+    values: Array,
+    strip: int,
+    noise: Array,
+    place: tuple[float, ...],
+    step: tuple[float, ...],
     row: Array,
-) -> None:  # fmt: skip
+) -> None:
     """Fill the pixels of one strip with its colour and grain; shares change by steps along the row.
 
     Place and step are those of x, y, patch and fine grain.
@@ -403,9 +407,15 @@ def _bent_place(
 
 @inlined
 def ground_row(
-    ground: Ground, bend: Bend | None, noise: Array, position: Array, rays: Array, start: Array,
-    hidden: Array, row: Array,
-) -> None:  # fmt: skip
+    ground: Ground,
+    bend: Bend | None,
+    noise: Array,
+    position: Array,
+    rays: Array,
+    start: Array,
+    hidden: Array,
+    row: Array,
+) -> None:
     """Write the colours of one image row below the horizon, without light and fog.
 
     Most of the ground has one colour but for its grain: where both ends of a block of pixels lie

@@ -263,9 +263,13 @@ def rasterise(
                     continue
                 base = corner + per_row * row + per_column * first
                 taken += _draw_span(
-                    np.float32(base), np.float32(per_column), np.int32(count), samples.ramp,
-                    inverse_depth[row, first : last + 1], owner[row, first : last + 1],
-                )  # fmt: skip
+                    np.float32(base),
+                    np.float32(per_column),
+                    np.int32(count),
+                    samples.ramp,
+                    inverse_depth[row, first : last + 1],
+                    owner[row, first : last + 1],
+                )
             if taken > 0:
                 _write_planes(scratch, volume, mesh, n, fog_per_m, samples.planes[count])
                 count += 1

@@ -62,9 +62,13 @@ def outfit(number: int, tops: tuple[Colour, ...], trousers: tuple[Colour, ...]) 
 
 
 def _limb(
-    a: Vec, b: Vec, halves_m: tuple[float, float], bend: float, radii: Sequence[float],
+    a: Vec,
+    b: Vec,
+    halves_m: tuple[float, float],
+    bend: float,
+    radii: Sequence[float],
     colours: tuple[Colour, Colour],
-) -> Mesh:  # fmt: skip
+) -> Mesh:
     """Return a leg or an arm between two ends, its joint in the x-z plane.
 
     A ``bend`` above 0 is forward.
@@ -85,9 +89,13 @@ def _limb(
 
 
 def _torso(
-    levels: Sequence[tuple[float, float]], x_m: float, lean: float, depth_m: float, half_m: float,
+    levels: Sequence[tuple[float, float]],
+    x_m: float,
+    lean: float,
+    depth_m: float,
+    half_m: float,
     colour: Colour,
-) -> Mesh:  # fmt: skip
+) -> Mesh:
     """Return a rounded body through elliptic outlines (height, share of the width), leaning.
 
     A ``lean`` above 0 is forward.
@@ -113,8 +121,13 @@ def pedestrian(size: Size, look: Outfit, travelled_m: float, speed_mps: float) -
 def _walker(size: Size, look: Outfit, phase_step: int, swing_step: int) -> Mesh:
     h, half = size.height_m, 0.30 * size.width_m
     hip, shoulder, depth = 0.53 * h, 0.82 * h, 0.068 * h
-    coat = ((hip - 0.01 * h, 0.86), (hip + 0.08 * h, 0.8), (0.7 * h, 0.92), (shoulder, 1.0),
-            (shoulder + 0.03 * h, 0.45))  # fmt: skip
+    coat = (
+        (hip - 0.01 * h, 0.86),
+        (hip + 0.08 * h, 0.8),
+        (0.7 * h, 0.92),
+        (shoulder, 1.0),
+        (shoulder + 0.03 * h, 0.45),
+    )
     waist = ((hip - 0.07 * h, 0.66), (hip, 0.84))
     parts = [
         _torso(coat, 0.0, 0.0, depth, half, look.top),
@@ -149,15 +162,25 @@ def _walker(size: Size, look: Outfit, phase_step: int, swing_step: int) -> Mesh:
 
 
 def _rider(
-    look: Outfit, size: Size, saddle: Vec, grip: Vec, feet: Sequence[Vec], lean_m: float,
+    look: Outfit,
+    size: Size,
+    saddle: Vec,
+    grip: Vec,
+    feet: Sequence[Vec],
+    lean_m: float,
     sleeves: Colour,
-) -> list[Mesh]:  # fmt: skip
+) -> list[Mesh]:
     """Return a person without a head on a saddle: hands on the bar, feet where they are put."""
     scale = size.height_m / 1.75
     top_m, hip_m = size.height_m - 0.32 * scale, saddle[2] + 0.06
     rise = top_m - hip_m
-    coat = ((hip_m - 0.05, 0.85), (hip_m + 0.3 * rise, 0.82), (hip_m + 0.75 * rise, 1.0),
-            (top_m, 0.9), (top_m + 0.05, 0.4))  # fmt: skip
+    coat = (
+        (hip_m - 0.05, 0.85),
+        (hip_m + 0.3 * rise, 0.82),
+        (hip_m + 0.75 * rise, 1.0),
+        (top_m, 0.9),
+        (top_m + 0.05, 0.4),
+    )
     parts = [_torso(coat, saddle[0], lean_m / rise, 0.125 * scale, 0.2 * scale, look.top)]
     legs = (0.085 * scale, 0.06 * scale, 0.045 * scale)
     for side, foot in zip((-1.0, 1.0), feet, strict=True):
@@ -245,10 +268,11 @@ def motorcycle(size: Size, look: Outfit, lights: Lights) -> Mesh:
         box((tail_m - 0.01, tail_m + 0.03), (-0.09, 0.09), (0.46, 0.58), rgb("e9e6d8")),
         box((nose_m - 0.03, nose_m + 0.02), (-0.11, 0.11), (0.82, 0.98), rgb("fffbe8"), LAMP),
         tube((grip[0], -0.38, grip[2]), (grip[0], 0.38, grip[2]), 0.022, 0.022, _TYRE, 6),
-        ellipsoid((0.18, 0.0, head_m), (0.15 * scale, 0.13 * scale, 0.15 * scale), paint, 7, 10,
-                  GLOSSY),
+        ellipsoid(
+            (0.18, 0.0, head_m), (0.15 * scale, 0.13 * scale, 0.15 * scale), paint, 7, 10, GLOSSY
+        ),
         ellipsoid((0.22, 0.0, head_m + 0.015 * scale), visor, _PANE, 5, 10, GLASS),
-    ]  # fmt: skip
+    ]
     for side in (-1.0, 1.0):
         y0, y1 = sorted((side * 0.17, side * 0.28))
         fork = (nose_m, side * 0.09, radius), (nose_m - 0.3, side * 0.09, 1.0)

@@ -92,9 +92,12 @@ class _Frame:
 
 
 def _panel(
-    face: Literal["rear", "front", "left", "right"], at_m: float, along: Range, z: Range,
+    face: Literal["rear", "front", "left", "right"],
+    at_m: float,
+    along: Range,
+    z: Range,
     surface: Surface,
-) -> Mesh:  # fmt: skip
+) -> Mesh:
     """Return an upright rectangle that looks to one side of the body; ``along`` is in x or in y."""
     a, b = along if face in ("front", "right") else along[::-1]
     if face in ("rear", "front"):

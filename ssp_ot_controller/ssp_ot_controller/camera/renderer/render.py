@@ -148,11 +148,20 @@ def warm_up(road: Road, look: Look, camera: Camera, seed: int) -> None:
     x, y = road.origin.pose.to_parent(0.0, road.lanes[0].y_m)
     states = [
         ObjectState(
-            name, ObjectClass.CAR, role, 0, x, y, road.origin.yaw_rad, 0.0, 0.0, 0.0,
+            name,
+            ObjectClass.CAR,
+            role,
+            0,
+            x,
+            y,
+            road.origin.yaw_rad,
+            0.0,
+            0.0,
+            0.0,
             DEFAULT_SIZES[ObjectClass.CAR],
         )
         for name, role in (("carrier", Role.VUT), ("other", Role.TRAFFIC))
-    ]  # fmt: skip
+    ]
     render(Scene(road, states[0], (states[1],)), look, camera, 0, seed)
 
 

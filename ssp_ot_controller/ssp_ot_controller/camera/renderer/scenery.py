@@ -147,9 +147,15 @@ class _Roadside:
         self.poses = [item_pose(item, self._line) for item in self.items]
 
     def put(
-        self, kind: Kind, mesh: Mesh, side: _Side, x_m: float, beyond_m: float, shadow: bool = True,
+        self,
+        kind: Kind,
+        mesh: Mesh,
+        side: _Side,
+        x_m: float,
+        beyond_m: float,
+        shadow: bool = True,
         yaw_rad: float = 0.0,
-    ) -> list[Prop]:  # fmt: skip
+    ) -> list[Prop]:
         """Return a thing at an arc length, that far beyond the sidewalk; none where no room is."""
         if any(item.type == kind for item in self.items):
             return []

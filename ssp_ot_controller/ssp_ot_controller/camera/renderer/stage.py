@@ -44,9 +44,14 @@ def lighted(mesh: Mesh, palette: Palette, sun: Sun, *, stands: bool) -> Triangle
 
 @compiled
 def _light(
-    normals: Array, colours: Array, uv: Array, sun: Sun, lights: tuple[Colour, ...], stands: bool,
+    normals: Array,
+    colours: Array,
+    uv: Array,
+    sun: Sun,
+    lights: tuple[Colour, ...],
+    stands: bool,
     lit: Triangles,
-) -> None:  # fmt: skip
+) -> None:
     sun_light, sky_light, ground_light, horizon = lights
     for n in range(normals.shape[0]):
         kind = lit.kinds[n]

@@ -80,9 +80,12 @@ def _illuminate(
                     rise = pz / away
                     share *= min(1.0, max(0.12, 1.0 - 60.0 * (rise + 0.004)))
                 gain += (
-                    beams[n, 7] * share * share * edge
+                    beams[n, 7]
+                    * share
+                    * share
+                    * edge
                     / (1.0 + square / (_HALF_DISTANCE_M * _HALF_DISTANCE_M))
-                )  # fmt: skip
+                )
             if gain > 0.0:
                 # No brighter than white, all channels alike: what is red stays red.
                 brightest = max(light[v, u, 0], light[v, u, 1], light[v, u, 2], 1.0)
@@ -122,9 +125,18 @@ def _street_lamps(stage: Stage, eye: Array) -> list[list[float]]:
         x, y, z = lit.corners[first:end][shine].reshape(-1, 3).mean(axis=0)
         if z > _STREET_ABOVE_M:
             found.append(
-                [float(x), float(y), float(z), 0.0, 0.0, -1.0,
-                 _STREET_COS, _STREET_STRENGTH, _STREET_RANGE_M]
-            )  # fmt: skip
+                [
+                    float(x),
+                    float(y),
+                    float(z),
+                    0.0,
+                    0.0,
+                    -1.0,
+                    _STREET_COS,
+                    _STREET_STRENGTH,
+                    _STREET_RANGE_M,
+                ]
+            )
     return found
 
 
@@ -256,8 +268,14 @@ def add_reflections(field: LightField, stage: Stage, road: Road, rain: float) ->
         rain: 0 none, 1 a downpour.
     """
     _reflect(
-        field.light.copy(), field.inverse_depth, field.view.position_m, field.rays,
-        stage.around.bend, stage.around.noise,
-        road.left_edge_m + road.sidewalk_left_m, road.right_edge_m - road.sidewalk_right_m,
-        _STRENGTH * math.sqrt(rain), field.light,
-    )  # fmt: skip
+        field.light.copy(),
+        field.inverse_depth,
+        field.view.position_m,
+        field.rays,
+        stage.around.bend,
+        stage.around.noise,
+        road.left_edge_m + road.sidewalk_left_m,
+        road.right_edge_m - road.sidewalk_right_m,
+        _STRENGTH * math.sqrt(rain),
+        field.light,
+    )

@@ -253,15 +253,27 @@ _PHASES = Question(
 )
 
 _CELL = (
-    Ask("heading", "Direction of travel against the VUT's, or in which it looks while it stands.",
-        words=_observable("same", "opposite", "leftwards", "rightwards")),
-    Ask("speed_trend", "Its speed over the ground.",
-        words=_observable("standing", "constant", "increasing", "decreasing")),
-    Ask("longitudinal", "Change of the gap between the VUT and it.",
-        words=_observable("none", "closing", "opening")),
-    Ask("lateral", "Its sideways movement on the road, to the VUT's left or right.",
-        words=_observable("none", "left", "right")),
-)  # fmt: skip
+    Ask(
+        "heading",
+        "Direction of travel against the VUT's, or in which it looks while it stands.",
+        words=_observable("same", "opposite", "leftwards", "rightwards"),
+    ),
+    Ask(
+        "speed_trend",
+        "Its speed over the ground.",
+        words=_observable("standing", "constant", "increasing", "decreasing"),
+    ),
+    Ask(
+        "longitudinal",
+        "Change of the gap between the VUT and it.",
+        words=_observable("none", "closing", "opening"),
+    ),
+    Ask(
+        "lateral",
+        "Its sideways movement on the road, to the VUT's left or right.",
+        words=_observable("none", "left", "right"),
+    ),
+)
 
 _MOTION_VUT = Question(
     "motion_vut",
@@ -288,25 +300,48 @@ _GATE = Question(
     "clip",
     "Judge whether the clip can stand for a real event. Answer yes where you see the fault.",
     (
-        Ask("deformation", "An object melts, splits, merges or changes its size or shape.",
-            words=_observable("yes", "no")),
-        Ask("identity", "An object turns into another: its class, colour or kind changes.",
-            words=_observable("yes", "no")),
-        Ask("discontinuity", "An object that matters jumps, vanishes or appears from nowhere.",
-            words=_observable("yes", "no")),
-        Ask("road", "Lanes, markings or kerbs contradict each other or change between frames.",
-            words=_observable("yes", "no")),
-        Ask("no_conflict", "No conflict between the VUT and anybody can be made out.",
-            words=_observable("yes", "no")),
+        Ask(
+            "deformation",
+            "An object melts, splits, merges or changes its size or shape.",
+            words=_observable("yes", "no"),
+        ),
+        Ask(
+            "identity",
+            "An object turns into another: its class, colour or kind changes.",
+            words=_observable("yes", "no"),
+        ),
+        Ask(
+            "discontinuity",
+            "An object that matters jumps, vanishes or appears from nowhere.",
+            words=_observable("yes", "no"),
+        ),
+        Ask(
+            "road",
+            "Lanes, markings or kerbs contradict each other or change between frames.",
+            words=_observable("yes", "no"),
+        ),
+        Ask(
+            "no_conflict",
+            "No conflict between the VUT and anybody can be made out.",
+            words=_observable("yes", "no"),
+        ),
     ),
-)  # fmt: skip
+)
 
 QUESTIONS: dict[str, Question] = {
     question.key: question
     for question in (
-        _ROAD, _VUT, _TARGETS, _TARGET, _INTERACTION, _PHASES, _MOTION_VUT, _MOTION, _GATE
+        _ROAD,
+        _VUT,
+        _TARGETS,
+        _TARGET,
+        _INTERACTION,
+        _PHASES,
+        _MOTION_VUT,
+        _MOTION,
+        _GATE,
     )
-}  # fmt: skip
+}
 
 DEFINITION_SHA256 = sha256_json(
     {
