@@ -1,0 +1,23 @@
+"""A session that can't be run here is refused before anything is written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ssp_core.cli import main
+from ssp_core.errors import HostError
+from ssp_scenario_manager.cli import run as run_module
+
+
+def test_a_host_without_shared_memory_keeps_the_folder_free(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse() -> None:
+        raise HostError("/dev/shm must be writable")
+
+    monkeypatch.setattr(run_module, "check_shared_memory", refuse)
+    assert main(["run", "cut_in", "--out", str(tmp_path / "run")]) == 1
+    assert "/dev/shm must be writable" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
