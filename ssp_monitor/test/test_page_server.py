@@ -387,6 +387,28 @@ def test_who_talks_too_much_or_at_length_is_sent_away(page):
     assert live(page, long) == 1009
 
 
+def test_the_reason_arrives_though_something_was_to_be_sent_meanwhile(page, monkeypatch):
+    """What is sent to a socket that is being closed fails; the closing goes on."""
+    send = viewers._send
+
+    async def held_back(socket: Any, payload: Any) -> None:
+        while "mark" in payload and not socket.closed:
+            await asyncio.sleep(0.01)
+        await send(socket, payload)
+
+    async def work(stream: Any) -> Any:
+        await stream.send_json(hello())
+        for _ in range(60):
+            await stream.send_str("x")
+        await asyncio.sleep(0.3)  # The closing isn't confirmed yet.
+        while (await stream.receive()).type is aiohttp.WSMsgType.TEXT:
+            pass
+        return stream.close_code
+
+    monkeypatch.setattr(viewers, "_send", held_back)
+    assert live(page, work) == 4008
+
+
 def test_viewers_are_counted(page):
     async def work(client: aiohttp.ClientSession) -> int:
         streams = []

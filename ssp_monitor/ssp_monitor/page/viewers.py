@@ -50,6 +50,8 @@ ECHO_S = 5.0
 MOST_BYTES = 2048
 # A viewer that is gone without a word is noticed after one and a half of this.
 PING_S = 5.0
+# How long a viewer may take to confirm that the connection ends; then it is cut.
+CLOSE_S = 2.0
 # What a new viewer gets at once. A snapshot or a picture that nobody looked at may be hours old.
 _KEPT = ("site", "events")
 _TOO_MANY = 4008
@@ -93,7 +95,7 @@ class Hub:
         if len(self._viewers) >= MOST_VIEWERS:
             return web.Response(status=503, text=f"{MOST_VIEWERS} viewers are connected, no more")
         socket = web.WebSocketResponse(
-            max_msg_size=MOST_BYTES, compress=False, heartbeat=PING_S, timeout=2.0
+            max_msg_size=MOST_BYTES, compress=False, heartbeat=PING_S, timeout=CLOSE_S
         )
         self._strangers.add(socket)
         try:
@@ -147,13 +149,19 @@ class Hub:
             await asyncio.wait({feeding, listening}, return_when=asyncio.FIRST_COMPLETED)
         finally:
             self._boxes.discard(box)
-            for task in (feeding, listening):
-                task.cancel()
+            feeding.cancel()
+            if socket.closed:  # By the listening task, which still waits for the confirmation.
+                await asyncio.wait({listening}, timeout=CLOSE_S)
+            listening.cancel()
             await asyncio.gather(feeding, listening, return_exceptions=True)
         if not socket.closed:
-            code, why = (_NO_ECHO, b"not confirmed in time") if echoes.late else (1000, b"")
+            code, why = 1000, b""
+            if _value_of(listening):
+                code, why = _TOO_MANY, b"too many messages"
+            elif echoes.late:
+                code, why = _NO_ECHO, b"not confirmed in time"
             with suppress(Exception):
-                await asyncio.wait_for(socket.close(code=code, message=why), 1.0)
+                await asyncio.wait_for(socket.close(code=code, message=why), CLOSE_S)
 
 
 class Echoes:
@@ -221,15 +229,22 @@ async def _send(socket: web.WebSocketResponse, payload: Payload) -> None:
     await asyncio.wait_for(sending, SEND_S)
 
 
-async def _listen(socket: web.WebSocketResponse, echoes: Echoes) -> None:
-    """Listen to a viewer's echoes; one that says much else is disconnected."""
+async def _listen(socket: web.WebSocketResponse, echoes: Echoes) -> bool:
+    """Listen to a viewer's echoes until it leaves; return True where it says too much else.
+
+    The socket is left open: two tasks use it, and the one that feeds the viewer must have ended
+    before it is closed, or the reason is lost on its way.
+    """
     chatter = TokenBucket(20, 2)
     async for message in socket:
-        if echoes.hear(message.data):
-            continue
-        if not chatter.take(time.monotonic_ns()):
-            await socket.close(code=_TOO_MANY, message=b"too many messages")
-            return
+        if not echoes.hear(message.data) and not chatter.take(time.monotonic_ns()):
+            return True
+    return False
+
+
+def _value_of(task: asyncio.Future[bool]) -> bool:
+    """Return what a task gave; False where it was cancelled or failed."""
+    return not task.cancelled() and task.exception() is None and task.result()
 
 
 def _object_of(text: object) -> dict[str, Any] | None:

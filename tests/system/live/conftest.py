@@ -318,7 +318,8 @@ def _compile(scenario: str, folder: Path, site: str) -> Path:
     compiled = compile_task(Request(event=scenario, target="track", site=site, seed=1))
     write_task_files(compiled, folder)
     run = compiled.task.run
-    # Silence of two seconds is nothing to stop for here; a blind stop needs that much more room.
+    # Silence of two seconds is nothing to stop for here. A blind stop needs that much more room,
+    # also for an object that turns a little more than its reference: four times the site's fence.
     waits = (
         "state_age_s",
         "heartbeat_s",
@@ -331,7 +332,7 @@ def _compile(scenario: str, folder: Path, site: str) -> Path:
     lax = {**dict.fromkeys(waits, SILENCE_S), "clock_offset_s": 0.5, "error_longitudinal_m": 8.0}
     limits = run.limits.model_copy(update=lax)
     middle = [sum(axis) / len(run.geofence) for axis in zip(*run.geofence, strict=True)]
-    fence = [(2.0 * x - middle[0], 2.0 * y - middle[1]) for x, y in run.geofence]
+    fence = [(4.0 * x - 3.0 * middle[0], 4.0 * y - 3.0 * middle[1]) for x, y in run.geofence]
     assert run.camera is not None
     # Small pictures, which a busy machine draws in time too.
     camera = run.camera.model_copy(update={"width_px": 240, "height_px": 135})
