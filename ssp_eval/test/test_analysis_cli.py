@@ -14,7 +14,7 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import BEST_CONSTANT, bridge_spec
 from ssp_eval.evaluate.results import load_cells

@@ -19,7 +19,8 @@ from ssp_core.hashing import sha256_file
 from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions, CellResult
+from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.run import show

@@ -17,7 +17,8 @@ from ssp_eval.data.labels import load_labels
 from ssp_eval.data.records import load_records
 from ssp_eval.demo import imperfect_controls
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions, CellResult
+from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.model_client import InProcessClients, ModelClient, ModelClients
 from ssp_eval.evaluate.model_replies import Loss, ModelReply

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.conditions import (
     blackened,
     derangement,
@@ -23,6 +22,7 @@ from ssp_eval.evaluate.conditions import (
     shuffled,
     under,
 )
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import ClientsWithAnswerers
 from ssp_eval.evaluate.model_replies import ModelReply
 from ssp_eval.evaluate.models import (

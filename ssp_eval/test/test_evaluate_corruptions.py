@@ -12,8 +12,8 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.conditions import under, with_lost_frames
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.corruptions import (
     EFFECTS,
     Picture,

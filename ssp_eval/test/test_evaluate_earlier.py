@@ -12,8 +12,8 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_replies import ModelReply
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.raw_store import EARLIER_FILE, RawStore

@@ -11,8 +11,8 @@ import pytest
 
 from ssp_core.files import read_mapping
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult, decodings, short_list
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_replies import MOST_REASON, Loss, ModelReply, unusable
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_vla_bridge.messages import Request, Response

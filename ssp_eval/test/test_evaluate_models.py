@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import model_specs
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import (
     ModelSpec,

@@ -22,8 +22,8 @@ from ssp_core.files import TAKEN_FILE, taken_folder
 from ssp_eval.data.labels import labels_version, load_labels
 from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import evaluate
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Job, JobRunner, Settings, import_ray
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import ModelSpec, attached_spec, bridge_spec, with_controls

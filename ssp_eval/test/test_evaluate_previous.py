@@ -11,9 +11,10 @@ from typing import Any
 import pytest
 
 from ssp_eval.data.records import load_records, record_to_json
+from ssp_eval.evaluate.answer_records import record_of
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions, record_of
 from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_replies import Loss, ModelReply
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.requests import answer_sha256, asked_again

@@ -18,8 +18,8 @@ import pytest
 from ssp_core.processes import free_domain, session_environment
 from ssp_eval.evaluate.bridges import PROFILE, TopicClients
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import ModelClient
 from ssp_eval.evaluate.models import ModelSpec
 from support.waiting import until

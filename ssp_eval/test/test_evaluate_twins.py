@@ -19,8 +19,8 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_eval.causes.findings import Word, moved_by
 from ssp_eval.evaluate.campaign import Plan, run_campaign
-from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Job, JobRunner, Settings
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.model_replies import ModelReply

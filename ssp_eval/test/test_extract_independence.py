@@ -11,7 +11,7 @@ from pathlib import Path
 
 import ssp_eval.extract
 from ssp_eval.data.records import Slots
-from ssp_eval.evaluate import cell
+from ssp_eval.evaluate import answer_records
 from ssp_eval.extract import extract
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.extract.measure import measure, parse_corpus
@@ -124,6 +124,8 @@ def test_the_measure_shows_the_extractor_only_the_text() -> None:
 
 def test_records_are_made_without_labels() -> None:
     """What makes the records of a cell takes answers, an adapter and an extractor."""
-    for make in (cell.records_of, cell.record_of):
+    for make in (answer_records.records_of, answer_records.record_of):
         assert not [name for name in inspect.signature(make).parameters if "label" in name]
-    assert not {n for n in imports(Path(cell.__file__)) if n.startswith("ssp_eval.labels")}
+    assert not {
+        n for n in imports(Path(answer_records.__file__)) if n.startswith("ssp_eval.labels")
+    }

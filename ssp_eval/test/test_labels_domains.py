@@ -24,7 +24,7 @@ from ssp_core.vocabulary import DOMAINS, ControlState
 from ssp_eval.data.labels import compare_labels, counts_text, load_labels, phase_counts
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.results import load_cells

@@ -13,7 +13,7 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.run_file.participation import CAMERA, Participation
 from ssp_eval.data.provenance import OUR_RENDERER, ImportRecord, read_provenance
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.results import load_cells

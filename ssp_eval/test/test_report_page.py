@@ -21,7 +21,7 @@ from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import Verdict
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.model_replies import Loss, ModelReply
 from ssp_eval.evaluate.models import ModelFacts, ModelSpec, bridge_spec

@@ -16,7 +16,7 @@ from evaluation_files import audit_file, resealed
 from ssp_core.cli import main
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec, with_controls
 from ssp_eval.evaluate.results import load_cells

@@ -17,7 +17,7 @@ from ssp_eval.data.audit import Audit, load_audit
 from ssp_eval.data.response import CurveEntry
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.package.verify import _compare

@@ -16,8 +16,9 @@ from ssp_core.hashing import sha256_file
 from ssp_eval.data.labels import Labels, compare_by_scenario, load_labels
 from ssp_eval.data.provenance import SAFE_NAME, bag_folder, beside_bag, find_labels
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission, keep_audits
-from ssp_eval.evaluate.cell import CellOptions, evaluate_again
+from ssp_eval.evaluate.cell import evaluate_again
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.design import series_of
 from ssp_eval.evaluate.model_client import ModelClients
 from ssp_eval.evaluate.models import (

@@ -15,8 +15,8 @@ import click
 from ssp_core import console
 from ssp_core.options import Number, WholeNumber
 from ssp_eval.evaluate.admission import load_admissions
-from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cell_file import CELL_FILE, CELLS
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.models import (
     ANSWERERS,

@@ -26,8 +26,9 @@ from ssp_eval.data.labels import labels_version
 from ssp_eval.evaluate.admission import NO_AUDIT, Admission
 from ssp_eval.evaluate.bridges import TopicClients
 from ssp_eval.evaluate.campaign import labelled_clip
-from ssp_eval.evaluate.cell import CellOptions, evaluate_again
+from ssp_eval.evaluate.cell import evaluate_again
 from ssp_eval.evaluate.cell_file import CellResult, LabelledClip
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import ClientsWithAnswerers, ModelClients
 from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.evaluate.topic_client import CONNECT_S

@@ -24,7 +24,7 @@ from ssp_eval.data.records import (
     parse_line,
 )
 from ssp_eval.evaluate.admission import AUDITS, REFUSED, UNAUDITED, kept_audits, said_of
-from ssp_eval.evaluate.cell import BY_LLM, BY_READER, LLM_MISSING
+from ssp_eval.evaluate.answer_records import BY_LLM, BY_READER, LLM_MISSING
 from ssp_eval.evaluate.cell_file import (
     CELL_FILE,
     CELLS,

@@ -17,7 +17,7 @@ from ssp_eval.data.labels import Labels, parse_labels
 from ssp_eval.data.provenance import IMPORT_ATTACHMENT, RUN_ATTACHMENT
 from ssp_eval.data.records import BehaviourRecord, parse_records, record_to_json
 from ssp_eval.evaluate.admission import said_of
-from ssp_eval.evaluate.cell import record_of
+from ssp_eval.evaluate.answer_records import record_of
 from ssp_eval.evaluate.cell_file import (
     CELL_SCHEMA,
     LABELS_FILE,

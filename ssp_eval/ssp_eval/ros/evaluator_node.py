@@ -11,8 +11,8 @@ from rclpy.utilities import remove_ros_args
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
 from ssp_core.ros import declare, init, make_node
-from ssp_eval.evaluate.cell import CellOptions
 from ssp_eval.evaluate.cli import driving_before
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.models import (
     as_attached,

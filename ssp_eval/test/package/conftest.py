@@ -20,7 +20,7 @@ from ssp_eval.data.labels import labels_to_json
 from ssp_eval.data.response import ResponseLimits
 from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.labels.propose import propose

@@ -16,7 +16,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell import CellOptions
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients, ModelClient
 from ssp_eval.evaluate.model_replies import IgnoredAnswers, Loss, ModelReply
 from ssp_eval.evaluate.models import ModelSpec, bridge_spec
