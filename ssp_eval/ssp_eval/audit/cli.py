@@ -14,7 +14,7 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
 from ssp_eval.audit.judge import ACCEPTED, judge_files
-from ssp_eval.audit.page import render
+from ssp_eval.audit.page import draw, render
 from ssp_eval.data.audit import AUDIT_FILE, HARDLY_VISIBLE_PX, PAGE_FILE, Audit, RecordingEntry
 from ssp_eval.data.response import PairEntry
 from ssp_eval.response.compare import load_limits
@@ -108,9 +108,10 @@ def audit(
         paths = (synthetic, simulation, physical)
         judged = judge_files(paths, event, limits, lambda: bar.advance(task))
         bar.update(task, description="drawing")
-        page = render(judged, lambda _done, _of: bar.advance(task))
+        drawn = draw(judged.examined, lambda _done, _of: bar.advance(task))
         for one in judged.examined:
             one.whole.files.check_same()
+        page = render(judged.audit, drawn)
     make_folder(out)
     value = judged.audit.model_dump(mode="json", by_alias=True)
     write_json(out / AUDIT_FILE, value)

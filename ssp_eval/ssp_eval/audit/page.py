@@ -27,7 +27,6 @@ from ssp_core.templates import templates
 from ssp_core.world.camera import View, object_corners, project
 from ssp_eval import pages
 from ssp_eval.audit.examine import Examined
-from ssp_eval.audit.judge import Judged
 from ssp_eval.audit.reasons import TABLE
 from ssp_eval.data.audit import FIELDS, TOPOLOGY, Audit, PropertyEntry
 from ssp_eval.pages import jpeg_uri
@@ -304,23 +303,42 @@ def _side_by_side(rows: Sequence[Mapping[str, str]]) -> list[tuple[str, list[str
     return [(name, [row.get(name, "–") for row in rows]) for name in names]
 
 
-def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda _done, _of: None) -> str:
-    """Return the page as HTML.
+@dataclass(frozen=True)
+class Drawn:
+    """The pictures of an audit's page, by domain.
 
     Args:
-        judged: the audit, and the examined recordings that its pictures are drawn from.
-        on_picture: told how many recordings have their pictures, and of how many.
+        strips: one picture per column.
+        roads: a frame with the motion of the road; None: none was followed.
+    """
+
+    strips: Mapping[str, Sequence[Picture]]
+    roads: Mapping[str, Picture | None]
+
+
+def draw(
+    examined: Sequence[Examined], on_picture: Callable[[int, int], None] = lambda _done, _of: None
+) -> Drawn:
+    """Return the pictures of examined recordings.
+
+    Args:
+        examined: the recordings of one audit.
+        on_picture: is called with the number of recordings that have their pictures, and of all.
 
     Raises:
         InputError: a frame in a bag is no picture.
     """
-    audit = judged.audit
     strips: dict[str, Sequence[Picture]] = {}
     roads: dict[str, Picture | None] = {}
-    for done, one in enumerate(judged.examined, start=1):
+    for done, one in enumerate(examined, start=1):
         strips[one.recording.provenance.domain] = pictures(one)
         roads[one.recording.provenance.domain] = moving_road(one)
-        on_picture(done, len(judged.examined))
+        on_picture(done, len(examined))
+    return Drawn(strips, roads)
+
+
+def render(audit: Audit, drawn: Drawn) -> str:
+    """Return the page as HTML: its words are the audit's, its pictures those of the recordings."""
     environment = templates(_HERE)
     environment.filters["plain"] = _plain
     environment.filters["coordinate"] = pages.number
@@ -330,8 +348,8 @@ def render(judged: Judged, on_picture: Callable[[int, int], None] = lambda _done
         audit=audit,
         recordings=audit.recordings,
         columns=COLUMNS,
-        strips=strips,
-        roads=roads,
+        strips=drawn.strips,
+        roads=drawn.roads,
         fields=field_rows(audit),
         varying=_side_by_side([{k: v[0] for k, v in r.varying.items()} for r in audit.recordings]),
         facts=fact_rows(audit),

@@ -17,8 +17,9 @@ from ssp_core import __version__
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_eval.audit.judge import judge
+from ssp_eval.audit.page import Drawn, draw, render
 from ssp_eval.audit.recording import Recording, read_recording
-from ssp_eval.data.audit import Audit, RecordingEntry
+from ssp_eval.data.audit import PAGE_FILE, Audit, RecordingEntry
 from ssp_eval.data.response import ResponseLimits
 from ssp_eval.package.contents import Contents, Index, Problem, missing_parts, nearest
 from ssp_eval.package.links import Chains, Links
@@ -35,6 +36,7 @@ from ssp_eval.package.model import (
     load_table,
     object_path,
 )
+from ssp_eval.package.pages import Pages
 from ssp_scenario_manager.event_spec.model import Event
 
 # Where the recordings lay decides nothing, and neither does who judged them.
@@ -50,14 +52,18 @@ _Difference = tuple[str, str]
 
 
 class Audits:
-    """Judges recordings again, and keeps where an audit says something else.
+    """Judges recordings again, and keeps where an audit or its page says something else.
 
     Args:
+        pages: takes the page of each audit.
         on_step: told what is done next, since reading a recording takes some seconds.
     """
 
-    def __init__(self, index: Index, on_step: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(
+        self, index: Index, pages: Pages, on_step: Callable[[str], None] = lambda _: None
+    ) -> None:
         self._index = index
+        self._pages = pages
         self._contents = index.contents
         self._on_step = on_step
         self.problems: list[Problem] = []
@@ -85,7 +91,8 @@ class Audits:
         ):
             return
         limits = None if told.response is None else told.response.limits
-        found = self._again([p for p in places if p is not None], self._event(event_file), limits)
+        known = [place for place in places if place is not None]
+        found, drawn = self._again(known, self._event(event_file), limits)
         if told.software != found.software:
             self.notes.append(
                 f"{entry.path}: made by {told.software}, compared with what ssp {__version__} gives"
@@ -95,6 +102,10 @@ class Audits:
         if len(wrong) > _AUDITS_SHOWN:
             text = f"{len(wrong) - _AUDITS_SHOWN} more values aren't what the recordings give"
             self.problems.append(Problem(entry.path, "", text))
+        page = self._contents.beside(entry.path, PAGE_FILE)
+        # The page of an audit that doesn't hold would be compared with what is wrong itself.
+        if page is not None and not wrong and told.software == found.software:
+            self._pages.compare(page, render(_in_order_of(told, found), drawn))
 
     def _event(self, entry: FileEntry | None) -> Event | None:
         if entry is None:
@@ -103,8 +114,11 @@ class Audits:
 
     def _again(
         self, places: Sequence[FileEntry], event: Event | None, limits: ResponseLimits | None
-    ) -> Audit:
-        """Return the audit of recordings, each laid out as it lay when it was packed."""
+    ) -> tuple[Audit, Drawn]:
+        """Return the audit of recordings, each laid out as it lay when it was packed.
+
+        With it come the pictures of its page.
+        """
         with tempfile.TemporaryDirectory(prefix="ssp-package-") as scratch:
             recordings: list[Recording] = []
             try:
@@ -112,7 +126,8 @@ class Audits:
                     self._on_step(f"judging {place.path}")
                     root = Path(scratch) / str(number)
                     recordings.append(read_recording(self._contents.lay_out(place, root)))
-                return judge(recordings, event, limits).audit
+                judged = judge(recordings, event, limits)
+                return judged.audit, draw(judged.examined)
             except InputError as error:
                 text = str(error)
                 for number in range(len(places)):
@@ -141,6 +156,20 @@ def _compare(told: Audit, found: Audit) -> Iterator[_Difference]:
         yield from _keys(f"recordings[{number}].", _json(one), _json(other), seen)
     free = _FREE_OF_AUDIT if told.response is not None else _FREE_OF_AUDIT | {"response"}
     yield from _keys("", _json(told), _json(found), free)
+
+
+def _in_order_of(told: Audit, found: Audit) -> Audit:
+    """Return an audit with its keys in the order in which they are judged, not in the file's."""
+
+    def sorted_like(value: Any, other: Any) -> Any:
+        if isinstance(value, dict) and isinstance(other, dict):
+            names = [name for name in dict.fromkeys((*other, *value)) if name in value]
+            return {name: sorted_like(value[name], other.get(name)) for name in names}
+        if isinstance(value, list) and isinstance(other, list) and len(value) == len(other):
+            return [sorted_like(a, b) for a, b in zip(value, other, strict=True)]
+        return value
+
+    return Audit.model_validate(sorted_like(_json(told), _json(found)))
 
 
 def _codes(entry: RecordingEntry) -> list[str]:
@@ -219,17 +248,28 @@ def work_out(contents: Contents, on_step: Callable[[str], None] = lambda _: None
     chains = Chains(index)
     for path, facts in sorted(links.cells.items()):
         chains.add(path, facts)
-    audits = Audits(index, on_step)
+    pages = Pages(contents, on_step)
+    audits = Audits(index, pages, on_step)
     audits.check()
+    pages.check_campaigns()
+    pages.say_what_was_not_compared()
     found = [*links.found, *chains.links]
     return Findings(
         links=sorted(found, key=lambda link: (link.source, link.at, link.target)),
         chains=chains.found,
         missing=missing_parts(index, links.cells, found),
         problems=list(
-            dict.fromkeys([*index.problems, *links.problems, *audits.problems, *chains.problems])
+            dict.fromkeys(
+                [
+                    *index.problems,
+                    *links.problems,
+                    *audits.problems,
+                    *chains.problems,
+                    *pages.problems,
+                ]
+            )
         ),
-        notes=[*index.notes, *audits.notes, *chains.notes],
+        notes=[*index.notes, *audits.notes, *chains.notes, *pages.notes],
     )
 
 

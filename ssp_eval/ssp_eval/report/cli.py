@@ -11,32 +11,29 @@ import click
 from click.core import ParameterSource
 
 from ssp_core import console
-from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
 from ssp_core.options import WholeNumber
 from ssp_eval.causes.answers import Asked
 from ssp_eval.causes.findings import answers_in, moved_by
 from ssp_eval.causes.tables import moved_tables
-from ssp_eval.evaluate.results import CellData, cell_files, load_cells
+from ssp_eval.evaluate.results import CellData, cell_files
 from ssp_eval.figures.write import GROUPS, Written, write_figures
+from ssp_eval.report.making import MOST_ANALYSED, Making, runs_of, statistics_of
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.bootstrap import RESAMPLES, SEED
 from ssp_eval.statistics.constants import (
     OfScenario,
     constant_rows,
     constant_table,
-    constants_in,
-    constants_of_cells,
 )
 from ssp_eval.statistics.label_table import label_table
 from ssp_eval.statistics.notices import everywhere, notice_table, notices
 from ssp_eval.statistics.responses import named_audits, response_table
-from ssp_eval.statistics.rows import CellRow, one_scale, rows_from_cells, rows_from_csv, scale
-from ssp_eval.statistics.statistics import Options, compute, steps_of
+from ssp_eval.statistics.rows import CellRow, rows_from_csv, scale
+from ssp_eval.statistics.statistics import Options, steps_of
 from ssp_eval.statistics.statistics_tables import (
     failures_by_cell,
     failures_by_model,
-    statistics_tables,
     write_statistics,
 )
 from ssp_eval.statistics.table import FORMATS, Table, write_tables
@@ -99,8 +96,6 @@ def draw_figures(
 
 
 TABLES = "tables"
-# Up to here a page has its statistics without being asked; of more cells they take minutes.
-MOST_ANALYSED = 500
 
 
 class _Formats(click.ParamType[tuple[str, ...]]):
@@ -272,7 +267,7 @@ def report(
     analysis: Sequence[Table] = ()
     repeated: Sequence[Asked] = ()
     if tables or drawn or len(cell_files(out_dir)) <= MOST_ANALYSED:
-        data, rows, constants = _runs((out_dir, *repeats))
+        data, rows, constants = _read((out_dir, *repeats))
         for cell in data:
             check(cell)
         if drawn is not None:
@@ -287,7 +282,7 @@ def report(
                 known.append(responses)
             analysis = _analyse(rows, data, wanted, tables, known, constants)
         elif len(data) <= MOST_ANALYSED:
-            analysis = _statistics(rows, data, options, constants)
+            analysis = _shown_statistics(rows, data, options, constants)
         # A page is made of one cell after the other; it needs its memory more than a second read.
         del data, rows
     with console.progress("report", None) as bar:
@@ -299,6 +294,14 @@ def report(
             on_cell=check,
             repeated=repeated,
             expected=expected,
+            carried=Making(
+                expected=expected,
+                resamples=resamples,
+                seed=seed,
+                block=block,
+                tables=tables is not None,
+                repeats=len(repeats),
+            ).model_dump_json(),
         )
     for folder, why in changed.items():
         console.report_error(f"{folder}: refused: {why}")
@@ -361,45 +364,30 @@ def _is_given(option: str) -> bool:
     return source is ParameterSource.COMMANDLINE
 
 
-def _runs(
+def _read(
     folders: Iterable[Path],
 ) -> tuple[list[CellData], list[CellRow], list[OfScenario]]:
-    """Read the cells of one or several campaigns, which are runs that are told apart by folder.
+    """Read the cells of campaigns as runs_of does, with a progress bar."""
+    with console.progress("read cells", None) as bar:
+        task, total = bar.task_ids[0], 0
 
-    Returns:
-        The cells, their rows in the same order, and the best blind constants of each run.
-    """
-    given = list(folders)
-    names = [folder.resolve().name for folder in given]
-    data: list[CellData] = []
-    rows: list[CellRow] = []
-    constants: list[OfScenario] = []
-    for folder, name in zip(given, names, strict=True):
-        if sum(other.resolve() == folder.resolve() for other in given) > 1:
-            raise InputError("is given twice", file=folder, remedy="give each campaign once")
-        count = len(cell_files(folder))
-        with console.progress("read cells", count) as bar:
-            task = bar.task_ids[0]
-            cells = load_cells(folder, partial(bar.advance, task))
-        data += cells
-        run = name if names.count(name) == 1 else str(folder)
-        own = rows_from_cells(cells, run if len(given) > 1 else "")
-        constants += constants_of_cells(own, cells)
-        rows += own
-    return data, rows, constants
+        def advance_over(count: int) -> Callable[[], None]:
+            nonlocal total
+            total += count
+            bar.update(task, total=total)
+            return partial(bar.advance, task)
+
+        return runs_of(folders, advance_over)
 
 
-def _statistics(
+def _shown_statistics(
     rows: Sequence[CellRow],
     data: Sequence[CellData],
     options: Options,
     constants: Sequence[OfScenario],
 ) -> list[Table]:
-    blind = constants_in(one_scale([*rows, *constant_rows(constants)]))
     with console.progress("statistics", steps_of(rows, bool(data))) as bar:
-        task = bar.task_ids[0]
-        found = compute(rows, data, options, lambda: bar.advance(task), blind)
-    return statistics_tables(found, options.resamples)
+        return statistics_of(rows, data, options, constants, partial(bar.advance, bar.task_ids[0]))
 
 
 def _analyse(
@@ -421,7 +409,7 @@ def _analyse(
     plain += of_audits
     moved = moved_by(data)
     plain += [] if moved is None else moved_tables(moved)
-    shown = with_notices(_statistics(rows, data, wanted.options, constants), everywhere(told))
+    shown = with_notices(_shown_statistics(rows, data, wanted.options, constants), everywhere(told))
     plain = with_notices(plain, everywhere(told))
     with console.progress("tables", len(plain) + len(shown)) as bar:
         task = bar.task_ids[0]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import count
 from pathlib import Path
+
+import jinja2
 
 from ssp_core.files import make_folder, write_text
 from ssp_core.hashing import sha256_file
@@ -22,8 +25,8 @@ from ssp_eval.evaluate.results import (
     load_facts,
 )
 from ssp_eval.pages import data_uri
-from ssp_eval.report.cell_view import record_views
-from ssp_eval.report.render import DetailFiles, Details, environment, load_lightly, render
+from ssp_eval.report.cell_view import record_views, tolerated
+from ssp_eval.report.render import Details, environment, load_lightly, render
 from ssp_eval.statistics.responses import named_audits
 from ssp_eval.statistics.table import Table
 
@@ -31,6 +34,35 @@ PAGE = "index.html"
 # Up to here a page holds all details and pictures, some 150 kB a cell; beyond, a browser would
 # choke on them. Controls count too: two models on six recordings have sixty cells with them.
 MOST_IN_ONE_FILE = 60
+# Of the files with the details of cells.
+FOLDER = Path("report") / "cells"
+
+
+class DetailFiles:
+    """The files with the details of cells, written one by one."""
+
+    def __init__(
+        self, out: Path, environment: jinja2.Environment, audits: Mapping[str, str]
+    ) -> None:
+        self._folder = make_folder(out / FOLDER)
+        self._template = environment.get_template("details.html.j2")
+        self._audits = audits
+        self._written: set[str] = set()
+
+    def write(self, cell: CellData) -> None:
+        """Write the details of a cell."""
+        html = self._template.render(
+            cell=cell, views=record_views(cell), tolerated=tolerated(cell), audits=self._audits
+        )
+        name = f"{cell.id}.js"
+        self._written.add(name)
+        write_text(self._folder / name, f"sspCell({json.dumps(cell.id)}, {json.dumps(html)});\n")
+
+    def remove_others(self) -> None:
+        """Remove the details of cells that are in the campaign no more."""
+        for file in self._folder.glob("*.js"):
+            if file.name not in self._written:
+                file.unlink()
 
 
 def write_report(
@@ -41,6 +73,7 @@ def write_report(
     on_cell: Callable[[CellData], None] = lambda _cell: None,
     repeated: Sequence[Asked] = (),
     expected: Sequence[str] = (),
+    carried: str = "",
 ) -> Path:
     """Write ``index.html`` into a campaign folder, and for a large one files beside it.
 
@@ -52,6 +85,7 @@ def write_report(
         on_cell: given each cell once, whole.
         repeated: answers of other campaigns, which count for what moved those of this one.
         expected: scenarios that the campaign was planned with; one without a cell is named.
+        carried: options that the page was made with, as JSON; empty: it carries none.
 
     Returns:
         The page.
@@ -64,8 +98,8 @@ def write_report(
         cells = load_cells(out)
         for cell in cells:
             on_cell(cell)
-        return _write_one(out, cells, on_step, analysis, repeated, expected)
-    return _write_large(out, files, on_step, analysis, on_cell, repeated, expected)
+        return _write_one(out, cells, on_step, analysis, repeated, expected, carried)
+    return _write_large(out, files, on_step, analysis, on_cell, repeated, expected, carried)
 
 
 def _write_one(
@@ -75,6 +109,7 @@ def _write_one(
     analysis: Sequence[Table],
     repeated: Sequence[Asked],
     expected: Sequence[str],
+    carried: str,
 ) -> Path:
     views = {cell.id: record_views(cell) for cell in cells}
     used = sorted({v.frame for of_cell in views.values() for v in of_cell if v.frame is not None})
@@ -89,7 +124,7 @@ def _write_one(
     named = named_audits([out], (cell.facts for cell in cells))
     moved = compared([*answers_in(cells), *repeated])
     details = Details(views, pictures)
-    write_text(target, render(cells, details, audits, analysis, named, moved, expected))
+    write_text(target, render(cells, details, audits, analysis, named, moved, expected, carried))
     return target
 
 
@@ -101,6 +136,7 @@ def _write_large(
     on_cell: Callable[[CellData], None],
     repeated: Sequence[Asked],
     expected: Sequence[str],
+    carried: str,
 ) -> Path:
     """Details of one cell after the other, so that memory holds one cell's pictures of words."""
     audits = audit_pages(out, (load_facts(file) for file in files))
@@ -120,7 +156,7 @@ def _write_large(
     cells = in_order(load_lightly(files, write))
     target = make_folder(out) / PAGE
     moved = compared([*changed, *repeated])
-    write_text(target, render(cells, None, audits, analysis, named, moved, expected))
+    write_text(target, render(cells, None, audits, analysis, named, moved, expected, carried))
     details.remove_others()
     return target
 

@@ -15,7 +15,6 @@ from jinja2 import Template
 from markupsafe import Markup
 
 from ssp_core import __version__
-from ssp_core.files import make_folder, write_text
 from ssp_core.templates import templates
 from ssp_eval.causes.findings import Moved
 from ssp_eval.causes.forest import forests
@@ -26,7 +25,7 @@ from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
 from ssp_eval.evaluate.models import BEST_CONSTANT, BLIND, condition_of
 from ssp_eval.evaluate.results import CellData, KeptAudits, read_cells
 from ssp_eval.pages import number
-from ssp_eval.report.cell_view import RecordView, record_views, tolerated
+from ssp_eval.report.cell_view import RecordView, tolerated
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.cell import STAGES
 from ssp_eval.score.cli import format_response
@@ -369,7 +368,6 @@ def _audit_links(cells: Sequence[CellData], audits: Mapping[str, str]) -> dict[s
     return found
 
 
-FOLDER = Path("report") / "cells"
 # In a row's word of stages: 0 to 6 for the stage that fails first, this where none does.
 CLEAN = "-"
 # Scores of a row before its risk response and after it.
@@ -395,33 +393,6 @@ def load_lightly(
         on_cell(cell)
         cells.append(replace(cell, records=(), asked=()))
     return cells
-
-
-class DetailFiles:
-    """The files with the details of cells, written one by one."""
-
-    def __init__(
-        self, out: Path, environment: jinja2.Environment, audits: Mapping[str, str]
-    ) -> None:
-        self._folder = make_folder(out / FOLDER)
-        self._template = environment.get_template("details.html.j2")
-        self._audits = audits
-        self._written: set[str] = set()
-
-    def write(self, cell: CellData) -> None:
-        """Write the details of a cell."""
-        html = self._template.render(
-            cell=cell, views=record_views(cell), tolerated=tolerated(cell), audits=self._audits
-        )
-        name = f"{cell.id}.js"
-        self._written.add(name)
-        write_text(self._folder / name, f"sspCell({json.dumps(cell.id)}, {json.dumps(html)});\n")
-
-    def remove_others(self) -> None:
-        """Remove the details of cells that are in the campaign no more."""
-        for file in self._folder.glob("*.js"):
-            if file.name not in self._written:
-                file.unlink()
 
 
 def rows(cells: Sequence[CellData], constants: Mapping[Place, float]) -> dict[str, Any]:
@@ -504,6 +475,7 @@ def render(
     named: Sequence[Audit] = (),
     moved: Moved | None = None,
     expected: Sequence[str] = (),
+    carried: str = "",
 ) -> str:
     """Return the page as HTML.
 
@@ -516,6 +488,7 @@ def render(
         named: the audits that the cells go by.
         moved: what moved the answers; None: nothing was asked with a cause changed.
         expected: scenarios that the campaign was planned with.
+        carried: options that it is made with, as JSON; empty: it carries none.
     """
     cell_rows = rows_from_cells(cells)
     constants = constants_of_cells(cell_rows, cells)
@@ -538,6 +511,7 @@ def render(
             moved=moved_part(moved),
             most=MOST_NOTICES,
             version=__version__,
+            carried=carried,
             **_tables(cells, cell_rows, constants, expected),
             **drawn,
         )

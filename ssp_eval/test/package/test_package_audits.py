@@ -135,8 +135,11 @@ def test_an_audit_made_by_another_version_is_said_and_compared(package: Path) ->
 
 
 def test_where_a_recording_lay_decides_nothing(package: Path) -> None:
-    replace(package, AUDIT, recording(1, bag="/elsewhere/bag", name="another"))
+    replace(package, AUDIT, recording(1, bag="/elsewhere/bag"))
     assert verify_package(package).ok
+    replace(package, AUDIT, recording(1, name="another"))
+    (finding,) = verify_package(package).findings
+    assert finding.file == AUDIT.replace(".json", ".html")  # which says its name
 
 
 def test_a_refusal_that_was_wiped_out_is_caught(

@@ -1,0 +1,180 @@
+"""Pages of a package, compared with what its files give."""
+
+from __future__ import annotations
+
+import base64
+import re
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path, PurePosixPath
+
+import cv2
+import numpy as np
+
+from ssp_core import __version__
+from ssp_core.errors import InputError
+from ssp_eval.evaluate.cell_file import CELL_FILE, CELLS
+from ssp_eval.package.contents import Contents, Problem
+from ssp_eval.package.model import FileEntry
+from ssp_eval.report.making import Making, make_again, making_of
+from ssp_eval.report.page import FOLDER, PAGE
+
+_PICTURE = re.compile(r"data:image/jpeg;base64,([A-Za-z0-9+/=]*)")
+# Another processor may round a grey level another way when a picture is made smaller.
+_LEVELS = 2.0
+_AROUND = 40
+_SHOWN = 3
+
+
+class Pages:
+    """Compares pages with what the files of the package give.
+
+    Args:
+        contents: of the package.
+        on_step: is called with the name of the step that begins.
+    """
+
+    def __init__(self, contents: Contents, on_step: Callable[[str], None] = lambda _: None) -> None:
+        self._contents = contents
+        self._on_step = on_step
+        self._compared: set[str] = set()
+        self.problems: list[Problem] = []
+        self.notes: list[str] = []
+
+    def compare(self, page: FileEntry, drawn: str) -> None:
+        """Hold one page against the same page made anew."""
+        self._compared.add(page.path)
+        if text := difference(self._contents.text(page), drawn):
+            self.problems.append(Problem(page.path, "", text))
+
+    def check_campaigns(self) -> None:
+        """Make the page of each campaign again, and compare it with the one that is there."""
+        for root in self._campaigns():
+            page = self._contents.by_path.get(str(root / PAGE))
+            if page is None:
+                continue
+            try:
+                self._check(root, page)
+            except InputError as error:
+                text = f"can't be made again: {error}"
+                self.problems.append(Problem(page.path, "", text))
+
+    def say_what_was_not_compared(self) -> None:
+        """Name the pages that nothing was held against."""
+        rest = [e.path for e in self._contents.of("page") if e.path not in self._compared]
+        if rest:
+            more = f" and {len(rest) - _SHOWN} more" if len(rest) > _SHOWN else ""
+            self.notes.append(
+                f"for people, and held against nothing: {', '.join(rest[:_SHOWN])}{more}"
+            )
+
+    def _campaigns(self) -> Iterable[PurePosixPath]:
+        paths = (PurePosixPath(entry.path) for entry in self._contents.of("cell"))
+        found = (
+            p.parents[2] for p in paths if p.name == CELL_FILE and p.parent.parent.name == CELLS
+        )
+        return dict.fromkeys(found)
+
+    def _check(self, root: PurePosixPath, page: FileEntry) -> None:
+        making = making_of(self._contents.text(page), page.path)
+        if making is None:
+            text = "doesn't say by which options it was made; write it anew with `ssp report`"
+            self.problems.append(Problem(page.path, "", text))
+            return
+        if making.software != Making().software:
+            self.notes.append(
+                f"{page.path}: made by {making.software}, and not compared with what ssp "
+                f"{__version__} makes"
+            )
+            return
+        if making.repeats:
+            self.notes.append(
+                f"{page.path}: not compared, since answers of {making.repeats} other campaigns "
+                "count in it"
+            )
+            return
+        self._on_step(f"making {page.path} again")
+        there = {entry.path: entry for entry in self._contents.files}
+        details = f"{root / FOLDER}/"
+        with tempfile.TemporaryDirectory(prefix="ssp-package-") as scratch:
+            folder = Path(scratch) / "campaign"
+            _lay_out(self._contents, root, folder, lambda path: path.startswith(details))
+            try:
+                make_again(folder, making)
+            except InputError as error:
+                raise InputError(str(error).replace(f"{folder}/", f"{root}/")) from error
+            made = [folder / PAGE, *sorted((folder / FOLDER).glob("*.js"))]
+            for file in made:
+                path = str(root / file.relative_to(folder).as_posix())
+                if path in there:
+                    self.compare(there.pop(path), file.read_text("utf-8"))
+                else:
+                    text = f"lacks {path}, which holds details of a cell"
+                    self.problems.append(Problem(page.path, "", text))
+            for path in sorted(there):
+                if path.startswith(details):
+                    text = "holds details of no cell of its campaign"
+                    self.problems.append(Problem(path, "", text))
+
+
+def _lay_out(
+    contents: Contents, root: PurePosixPath, folder: Path, is_made: Callable[[str], bool]
+) -> None:
+    """Link the files of a campaign into a folder, without those that are made again."""
+    links: Mapping[str, FileEntry] = {
+        entry.path: entry
+        for entry in contents.files
+        if PurePosixPath(entry.path).is_relative_to(root)
+        and entry.path != str(root / PAGE)
+        and not is_made(entry.path)
+    }
+    for path, entry in links.items():
+        place = folder / PurePosixPath(path).relative_to(root)
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.symlink_to(contents.object(entry).resolve())
+        except OSError as error:
+            raise InputError(f"can't be laid out: {error.strerror}", file=path) from error
+
+
+def difference(told: str, drawn: str) -> str:
+    """Say how a page differs from the same page made anew; empty: it doesn't.
+
+    Words must be equal. A picture may have been rounded another way, by two grey levels on average.
+    """
+    if told == drawn:
+        return ""
+    one, other = _PICTURE.split(told), _PICTURE.split(drawn)
+    words = "\0".join(one[::2]), "\0".join(other[::2])
+    if words[0] != words[1]:
+        return _first_difference(*words)
+    for number, (a, b) in enumerate(zip(one[1::2], other[1::2], strict=True), start=1):
+        if a != b and not _is_same_picture(a, b):
+            return f"shows another picture than the package holds: number {number} of the page"
+    return ""
+
+
+def _first_difference(told: str, drawn: str) -> str:
+    pairs = enumerate(zip(told, drawn, strict=False))
+    at = next((k for k, (a, b) in pairs if a != b), min(len(told), len(drawn)))
+
+    def around(text: str) -> str:
+        return " ".join(text[max(0, at - _AROUND // 2) : at + _AROUND].replace("\0", "…").split())
+
+    return f"says …{around(told)}…, and the files of the package give …{around(drawn)}…"
+
+
+def _is_same_picture(told: str, drawn: str) -> bool:
+    one, other = _decoded(told), _decoded(drawn)
+    if one is None or other is None or one.shape != other.shape:
+        return False
+    return float(np.abs(one.astype(np.float32) - other.astype(np.float32)).mean()) <= _LEVELS
+
+
+def _decoded(text: str) -> np.ndarray | None:
+    try:
+        data = base64.b64decode(text, validate=True)
+    except ValueError:
+        return None
+    pixels = np.frombuffer(data, np.uint8)
+    return cv2.imdecode(pixels, cv2.IMREAD_COLOR) if pixels.size else None
