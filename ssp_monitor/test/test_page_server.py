@@ -140,14 +140,22 @@ def test_commands_reach_the_manager_with_the_token(page, manager):
 
 @pytest.mark.parametrize(("token", "status"), [(None, 401), ("", 401), ("wrong", 403), ("é", 403)])
 def test_commands_without_the_token_are_refused(page, manager, token, status):
-    found, answer = post(page, token=token)
+    found, answer = post(page, "arm", token=token)
     assert found == status
     assert "token" in answer["text"]
     assert not manager.asked
 
 
+@pytest.mark.parametrize("token", [None, "", "wrong", "é", "of-an-older-page"])
+def test_abort_needs_no_token(page, manager, token):
+    """A tab that was open before the page started again must stop the objects all the same."""
+    status, answer = post(page, "abort", token=token)
+    assert (status, answer["accepted"]) == (200, True)
+    assert manager.asked == [("abort", "operator page at 127.0.0.1")]
+
+
 def test_the_token_is_not_taken_from_the_address(page, manager):
-    assert post(page, f"abort?token={TOKEN}", token=None)[0] == 401
+    assert post(page, f"arm?token={TOKEN}", token=None, json={"shown": "4@1"})[0] == 401
     assert not manager.asked
 
 
@@ -205,7 +213,7 @@ def test_a_flood_of_commands_is_bounded_and_leaves_abort_free(page, manager):
             async with client.post(url, headers=headers, json={"shown": "4@1"}) as response:
                 return response.status
 
-        guesses = await asyncio.gather(*(one("abort", f"guess{k}") for k in range(60)))
+        guesses = await asyncio.gather(*(one("arm", f"guess{k}") for k in range(60)))
         starts = await asyncio.gather(*(one("start", TOKEN) for _ in range(60)))
         return [*guesses, *starts, await one("abort", TOKEN)]
 
@@ -501,7 +509,7 @@ def test_echoes_are_no_chatter(page):
 
 def test_what_is_no_text_is_refused_without_a_traceback(page, manager, caplog):
     request = (
-        f"POST /api/command/abort HTTP/1.1\r\nHost: 127.0.0.1:{page.door.port}\r\n"
+        f"POST /api/command/arm HTTP/1.1\r\nHost: 127.0.0.1:{page.door.port}\r\n"
         "Connection: close\r\nContent-Length: 0\r\n"
     ).encode()
     for _ in range(30):

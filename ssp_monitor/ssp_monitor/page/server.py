@@ -213,13 +213,8 @@ class PageServer:
     async def _command(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
         now_ns = time.monotonic_ns()
-        given = bearer(request.headers.get("Authorization"))
-        if not given:
-            return _answer(401, Answer(False, "no token: open the page by the URL it was given"))
-        if not same_token(given, self.door.token):
-            if not self._guesses.take(now_ns):
-                return _answer(429, Answer(False, "too many wrong tokens; wait a second"))
-            return _answer(403, Answer(False, "wrong token: open the page by its present URL"))
+        if name != "abort" and (refused := self._stranger(request, now_ns)) is not None:
+            return refused
         if name not in names.SESSION_COMMANDS:
             return _answer(404, Answer(False, f"there is no command {name[:20]}"))
         if not self._buckets.get(name, self._buckets[""]).take(now_ns):
@@ -244,6 +239,17 @@ class PageServer:
             text = f"the scenario manager gave no answer within {limit_s:g} s"
             return _answer(504, Answer(False, text, answered=False))
         return _answer(200 if answer.answered else 504, answer)
+
+    def _stranger(self, request: web.Request, now_ns: int) -> web.StreamResponse | None:
+        """Refuse a request without the page's token; None: it has it. ABORT needs none."""
+        given = bearer(request.headers.get("Authorization"))
+        if not given:
+            return _answer(401, Answer(False, "no token: open the page by the URL it was given"))
+        if same_token(given, self.door.token):
+            return None
+        if not self._guesses.take(now_ns):
+            return _answer(429, Answer(False, "too many wrong tokens; wait a second"))
+        return _answer(403, Answer(False, "wrong token: open the page by its present URL"))
 
     async def _leave(self, _request: web.Request) -> web.StreamResponse:
         """Leave the port, if the run has ended: the page of the next run asks for it."""

@@ -40,11 +40,11 @@ function cause(error) {
 }
 
 // One try for an abort; text alone when nobody could be asked.
-async function tryAbort(token) {
+async function tryAbort() {
   if (open >= MOST_OPEN) return { again: true, text: `${open} requests are still on their way` };
   open += 1;
   try {
-    return await ask("abort", token, ABORT_LIMIT_MS);
+    return await ask("abort", "", ABORT_LIMIT_MS); // ABORT needs no token
   } catch (error) {
     return { again: true, text: cause(error) };
   } finally {
@@ -54,11 +54,11 @@ async function tryAbort(token) {
 
 // Asks for an abort until somebody answers. Every press begins one of its own at once, so that one
 // that hangs holds up no other; tell(answer or null while it is tried again, tries) says how it goes.
-export async function abort(token, tell) {
+export async function abort(tell) {
   const began = performance.now();
   for (let tries = 1; ; tries += 1) {
     const once = performance.now();
-    const answer = await tryAbort(token);
+    const answer = await tryAbort();
     if (!answer.again) {
       tell({ ...answer, tookMs: performance.now() - began }, tries);
       return;

@@ -23,7 +23,7 @@ function pressAbort() {
   const line = answers.begin("abort");
   button.classList.add("pressed");
   setTimeout(() => button.classList.remove("pressed"), 200);
-  abort(token, (answer, tries, why) => {
+  abort((answer, tries, why) => {
     if (answer === null) line.again(tries, why);
     else finish(line, answer);
   });
@@ -68,11 +68,11 @@ function deny(why) {
   const wrong = why === "wrong token";
   note.hidden = false;
   note.className = wrong ? "banner dead" : "banner warn";
-  const text = `Watching only: ${why}. ABORT and all other commands are refused here. ` +
+  const text = `Watching and ABORT only: ${why}. All other commands are refused here. ` +
     "Open the page by the address that it printed, with #token= in it.";
   if (note.dataset.why === why) return;
   note.dataset.why = why;
-  note.replaceChildren(...(wrong ? [make("strong", "COMMANDS DON'T WORK IN THIS TAB")] : []),
+  note.replaceChildren(...(wrong ? [make("strong", "ONLY ABORT WORKS IN THIS TAB")] : []),
     make("span", text));
 }
 
