@@ -36,6 +36,8 @@ from ssp_eval.pictures.repeats import has_many_repeats, repeated_frames, sampled
 from ssp_eval.recordings.sight import Moment, Optics
 
 CROPS = 30
+# Sessions with a faster turn are a kind of their own; the others drive straight.
+TURNING_RADPS = 0.1
 FALSE = 4
 # Real clips: focal length, columns and rows of the vanishing point in px, camera height in m; speed
 # in m/s and the car ahead (m ahead, m to the left) as they were read off the pictures.
@@ -113,6 +115,9 @@ def _session(path: Path) -> Drive:
             frames[round(ns_to_seconds(jpeg.stamp_ns - zero_ns), 6)] = np.asarray(grey, np.uint8)
     kept = [moment for moment in moments if round(moment.t_s, 6) in frames]
     kind = "live" if facts.run is not None and facts.run.mode == "live" else "raster"
+    vut = [one.states["vut"] for one in moments if "vut" in one.states]
+    if max(abs(state.yaw_rate_radps) for state in vut) >= TURNING_RADPS:
+        kind = "turn"
     name = "-".join(path.parts[-3:])
     grey_of = tuple(reduced(frames[round(moment.t_s, 6)]) for moment in kept)
     targets = tuple(facts.participants.targets)
@@ -292,6 +297,11 @@ def live(drive: Drive, chance: random.Random) -> Drive:
     return disturbed(some, chance, chance.uniform(-0.08, 0.08), 0.03)
 
 
+def in_a_turn(drive: Drive, chance: random.Random) -> Drive:
+    """A session with a turn as it is, as somebody else records it, or of a slower camera."""
+    return chance.choice([lambda d, _: d, foreign, repeating])(drive, chance)
+
+
 def _mirror(grey: Grey, _: int) -> Grey:
     return np.ascontiguousarray(grey[:, ::-1])
 
@@ -351,14 +361,22 @@ def falsified(
         yield "object not in the pictures", one.filmed_by(empty[0])
     if same := [s for s in alike if mode in s.name and s is not plain]:
         yield "same plan, another seed", one.filmed_by(same[k % len(same)])
+    if turns := [drive for drive in drives if drive.kind == "turn"]:
+        turn = turns[k * 5 % len(turns)]
+        part = crop(turn, chance)
+        yield "mirrored turn", part.edited(_mirror)
+        yield "mirrored foreign turn", foreign(part, chance).edited(_mirror)
+        yield "half or double speed in a turn", part.filmed_by(turn, rate=(0.5, 2.0)[k % 2])
 
 
 def cases(drives: Sequence[Drive]) -> Iterator[tuple[str, str, str, Callable[[], Drive]]]:
     """Name, group and kind of each recording, and what makes it."""
     sessions = [one for one in drives if one.kind == "raster" and "without" not in one.name]
     for k in range(CROPS):
-        for kind in ("raster", "clip", "real", "live", "foreign", "repeating"):
+        for kind in ("raster", "clip", "real", "live", "foreign", "repeating", "turn"):
             fitting = [one for one in drives if one.kind == kind and "without" not in one.name]
+            if kind == "turn" and not fitting:
+                continue
             source = (fitting or sessions)[k % len(fitting or sessions)]
             chance = random.Random(f"{kind}{k}")
 
@@ -366,7 +384,7 @@ def cases(drives: Sequence[Drive]) -> Iterator[tuple[str, str, str, Callable[[],
                 source: Drive = source, kind: str = kind, chance: random.Random = chance
             ) -> Drive:
                 part = crop(source, chance)
-                made = {"foreign": foreign, "live": live, "repeating": repeating}
+                made = {"foreign": foreign, "live": live, "repeating": repeating, "turn": in_a_turn}
                 return made.get(kind, lambda d, _: d)(part, chance)
 
             yield f"{kind} {k}", "sound", kind, made

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from ssp_core.clock import seconds_to_ns
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.road import CurvePiece, Road, Start
 from ssp_core.world.camera import Mounting, intrinsics
 from ssp_eval.data.audit import PictureCheck
 from ssp_eval.pictures.change import Change
@@ -30,6 +32,7 @@ from ssp_ot_controller.camera.clip import board_of
 from ssp_ot_controller.camera.frames import Odometer
 from ssp_ot_controller.camera.renderer.render import render
 from ssp_ot_controller.camera.renderer.scene import Indicators, Scene
+from ssp_ot_controller.camera.storyboards import Storyboard
 
 SIZE_PX = (384, 216)
 FROM_S, TO_S = 2.2, 6.0
@@ -63,6 +66,61 @@ def drive() -> Drive:
         pictures.append(np.asarray(cv2.cvtColor(drawn, cv2.COLOR_BGR2GRAY), np.uint8))
     mounting = Mounting(camera.forward_m, camera.height_m, camera.pitch_down_rad)
     return Drive(tuple(moments), tuple(pictures), Optics(intrinsics(camera), mounting))
+
+
+def drawn(road: Road, vut: Sequence[ObjectState], board: Storyboard, step_s: float = 0.1) -> Drive:
+    """Frames of a VUT alone on a road."""
+    camera = board.camera.model_copy(update={"width_px": SIZE_PX[0], "height_px": SIZE_PX[1]})
+    moments, pictures = [], []
+    for index, state in enumerate(vut):
+        image = render(Scene(road, state, (state,)), board.look, camera, index, board.seed)
+        moments.append(Moment(step_s * index, {"vut": state}))
+        pictures.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8))
+    mounting = Mounting(camera.forward_m, camera.height_m, camera.pitch_down_rad)
+    return Drive(tuple(moments), tuple(pictures), Optics(intrinsics(camera), mounting))
+
+
+def turning_drive(bend_1pm: float) -> Drive:
+    """Frames of a VUT that drives 10 m/s in the right lane of a bend, + to the left."""
+    board = board_of("vru_crossing", 3, 2, 2)
+    piece = CurvePiece(length_m=120.0, start_curvature_1pm=bend_1pm, end_curvature_1pm=bend_1pm)
+    road = board.road.model_copy(
+        update={
+            "origin": Start(x_m=0.0, y_m=0.0, yaw_rad=0.0),
+            "length_m": 120.0,
+            "pieces": [piece],
+            "crossing_x_m": None,
+        }
+    )
+    lane_m, radius_m, speed_mps = road.lanes[0].y_m, 1.0 / bend_1pm, 10.0
+    vut = []
+    for k in range(20):
+        angle_rad = bend_1pm * (20.0 + speed_mps * 0.1 * k)
+        at = {
+            "x_m": (radius_m - lane_m) * math.sin(angle_rad),
+            "y_m": radius_m - (radius_m - lane_m) * math.cos(angle_rad),
+            "yaw_rad": angle_rad,
+            "speed_mps": speed_mps * (1.0 - lane_m * bend_1pm),
+            "yaw_rate_radps": speed_mps * bend_1pm,
+            "stamp_ns": seconds_to_ns(0.1 * k),
+        }
+        vut.append(replace(board.vut.state(0.0), **at))
+    return drawn(road, vut, board)
+
+
+@pytest.mark.parametrize("bend_1pm", [1.0 / 60.0, -1.0 / 40.0])
+def test_pictures_of_a_turn_hold_and_their_mirror_images_turn_the_other_way(
+    bend_1pm: float,
+) -> None:
+    turn = turning_drive(bend_1pm)
+    found = held(turn)
+    assert {name: check.told for name, check in found.items() if check.state == "fails"} == {}
+    assert found["speed"].figure == pytest.approx(1.0, abs=0.05)
+    assert (found["course of the speed"].figure or 0.0) >= 0.9
+    assert found["turning"].figure == pytest.approx(1.0, abs=0.1)
+    mirrored = held(_with(lambda all_: [np.ascontiguousarray(one[:, ::-1]) for one in all_])(turn))
+    assert mirrored["turning"].state == "fails"
+    assert mirrored["turning"].figure == pytest.approx(-1.0, abs=0.1)
 
 
 def held(drive: Drive) -> dict[str, PictureCheck]:

@@ -1,8 +1,9 @@
 """Motion of the road in the pictures, against the recorded speed.
 
-The road from 5 to 20 m ahead is resampled to a view from above. What doesn't change along the road,
-such as lane lines, is taken out, and the second picture is correlated with the first one at each
-way that the VUT may have gone in between. Hence each pair of frames gives a curve over speeds.
+The road from 5 to 20 m ahead is resampled to a view from above, along the arc that the VUT drives.
+What doesn't change along the road, such as lane lines, is taken out, and the second picture is
+correlated with the first one at each way that the VUT may have gone in between. Hence each pair of
+frames gives a curve over speeds.
 Hypotheses such as "half as fast" or "a second later" are compared by the mean of those curves.
 """
 
@@ -32,6 +33,12 @@ FOLLOWED = 0.4
 _STILL_M = 0.15
 # Beside an object, in its heights.
 _SHADOW = 0.6
+# Recorded turning below it leaves the arc straight: 20 m ahead it moves the road by half a cell.
+_TURNING_RADPS = 0.03
+# States so far beside a pair count for its arc, since the heading of a single one is noisy.
+_BESIDE_S = 0.3
+# A tighter arc is that of no vehicle.
+_TIGHTEST_1PM = 0.125
 # In grey levels; frames of a moving camera differ by 0.9 or more.
 _REPEATED_DIFFERENCE = 0.05
 
@@ -100,13 +107,17 @@ def compare_ground(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[P
         footage: pictures and states of the recording.
         pairs: indices of frames with a picture and a state of the VUT, the earlier one first.
     """
-    strip = _Strip.of(footage.lens, footage.optics.mounting)
-    seen: dict[int, tuple[Float32, Mask]] = {}
+    strips: dict[float, _Strip] = {}
+    seen: dict[tuple[int, float], tuple[Float32, Mask]] = {}
 
-    def view(index: int) -> tuple[Float32, Mask]:
-        if index not in seen:
-            seen[index] = strip.resampled(footage.grey[index], _free(footage, index))
-        return seen[index]
+    def view(index: int, bend_1pm: float) -> tuple[Float32, Mask]:
+        if (index, bend_1pm) not in seen:
+            if bend_1pm not in strips:
+                strips[bend_1pm] = _Strip.of(footage.lens, footage.optics.mounting, bend_1pm)
+            seen[index, bend_1pm] = strips[bend_1pm].resampled(
+                footage.grey[index], _free(footage, index)
+            )
+        return seen[index, bend_1pm]
 
     found = []
     for first, second in pairs:
@@ -114,12 +125,33 @@ def compare_ground(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[P
         apart_s = after.t_s - before.t_s
         at, to = before.states[footage.vut_id], after.states[footage.vut_id]
         way_m = at.pose.to_local(to.x_m, to.y_m)[0]
-        ways_m, match = _correlate(view(first), view(second), apart_s)
+        bend_1pm = _bend_1pm(footage, first, second)
+        ways_m, match = _correlate(view(first, bend_1pm), view(second, bend_1pm), apart_s)
         small = [coarse(footage.grey[index]) for index in (first, second)]
         is_repeated = float(cv2.absdiff(*small).mean()) < _REPEATED_DIFFERENCE
         middle_s = (before.t_s + after.t_s) / 2.0
         found.append(Pair(middle_s, apart_s, way_m, ways_m, match, is_repeated))
     return found
+
+
+def _bend_1pm(footage: Footage, first: int, second: int) -> float:
+    """Return the recorded curvature of the VUT's way about a pair of frames, + left."""
+    moments = footage.moments
+    low, high = first, second
+    while low > 0 and moments[first].t_s - moments[low - 1].t_s <= _BESIDE_S:
+        low -= 1
+    while high + 1 < len(moments) and moments[high + 1].t_s - moments[second].t_s <= _BESIDE_S:
+        high += 1
+    near = [m for m in moments[low : high + 1] if footage.vut_id in m.states]
+    states = [m.states[footage.vut_id] for m in near]
+    speed_mps = sum(state.speed_mps for state in states) / len(states)
+    times_s = np.array([m.t_s for m in near])
+    beside_s = times_s - times_s.mean()
+    yaws_rad = np.unwrap([state.yaw_rad for state in states])
+    rate_radps = float(beside_s @ yaws_rad / (beside_s @ beside_s))
+    if abs(rate_radps) < _TURNING_RADPS or abs(rate_radps) > _TIGHTEST_1PM * abs(speed_mps):
+        return 0.0
+    return rate_radps / speed_mps
 
 
 def _free(footage: Footage, index: int) -> Grey:
@@ -138,16 +170,22 @@ def _free(footage: Footage, index: int) -> Grey:
 
 @dataclass(frozen=True)
 class _Strip:
-    """Pixels of the cells of the road ahead; rows go ahead, columns to the left."""
+    """Pixels of the cells of the road ahead; rows go along the VUT's arc, columns to the left."""
 
     u_px: Float32
     v_px: Float32
 
     @classmethod
-    def of(cls, lens: Intrinsics, mounting: Mounting) -> _Strip:
+    def of(cls, lens: Intrinsics, mounting: Mounting, bend_1pm: float) -> _Strip:
         ahead_m = np.arange(_NEAR_M - _MARGIN_M, _FAR_M + _MARGIN_M, _STEP_M)
         left_m = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M, _STEP_M)
         x_m, y_m = np.meshgrid(ahead_m, left_m, indexing="ij")
+        if bend_1pm:
+            # The VUT's point of reference goes along the arc; the camera is ahead of it.
+            radius_m = 1.0 / bend_1pm
+            angle_rad = (x_m + mounting.forward_m) * bend_1pm
+            x_m = (radius_m - y_m) * np.sin(angle_rad) - mounting.forward_m
+            y_m = radius_m - (radius_m - y_m) * np.cos(angle_rad)
         points = np.stack([x_m, y_m, np.full_like(x_m, -mounting.height_m)], axis=-1)
         axes = optical_axes(mounting.pitch_down_rad, mounting.yaw_left_rad, mounting.roll_right_rad)
         optical = points @ axes.T
