@@ -18,6 +18,7 @@ import pytest
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ObjectClass
+from ssp_core.world.plant import make_camera
 from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
 from ssp_ot_controller.control.pedals import Pedals, Response, first_order, response_problems
 from ssp_scenario_manager.run.sweep import for_one_process
@@ -150,22 +151,22 @@ def test_no_run_of_real_objects_has_another_plant() -> None:
     assert run.model_copy(update={"plant": "carla"}).model_dump()["plant"] == "carla"
 
 
-def test_one_process_neither_draws_nor_moves_by_carla() -> None:
+def test_in_one_process_our_own_bodies_move_alone() -> None:
     run = small_world(camera={**CAMERA, "renderer": "carla"})
     assert for_one_process(run).camera is None
-    for wrong, camera, field in (
-        (run, True, "camera.renderer"),
-        (run.model_copy(update={"plant": "carla"}), False, "plant"),
-    ):
-        with pytest.raises(InputError, match="one process doesn't speak to") as refused:
-            for_one_process(wrong, camera=camera)
-        assert refused.value.field == field
+    with pytest.raises(InputError, match="moves our own bodies only") as refused:
+        for_one_process(run.model_copy(update={"plant": "carla"}))
+    assert refused.value.field == "plant"
+    # Of a session that CARLA drew nothing guesses the server.
+    with pytest.raises(InputError, match="asks a CARLA server, and none is given"):
+        make_camera(for_one_process(run, camera=True), None, print)
 
 
 CASES: tuple[tuple[str, Behaviour], ...] = (
     ("cut_in", Behaviour(physics=a_physics(1))),
     ("vru_crossing", Behaviour(physics=a_physics(2))),
     ("lead_braking", Behaviour(physics=a_physics(3))),
+    ("occluded_crossing", Behaviour(physics=a_physics(4))),
     # Too weak for what the event asks of it: ended by the limit of the site, with the figure.
     ("lead_braking", Behaviour(physics=Physics(engine=1.2))),
     ("cut_in", Behaviour(physics=Physics(brakes=3.0))),
@@ -206,19 +207,22 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
 
 
 @pytest.mark.carla
-@pytest.mark.parametrize("index", range(3))
+@pytest.mark.parametrize("index", range(4))
 def test_a_session_that_carla_moves_is_valid_within_the_sites_limits(
     index: int, sessions: list[dict[str, Any]]
 ) -> None:
     ended = sessions[index]
     assert ended["verdict"] == "valid", ended
-    assert set(ended["tracking_m"]) == {"ot1"}
+    # The parked vehicle is led nowhere: it stands where it was put.
+    parked = {"ot2"} if CASES[index][0] == "occluded_crossing" else set[str]()
+    assert set(ended["tracking_m"]) == {"ot1", *parked}
+    assert all(ended["tracking_m"][one] == [0.0, 0.0] for one in parked)
     along_m, beside_m = ended["tracking_m"]["ot1"]
     assert along_m < 0.5
     assert beside_m < 0.2
     # A pedestrian has no pedals.
-    walks = CASES[index][0] == "vru_crossing"
-    assert set(ended["record"]["responses"]) == ({"vut"} if walks else {"vut", "ot1"})
+    walks = CASES[index][0].endswith("crossing")
+    assert set(ended["record"]["responses"]) == {"vut", *([] if walks else ["ot1"]), *parked}
     found, wanted = ended["record"]["responses"]["vut"], CASES[index][1].physics
     assert found["brake_mps2"] == pytest.approx(wanted.brakes, rel=0.25)
 
@@ -227,7 +231,7 @@ def test_a_session_that_carla_moves_is_valid_within_the_sites_limits(
 def test_a_vehicle_that_lags_behind_ends_the_run_with_the_limit(
     sessions: list[dict[str, Any]],
 ) -> None:
-    ended = sessions[3]
+    ended = sessions[4]
     assert ended["verdict"] == "failed_safety", ended
     assert ended["reasons"][0].startswith("error_longitudinal: ot1: -2.0")
     assert "limit 2 m" in ended["reasons"][0]
@@ -237,17 +241,17 @@ def test_a_vehicle_that_lags_behind_ends_the_run_with_the_limit(
 @pytest.mark.parametrize(
     ("index", "text"),
     [
-        (4, "full brake gives 3.1"),
-        (5, "its wheel, turned by a tenth, gives 0.0000 1/m"),
-        (6, "ot1 is gone"),
-        (7, "CARLA server 127.0.0.1"),
-        (8, "is -3.00 m from the road's height"),
-        (9, "compile it for this one"),
-        (10, "refuses a command for vut: the actor is busy"),
-        (11, "has no body for a car"),
-        (12, "1 actors of somebody else are in the world"),
-        (13, "the server is CARLA 0.9.15, the client 0.9.16"),
-        (14, "no answer within 8 s"),
+        (5, "full brake gives 3.1"),
+        (6, "its wheel, turned by a tenth, gives 0.0000 1/m"),
+        (7, "ot1 is gone"),
+        (8, "CARLA server 127.0.0.1"),
+        (9, "is -3.00 m from the road's height"),
+        (10, "compile it for this one"),
+        (11, "refuses a command for vut: the actor is busy"),
+        (12, "has no body for a car"),
+        (13, "1 actors of somebody else are in the world"),
+        (14, "the server is CARLA 0.9.15, the client 0.9.16"),
+        (15, "no answer within 8 s"),
     ],
 )
 def test_a_server_that_fails_ends_the_run_with_its_reason(

@@ -9,12 +9,14 @@ import pytest
 from ssp_core.bag.append import append_attachment
 from ssp_core.bag.cut import cut_bag
 from ssp_core.bag.reader import BagReader
+from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Drawn
 from ssp_eval.data.provenance import CARLA, Provenance, read_provenance
 from ssp_eval.draw.scenes import Recorded, read_recorded, scenes
 from ssp_ot_controller.camera.renderer.scene import Scene
 from tests.support.worlds import (
+    CAMERA,
     STEP_NS,
     STEPS_PER_FRAME,
     TICK,
@@ -30,6 +32,21 @@ FRAMES_NS = [step * STEP_NS for step in range(0, STEPS, STEPS_PER_FRAME)]
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record_world(tmp_path_factory.mktemp("scenes") / "run", steps=STEPS) / "bag"
+
+
+def as_drawn() -> bytes:
+    """The identity of a drawing."""
+    told = Drawn(
+        of="run-1",
+        of_sha256="sha256:" + "1" * 64,
+        map_file="Town01.xodr",
+        map_sha256="sha256:" + "2" * 64,
+        map_said_by="--map",
+        frames=4,
+        left_out=2,
+        software="ssp",
+    )
+    return told.model_dump_json(by_alias=True).encode()
 
 
 def drawn(path: Path) -> tuple[Recorded, list[tuple[int, Scene]]]:
@@ -84,24 +101,29 @@ def test_a_physical_session_that_was_drawn_is_a_stand_in(tmp_path: Path) -> None
     """No camera saw it, whoever drove."""
     bag = record_world(tmp_path / "run", steps=1, run=small_world(domain="physical", mode="live"))
     assert facts_of(bag / "bag").stand_in is False
-    told = Drawn(
-        of="run-1",
-        of_sha256="sha256:" + "1" * 64,
-        map_file="Town01.xodr",
-        map_sha256="sha256:" + "2" * 64,
-        map_said_by="--map",
-        frames=4,
-        left_out=2,
-        software="ssp",
-    )
-    data = told.model_dump_json(by_alias=True).encode()
-    append_attachment(bag / "bag", DRAWN_ATTACHMENT, data, "application/json")
+    append_attachment(bag / "bag", DRAWN_ATTACHMENT, as_drawn(), "application/json")
     facts = facts_of(bag / "bag")
     assert facts.stand_in is True
     assert facts.renderer == CARLA
     assert "without 2 frames at which no state of the VUT is known" in facts.origin
     with BagReader(bag / "bag") as reader, pytest.raises(InputError, match="drawn anew by CARLA"):
         read_recorded(reader, facts)
+
+
+def test_twins_of_pictures_that_carla_drew_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a session that it drew, and of a session of our own camera that it drew anew."""
+    drawn_by_carla = small_world(camera={**CAMERA, "renderer": "carla"})
+    session = record_world(tmp_path / "session", steps=1, run=drawn_by_carla)
+    anew = record_world(tmp_path / "anew", steps=1)
+    append_attachment(anew / "bag", DRAWN_ATTACHMENT, as_drawn(), "application/json")
+    for run in (session, anew):
+        assert main(["twins", str(run), "--change", "without=ot1"]) == 1
+        said = " ".join(capsys.readouterr().err.split())
+        assert "was drawn by CARLA, which promises no equal pixels" in said
+        assert "run the task again with --camera raster" in said
+        assert not (run / "twins").exists()
 
 
 def facts_of(bag: Path) -> Provenance:

@@ -8,11 +8,15 @@ gives the same bytes.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from ssp_core import names
 from ssp_core.bag.chain import Maker
 from ssp_core.bag.writer import BagWriter
+from ssp_core.carla.acceptance import ServerOfRun
+from ssp_core.carla.record import encode_server
 from ssp_core.cdr.references import encode_ack
 from ssp_core.cdr.states import StateArray, encode_state, encode_states
 from ssp_core.cdr.steps import Heartbeat, WorldTick, encode_clock, encode_heartbeat, encode_tick
@@ -47,16 +51,24 @@ class InProcessRecorder(Closing):
         run: whose camera, if it has one, is drawn here.
         run_file: of the run, with its task beside it.
         bag: a new folder.
+        server: that draws the frames; None: our own renderer does.
+
+    Attributes:
+        not_given_back: what the server couldn't be given back at the close, in words.
 
     Raises:
-        InputError: the folder exists, or a file of the task can't be taken.
-        HostError: the disk doesn't take it.
+        InputError: the folder exists, or a file of the task can't be taken, or the run asks a
+            server and none is given.
+        HostError: the disk doesn't take it, or CARLA's client isn't installed.
     """
 
-    def __init__(self, run: RunSpec, run_file: Path, bag: Path) -> None:
+    def __init__(
+        self, run: RunSpec, run_file: Path, bag: Path, server: ServerOfRun | None = None
+    ) -> None:
         self._run = run
+        self.not_given_back: list[str] = []
         self._attachments = run_attachments(run_file)
-        self._camera = None if run.camera is None else make_camera(run)
+        self._camera = None if run.camera is None else make_camera(run, server, self._take_server)
         self._writer = BagWriter(bag, maker=Maker.RECORDER)
         self._records: dict[str, TopicRecord] = {}
         for name, media_type, data in self._attachments:
@@ -72,6 +84,7 @@ class InProcessRecorder(Closing):
         self._heartbeats = 0
         self._vut_states = 0
         self._drawn_step = -1
+        self._now_ns = 0
         self._references = {target.id: 0 for target in run.targets}
         if run.camera is not None:
             self.take(names.CAMERA_MOUNT, encode_transform(mount(run.camera)), 0)
@@ -91,7 +104,7 @@ class InProcessRecorder(Closing):
 
     def hear(self, report: StepReport) -> None:
         """Write what world, VUT and objects say in a step, and the frame of the step."""
-        now_ns = report.now_ns
+        now_ns = self._now_ns = report.now_ns
         for state in report.vut_states:
             self.take(names.state_topic(state.object_id), encode_state(state), state.stamp_ns)
         self._vut_states += len(report.vut_states) if report.running else 0
@@ -144,9 +157,11 @@ class InProcessRecorder(Closing):
         self.take(names.reference_topic(object_id), reference, stamp_ns)
 
     def close(self) -> None:
-        """Attach the recorder's report and close the bag."""
+        """Give the camera back, attach the recorder's report and close the bag."""
         if self._writer.closed:
             return
+        if self._camera is not None:
+            self.not_given_back = self._camera.close()
         received = {r.name: r.messages for r in self._records.values()}
         counted = Counted(received, _NOTHING, _NOTHING)
         name, media_type, data = report_attachment(
@@ -159,6 +174,9 @@ class InProcessRecorder(Closing):
         )
         self._writer.attach(name, data, media_type)
         self._writer.close()
+
+    def _take_server(self, record: Mapping[str, Any]) -> None:
+        self.take(names.CAMERA_RENDERER, encode_server(record), self._now_ns)
 
     def _target_states(self, states: tuple[ObjectState, ...]) -> None:
         if not self._run.states_in_one:
@@ -180,6 +198,8 @@ class InProcessRecorder(Closing):
             self.take(names.CAMERA_IMAGE, encode_frame(report.now_ns, picture), report.now_ns)
 
 
-def make_recorder(run: RunSpec, run_file: Path, bag: Path) -> InProcessRecorder:
+def make_recorder(
+    run: RunSpec, run_file: Path, bag: Path, server: ServerOfRun | None = None
+) -> InProcessRecorder:
     """Return the recorder of a run, see ssp_core.world.recorder.make_recorder."""
-    return InProcessRecorder(run, run_file, bag)
+    return InProcessRecorder(run, run_file, bag, server)

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ssp_core import names
+from ssp_core.carla.acceptance import ServerOfRun
+from ssp_core.carla.client import client_library
 from ssp_core.cdr.steps import Heartbeat, WorldTick
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
@@ -20,7 +23,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
-from ssp_core.world.plant import LimitFact, LinkFact, ManagerUpdate, StepReport
+from ssp_core.world.plant import LimitFact, LinkFact, ManagerUpdate, OnServer, StepReport
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.objects.pool import ObjectPool
 from ssp_ot_controller.objects.state_machine import ObjectEvent
@@ -28,6 +31,9 @@ from ssp_ot_controller.sil.disturbance import Channel
 from ssp_ot_controller.sil.plant import BodyPlant
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
 from ssp_ot_controller.sil.world import OVER, TrafficSimulation, World
+
+if TYPE_CHECKING:
+    from ssp_ot_controller.camera.painter import Painter
 
 # While the world holds it repeats its state so often, on the clock of those who wait.
 HOLD_PERIOD_S = 0.1
@@ -204,30 +210,45 @@ def make_plant(run: RunSpec, work_dir: Path | None) -> InProcessPlant:
 
 
 class InProcessCamera:
-    """See ssp_core.world.plant.SessionCamera."""
+    """See ssp_core.world.plant.SessionCamera.
 
-    def __init__(self, run: RunSpec) -> None:
+    Args:
+        connect: makes what draws; it is called for the first frame. None: our own renderer draws.
+    """
+
+    def __init__(self, run: RunSpec, connect: Callable[[], Painter] | None = None) -> None:
         # The renderer's kernels take a second to load.
         from ssp_ot_controller.camera.redraw import Redrawing
 
-        self._drawing = Redrawing(run)
+        self._drawing, self._connect = Redrawing(run), connect
+        self._painter: Painter | None = None
 
     def picture(self, step: int, stamp_ns: int, truths: Sequence[ObjectState]) -> bytes | None:
         scene = self._drawing.see(step, stamp_ns, truths)
-        return None if scene is None else self._drawing.draw(scene, step).jpeg
+        if scene is None:
+            return None
+        if self._painter is None and self._connect is not None:
+            self._painter = self._connect()
+        return self._drawing.draw(scene, step, stamp_ns, self._painter).jpeg
+
+    def close(self) -> list[str]:
+        return [] if self._painter is None else self._painter.close()
 
 
-def make_camera(run: RunSpec) -> InProcessCamera:
-    """Make the camera of a run that has one.
-
-    Raises:
-        InputError: CARLA draws it.
-    """
-    if run.camera is not None and run.camera.renderer != "raster":
+def make_camera(run: RunSpec, server: ServerOfRun | None, on_server: OnServer) -> InProcessCamera:
+    """Make the camera of a run that has one, see ssp_core.world.plant.make_camera."""
+    camera = run.camera
+    if camera is None or camera.renderer == "raster":
+        return InProcessCamera(run)
+    if server is None:
         raise InputError(
-            "a run in one process has our own renderer alone",
+            "asks a CARLA server, and none is given",
             field="camera.renderer",
-            value=run.camera.renderer,
-            remedy="leave out --in-process",
+            value=camera.renderer,
+            remedy="name it: --camera carla://HOST:PORT",
         )
-    return InProcessCamera(run)
+    from ssp_ot_controller.camera.painter import CarlaPainter, Shooting
+
+    client_library()
+    asked = Shooting.of_run(run, camera), server.address, server.map_sha256, on_server
+    return InProcessCamera(run, lambda: CarlaPainter(*asked))

@@ -1,31 +1,100 @@
-"""A session that CARLA's client drew, audited beside the clip and a session of our own camera.
+"""Sessions that CARLA's client drew, audited beside the clips and sessions of our own camera.
 
-The counterpart's pictures are never admitted. So the audit by the command line refuses them, and
-the test audits the same recordings once more as if a server had drawn them, with the probe of the
-counterpart beside them.
+All four events, each in one process. The counterpart's pictures are never admitted. So the audit by
+the command line refuses them, and the test audits the same recordings once more as if a server had
+drawn them, with the probe of the counterpart beside them.
 """
 
 from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 
+from ssp_core.bag.reader import BagReader
 from ssp_core.files import write_json
+from ssp_core.names import CAMERA_IMAGE, absolute
+from ssp_core.run_file.model import load_run
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.data.audit import AUDIT_FILE, load_audit
 from ssp_eval.data.provenance import CARLA
 from ssp_eval.data.server import PROBE_FILE
+from support.carla_commands import left_as_found, ssp
 from support.carla_counterpart import Behaviour, Counterpart
+from tests.support.carla_tasks import MAP, compiled, equal_states
 from tests.system import recordings as made
-from tests.system.recordings import Recordings, succeed
-from tests.system.test_carla_camera import BLOCK, MAP, ssp
+from tests.system.recordings import SITES, Recordings, succeed
 
 pytestmark = [pytest.mark.system, pytest.mark.carla]
+EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
+WALKING = ("vru_crossing", "occluded_crossing")
+DOMAINS = ("synthetic", "simulation", "physical")
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The sessions of all events that one server drew, each in a folder of the event's name.
+
+    Args:
+        walks: role, height of the feet and speed of each state that a pedestrian was given.
+    """
+
+    folder: Path
+    walks: list[tuple[str, float, float]]
+
+
+@pytest.fixture(scope="module")
+def drawn(recordings: Recordings, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Drawn]:
+    folder = tmp_path_factory.mktemp("drawn")
+    tasks = {one: compiled(recordings.k_star(one), folder / f"{one}.task") for one in EVENTS}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
+        with Counterpart(Behaviour(xodr=MAP.read_text())) as server:
+            how = (
+                "--seed",
+                11,
+                "--in-process",
+                "--record",
+                "--camera",
+                f"carla://{server.address}",
+            )
+            told = ssp(
+                ("carla", "probe", server.address, "--out", folder / PROBE_FILE),
+                *(("run", task, *how, "--out", folder / one) for one, task in tasks.items()),
+            )
+            for status, text in told:
+                assert status == 0, text
+            left_as_found(server)
+            yield Drawn(folder, list(server.walks))
+
+
+def test_what_carla_draws_moves_nothing_and_its_pedestrians_walk(drawn: Drawn) -> None:
+    pictures = 0
+    for event in EVENTS:
+        carla, ours = drawn.folder / event, drawn.folder / f"{event}.ours"
+        # Without --camera the same session, and frames don't count.
+        raster = ("--camera", "raster") if event == "cut_in" else ("--no-camera",)
+        succeed("run", carla, "--in-process", "--record", *raster, "--out", ours)
+        run = load_run(carla / "run.yaml")
+        assert run.camera is not None
+        assert run.camera.renderer == "carla"
+        equal_states(carla / "bag", ours / "bag", run.object_ids)
+        pedestrians = {t.id for t in run.targets if t.object_class == "pedestrian"}
+        assert pedestrians == ({"ot1"} if event in WALKING else set())
+        if pedestrians:
+            with BagReader(carla / "bag") as bag:
+                pictures += len(list(bag.messages([absolute(CAMERA_IMAGE)])))
+    # Its feet are on the ground, and it stands before it walks.
+    assert len(drawn.walks) == pictures
+    assert {(role, feet_m) for role, feet_m, _ in drawn.walks} == {("ot1", 0.0)}
+    speeds = [speed_mps for _, _, speed_mps in drawn.walks]
+    assert min(speeds) == 0.0
+    assert max(speeds) > 0.8
 
 
 def as_drawn_by_a_server(recording: Recording) -> Recording:
@@ -36,38 +105,30 @@ def as_drawn_by_a_server(recording: Recording) -> Recording:
     return replace(recording, provenance=replace(facts, scene=scene))
 
 
+def three(event: str, drawn: Drawn, recordings: Recordings, folder: Path) -> list[Path]:
+    """The recordings of an event, by domain; labels are written beside each."""
+    found = []
+    for domain in DOMAINS:
+        mine = folder / event / domain
+        if domain == "simulation":
+            shutil.copytree(drawn.folder / event, mine)
+            shutil.copyfile(drawn.folder / PROBE_FILE, mine / PROBE_FILE)
+        elif domain == "synthetic" or event == "cut_in":
+            shutil.copytree(recordings.get(event, domain), mine)
+        else:
+            given = ("--site", SITES[domain], "--seed", 11, "--in-process", "--record")
+            succeed("run", recordings.k_star(event), *given, "--out", mine)
+        found.append(mine)
+    truth = recordings.folder / f"{event}.truth.json"
+    succeed("labels", "new", *found, "--truth", truth)
+    return found
+
+
+@pytest.mark.parametrize("event", EVENTS)
 def test_a_session_of_carla_is_admitted_beside_clip_and_raster_and_scored(
-    recordings: Recordings, tmp_path: Path
+    event: str, drawn: Drawn, recordings: Recordings, tmp_path: Path
 ) -> None:
-    event = "cut_in"
-    synthetic, physical, simulation = (
-        tmp_path / name for name in ("synthetic", "physical", "simulation")
-    )
-    for mine in (synthetic, physical):
-        # Labels are written beside a recording.
-        shutil.copytree(recordings.get(event, mine.name), mine)
-    succeed(
-        "compile",
-        recordings.k_star(event),
-        "--target",
-        "sumo",
-        "--map",
-        MAP,
-        "--choose",
-        BLOCK,
-        "--who",
-        "A. Tester",
-        "--out",
-        tmp_path / "task",
-    )
-    with Counterpart(Behaviour(xodr=MAP.read_text())) as server:
-        camera = f"carla://{server.address}"
-        done = ssp("run", tmp_path / "task", "--seed", 11, "--camera", camera, "--out", simulation)
-        assert done.returncode == 0, done.stdout + done.stderr
-        probed = ssp("carla", "probe", server.address, "--out", simulation / PROBE_FILE)
-        assert probed.returncode == 0, probed.stderr
-    folders = synthetic, simulation, physical
-    succeed("labels", "new", *folders, "--truth", recordings.folder / f"{event}.truth.json")
+    folders = three(event, drawn, recordings, tmp_path)
     assert made.ssp("audit", *folders, "--out", tmp_path / "refused") == 1
     entry = load_audit(tmp_path / "refused").recordings[1]
     assert [reason.code for reason in entry.reasons] == ["server_unproven"]
@@ -77,7 +138,9 @@ def test_a_session_of_carla_is_admitted_beside_clip_and_raster_and_scored(
     told = audit.recordings[1].disclosures
     assert told["renderer"] == CARLA
     assert "shares its renderer with" not in told
-    assert "box 4.68 × 1.81 × 1.44 m" in told["body of ot1"]
+    if event == "cut_in":
+        assert "box 4.68 × 1.81 × 1.44 m" in told["body of ot1"]
+    assert ("body of ot2" in told) == (event == "occluded_crossing")
     assert audit.recordings[1].kpr == 1.0
     write_json(tmp_path / "audit" / AUDIT_FILE, audit.model_dump(mode="json", by_alias=True))
     out = tmp_path / "out"
@@ -90,7 +153,8 @@ def test_a_session_of_carla_is_admitted_beside_clip_and_raster_and_scored(
     bodies = {cell["domain"]: cell["clip"].get("carla") for cell in cells}
     assert bodies["synthetic"] is bodies["physical"] is None
     assert bodies["simulation"]["body of ot1"] == told["body of ot1"]
-    succeed("report", out)
-    page = (out / "index.html").read_text()
-    assert "CARLA drew or moved cut_in in simulation" in page
-    assert told["body of ot1"] in page
+    if event == "cut_in":
+        succeed("report", out)
+        page = (out / "index.html").read_text()
+        assert "CARLA drew or moved cut_in in simulation" in page
+        assert told["body of ot1"] in page

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,11 +14,12 @@ from ssp_core.cli import main
 from ssp_core.run_file.model import load_run
 from ssp_eval.audit.server import CODE, server_disclosures, server_findings
 from ssp_eval.data.provenance import read_provenance
+from support.carla_commands import left_as_found
 from support.carla_counterpart import Behaviour, Counterpart
 from support.carla_physics import Physics
-from tests.system.test_carla_camera import MAP, compiled, ssp
+from tests.support.carla_tasks import MAP, compiled
 
-pytestmark = [pytest.mark.system, pytest.mark.carla]
+pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.carla]
 # None of its numbers is one of ours.
 OTHER = Physics(
     engine=5.5,
@@ -32,25 +33,16 @@ OTHER = Physics(
 )
 
 
-def test_a_session_that_carla_moves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_session_that_carla_moves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], start_session: Any
+) -> None:
     task, run = compiled("cut_in", tmp_path / "task"), tmp_path / "run"
     with Counterpart(Behaviour(xodr=MAP.read_text(), physics=OTHER)) as server:
-        moved = ssp(
-            "run",
-            task,
-            "--seed",
-            11,
-            "--plant",
-            f"carla://{server.address}",
-            "--out",
-            run,
-            "--json",
-        )
-        assert moved.returncode == 0, moved.stdout + moved.stderr
-        assert server.settings == server.left_settings
-        assert len(server.actors) == 2
+        moved = ("--plant", f"carla://{server.address}", "--json")
+        session = start_session(str(task), "--seed", "11", *moved)
+        assert session.finish()["verdict"] == "valid", session.lines
+        left_as_found(server)
         address = server.address
-    assert json.loads(moved.stdout)["verdict"] == "valid"
     assert load_run(run / "run.yaml").plant == "carla"
     with BagReader(run / "bag") as bag:
         (said,) = bag.messages([names.absolute(names.WORLD_PLANT)])

@@ -10,12 +10,10 @@ from ssp_core.bag.chain import Maker
 from ssp_core.bag.derived import begin_derived
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.writer import BagWriter
-from ssp_core.carla.record import CarlaScene
-from ssp_core.cdr.codec import ENCAPSULATION, text_bytes
+from ssp_core.carla.record import CarlaScene, encode_server
 from ssp_core.cdr.images import COMPRESSED_TYPE
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.files import new_folder
-from ssp_core.hashing import canonical_json
 from ssp_core.names import CAMERA_RENDERER, absolute
 from ssp_core.run_file.verdict import VERDICT_FILE
 from ssp_core.world.camera import intrinsics
@@ -60,9 +58,9 @@ def write_drawn(
             writer.add_topic(
                 _RENDERER, "std_msgs/msg/String", offered_qos(1, transient_local=True), latched=True
             )
-            said = canonical_json(server.model_dump(mode="json", by_alias=True)).decode()
+            said = encode_server(server.model_dump(mode="json", by_alias=True))
             begun_ns = bag.start_ns or 0
-            writer.write(_RENDERER, ENCAPSULATION + text_bytes(said), begun_ns, begun_ns)
+            writer.write(_RENDERER, said, begun_ns, begun_ns)
             for message in bag.messages([name for name in bag.topics if name != _RENDERER]):
                 change = changes.get(message.topic)
                 data = message.data if change is None else change(message.data)

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ssp_core.carla.address import CarlaAddress, parse_address
+from ssp_core.errors import InputError
 from ssp_core.files import read_text
 from ssp_core.hashing import sha256_bytes
 
@@ -45,6 +47,50 @@ class Refusal:
 
     text: str
     remedy: str
+
+
+@dataclass(frozen=True, slots=True)
+class ServerOfRun:
+    """A server that draws or moves a run.
+
+    Args:
+        map_file: the OpenDRIVE file that the run was compiled for; the server's map must be the
+            same.
+    """
+
+    address: CarlaAddress
+    map_file: Path
+
+    @classmethod
+    def of_parameters(cls, carla: str, map_file: str, option: str) -> ServerOfRun:
+        """Read the parameters of a node.
+
+        Args:
+            carla: HOST:PORT.
+            map_file: path.
+            option: of `ssp run`, from which they come.
+
+        Raises:
+            InputError: one of them is empty or wrong.
+        """
+        for name, value in (("carla", carla), ("map_file", map_file)):
+            if not value:
+                raise InputError(
+                    "isn't given, and the run asks a CARLA server",
+                    field=name,
+                    remedy=f"start the run with `ssp run {option} carla://HOST:PORT`",
+                )
+        return cls(parse_address(carla, "carla"), Path(map_file))
+
+    @property
+    def parameters(self) -> dict[str, object]:
+        """Return the parameters of a node."""
+        return {"carla": str(self.address), "map_file": str(self.map_file)}
+
+    @property
+    def map_sha256(self) -> str:
+        """Return the hash of the map; raise InputError where the file can't be read."""
+        return opendrive_sha256(read_map(self.map_file))
 
 
 def opendrive_sha256(text: str) -> str:

@@ -10,6 +10,8 @@ from pydantic import ConfigDict, Field
 
 from ssp_core.carla.blueprints import ChosenBody
 from ssp_core.carla.frame import BodyBox
+from ssp_core.cdr.codec import ENCAPSULATION, text_bytes
+from ssp_core.hashing import canonical_json
 from ssp_core.motion.state import Size
 from ssp_core.run_file.values import Finite, Strict
 
@@ -160,6 +162,11 @@ class CarlaScene(_ServerRecord):
         ]
         both = self.bodies.keys() & other.bodies.keys()
         return named + [f"bodies.{k}" for k in sorted(both) if self.bodies[k] != other.bodies[k]]
+
+
+def encode_server(record: Mapping[str, Any]) -> bytes:
+    """Return a record as the latched message of its topic, std_msgs/String with JSON."""
+    return ENCAPSULATION + text_bytes(canonical_json(record).decode())
 
 
 def with_bodies(scene: CarlaScene, bodies: Mapping[str, BodyRecord]) -> CarlaScene:

@@ -7,11 +7,12 @@ a session in one process names the world's side by its module (``make_plant``).
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
+from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.cdr.references import Acknowledgement
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
@@ -129,18 +130,36 @@ class SessionCamera(Protocol):
             step: each step of the world once, in their order.
             stamp_ns: session time of the step.
             truths: true states of everything.
+
+        Raises:
+            PeerError: the server that draws it refused, or failed.
         """
         ...
 
+    def close(self) -> list[str]:
+        """Give everything back; return what couldn't be, in words."""
+        ...
 
-def make_camera(run: RunSpec, module: str = PLANT_MODULE) -> SessionCamera:
+
+OnServer = Callable[[Mapping[str, Any]], None]
+
+
+def make_camera(
+    run: RunSpec, server: ServerOfRun | None, on_server: OnServer, module: str = PLANT_MODULE
+) -> SessionCamera:
     """Return the camera of a run that has one.
 
     Args:
         run: one that has a camera.
-        module: that has ``make_camera(run)``.
+        server: that draws it; None: our own renderer does.
+        on_server: takes the record of the server whenever it changes.
+        module: that has ``make_camera(run, server, on_server)``.
+
+    Raises:
+        InputError: the run's camera asks a server and none is given.
+        HostError: CARLA's client isn't installed.
     """
-    camera: SessionCamera = importlib.import_module(module).make_camera(run)
+    camera: SessionCamera = importlib.import_module(module).make_camera(run, server, on_server)
     return camera
 
 

@@ -9,6 +9,7 @@ import importlib
 from pathlib import Path
 from typing import Protocol
 
+from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.plant import LimitFact, StepReport
@@ -40,12 +41,21 @@ class SessionRecorder(Protocol):
         ...
 
     def close(self) -> None:
-        """Attach the recorder's report and close the bag."""
+        """Give the camera back, attach the recorder's report and close the bag."""
+        ...
+
+    @property
+    def not_given_back(self) -> list[str]:
+        """What a server that drew the frames couldn't be given back at the close, in words."""
         ...
 
 
 def make_recorder(
-    run: RunSpec, run_file: Path, bag: Path, module: str = RECORDER_MODULE
+    run: RunSpec,
+    run_file: Path,
+    bag: Path,
+    server: ServerOfRun | None = None,
+    module: str = RECORDER_MODULE,
 ) -> SessionRecorder:
     """Return the recorder of a run.
 
@@ -53,11 +63,14 @@ def make_recorder(
         run: whose camera, if it has one, is drawn.
         run_file: of the run, with its task beside it.
         bag: a new folder.
-        module: that has ``make_recorder(run, run_file, bag)``.
+        server: that draws the camera's frames; None: our own renderer does.
+        module: that has ``make_recorder(run, run_file, bag, server)``.
 
     Raises:
-        InputError: the folder exists, or a file of the task can't be taken.
-        HostError: the disk doesn't take it.
+        InputError: the folder exists, or a file of the task can't be taken, or the run asks a
+            server and none is given.
+        HostError: the disk doesn't take it, or CARLA's client isn't installed.
     """
-    recorder: SessionRecorder = importlib.import_module(module).make_recorder(run, run_file, bag)
+    made = importlib.import_module(module).make_recorder(run, run_file, bag, server)
+    recorder: SessionRecorder = made
     return recorder

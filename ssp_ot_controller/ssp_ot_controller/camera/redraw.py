@@ -17,6 +17,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.world.camera import View, view_from
 from ssp_ot_controller.camera.frames import Odometer, jpeg, steps_per_frame
 from ssp_ot_controller.camera.kernels.jit import Array
+from ssp_ot_controller.camera.painter import Painter
 from ssp_ot_controller.camera.renderer.bodies import Body, bodies_of, to_block
 from ssp_ot_controller.camera.renderer.render import render
 from ssp_ot_controller.camera.renderer.scene import Indicators, Scene
@@ -83,10 +84,22 @@ class Redrawing:
             self._indicators.update(known, stamp_ns),
         )
 
-    def draw(self, scene: Scene, step: int) -> Picture:
-        """Return the frame of a scene."""
-        run = self._run
-        pixels = render(scene, run.look, self._camera, step // self._every, run.seed)
+    def draw(
+        self, scene: Scene, step: int, stamp_ns: int = 0, painter: Painter | None = None
+    ) -> Picture:
+        """Return the frame of a scene.
+
+        Args:
+            scene: of the step.
+            step: number of the step.
+            stamp_ns: session time of the step, for another renderer.
+            painter: another renderer; None: our own.
+        """
+        run, index = self._run, step // self._every
+        if painter is None:
+            pixels = render(scene, run.look, self._camera, index, run.seed)
+        else:
+            pixels = painter.draw(scene, stamp_ns, index)
         return Picture(scene, pixels, jpeg(pixels, self._camera.jpeg_quality))
 
     def touched(self, scene: Scene, object_id: str) -> Array:

@@ -14,8 +14,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from ssp_core import names
-from ssp_core.carla.acceptance import opendrive_sha256, read_map
-from ssp_core.carla.address import parse_address
+from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.cdr import steps
 from ssp_core.errors import InputError
 from ssp_core.hashing import canonical_json
@@ -96,21 +95,14 @@ class FrontCamera(Node):
                 value=run.mode,
                 remedy="run it in lockstep",
             )
-        for name, value in (("carla", carla), ("map_file", map_file)):
-            if not value:
-                raise InputError(
-                    "isn't given, and the run's camera has the renderer carla",
-                    field=name,
-                    remedy="start the run with `ssp run --camera carla://HOST:PORT`",
-                )
+        server = ServerOfRun.of_parameters(carla, map_file, "--camera")
         said = self.create_publisher(String, names.CAMERA_RENDERER, LATCHED)
 
         def tell(record: Mapping[str, Any]) -> None:
             said.publish(String(data=canonical_json(record).decode()))
 
-        wanted = opendrive_sha256(read_map(map_file))
         shooting = Shooting.of_run(run, camera)
-        return CarlaPainter(shooting, parse_address(carla, "carla"), wanted, tell)
+        return CarlaPainter(shooting, server.address, server.map_sha256, tell)
 
     def _on_tick(self, tick: steps.WorldTick) -> None:
         states = tuple(s for s in tick.objects if s.is_finite)

@@ -17,8 +17,7 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 from std_msgs.msg import String
 
 from ssp_core import names, ros
-from ssp_core.carla.acceptance import opendrive_sha256, read_map
-from ssp_core.carla.address import parse_address
+from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.cdr import steps
 from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S, ns_to_seconds
@@ -115,20 +114,13 @@ class SilWorld(Node):
     def _make_plant(self, carla: str, map_file: str) -> BodyPlant:
         if self._run.plant == "bodies":
             return OwnBodies(self._run)
-        for name, value in (("carla", carla), ("map_file", map_file)):
-            if not value:
-                raise InputError(
-                    "isn't given, and the run has the plant carla",
-                    field=name,
-                    remedy="start the run with `ssp run --plant carla://HOST:PORT`",
-                )
+        server = ServerOfRun.of_parameters(carla, map_file, "--plant")
 
         def tell(record: Mapping[str, Any]) -> None:
             said = self.create_publisher(String, names.WORLD_PLANT, ros.LATCHED)
             said.publish(String(data=canonical_json(record).decode()))
 
-        wanted = opendrive_sha256(read_map(map_file))
-        return CarlaBodies(self._run, parse_address(carla, "carla"), wanted, tell)
+        return CarlaBodies(self._run, server.address, server.map_sha256, tell)
 
     def _make_endpoints(self) -> None:
         pub, raw = self.create_publisher, partial(ros.subscribe_raw, self)

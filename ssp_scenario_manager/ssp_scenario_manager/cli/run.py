@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from ssp_core import console, names
+from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.carla.address import SCHEME, parse_address
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
@@ -227,13 +228,12 @@ def run(
         _tell(spec, draft, compiled)
         if swept:
             return run_many(spec, folder, vary, runs, jobs or 1, as_json)
+        if no_camera or (in_process and not record):
+            spec = spec.model_copy(update={"camera": None})
+        spec, servers = _with_carla(spec, camera_text, plant_text, draft / TASK_FOLDER, folder)
         if in_process:
-            spec = for_one_process(spec, camera=record and not no_camera)
+            spec = for_one_process(spec, camera=record)
         else:
-            if no_camera:
-                spec = spec.model_copy(update={"camera": None})
-            task = draft / TASK_FOLDER
-            spec, carla = _with_carla(spec, camera_text, plant_text, task, folder)
             faults.check(spec, _nodes(spec))
             check_shared_memory()
         if junit is not None:
@@ -243,14 +243,15 @@ def run(
         click.get_current_context().with_resource(taken_folder(folder, empty=True))
         shutil.move(draft / TASK_FOLDER, folder / TASK_FOLDER)
     if in_process:
-        told = run_one(spec, folder, as_json, recorded=record)
+        drawn_by = servers.get(names.FRONT_CAMERA)
+        told = run_one(spec, folder, as_json, recorded=record, server=drawn_by)
         if junit is not None:
             write_junit(junit, "ssp run", [_case(spec, folder, told)])
         return 0 if told["verdict"] == "valid" else 1
     from ssp_scenario_manager.run.over_dds import run_session
 
     result = run_session(
-        spec, folder.resolve(), console.note, live, page_port, video, shadows, carla
+        spec, folder.resolve(), console.note, live, page_port, video, shadows, servers
     )
     if as_json:
         click.echo(json.dumps(result.told))
@@ -300,10 +301,15 @@ def _check_options(
         raise click.UsageError("--in-process has no ROS for a page to listen to; leave out --page")
     if in_process and video is not None:
         raise click.UsageError("--in-process has no camera to record; leave out --video")
-    if camera_text is not None and (no_camera or in_process or mode == "live"):
-        raise click.UsageError("--camera goes with a simulated session that has a camera")
-    if plant_text is not None and (in_process or mode == "live"):
-        raise click.UsageError("--plant moves the bodies of a simulated session alone")
+    if camera_text is not None and (no_camera or mode == "live" or (in_process and not record)):
+        raise click.UsageError(
+            "--camera goes with a simulated session that has a camera; with --in-process that is "
+            "one with --record"
+        )
+    if plant_text is not None and (mode == "live" or (in_process and plant_text != "bodies")):
+        raise click.UsageError(
+            "--plant moves the bodies of a simulated session alone, of one in processes of its own"
+        )
     if shadow_texts and (in_process or (no_camera and mode != "live")):
         raise click.UsageError("--shadow needs a camera and processes to follow")
     for name, count in Counter(text.partition("=")[0] for text in shadow_texts).items():
@@ -313,8 +319,8 @@ def _check_options(
 
 def _with_carla(
     spec: RunSpec, camera: str | None, plant: str | None, task: Path, folder: Path
-) -> tuple[RunSpec, dict[str, dict[str, object]]]:
-    """Return the run with what draws and moves it, and parameters of nodes that ask CARLA for it.
+) -> tuple[RunSpec, dict[str, ServerOfRun]]:
+    """Return the run with what draws and moves it, and CARLA servers by the node that asks them.
 
     Args:
         spec: the run.
@@ -326,7 +332,7 @@ def _with_carla(
     Raises:
         InputError: there is none, or CARLA can't draw or move this run.
     """
-    found: dict[str, dict[str, object]] = {}
+    found: dict[str, ServerOfRun] = {}
     before = None if spec.camera is None else spec.camera.renderer
     if _asks_carla("--camera", camera, "raster", before):
         if spec.camera is None:
@@ -375,10 +381,8 @@ def _asks_carla(option: str, text: str | None, ours: str, before: str | None) ->
     return True
 
 
-def _server(
-    option: str, text: str | None, spec: RunSpec, task: Path, folder: Path
-) -> dict[str, object]:
-    """Return parameters of a node that asks a CARLA server.
+def _server(option: str, text: str | None, spec: RunSpec, task: Path, folder: Path) -> ServerOfRun:
+    """Return the CARLA server that an option names, and the map that it must have.
 
     Raises:
         InputError: no server can serve this run.
@@ -401,7 +405,7 @@ def _server(
             "TOWN.xodr --out T, then ssp run T",
         )
     map_file = (folder / TASK_FOLDER / place.name).resolve()
-    return {"carla": str(address), "map_file": str(map_file)}
+    return ServerOfRun(address, map_file)
 
 
 def _nodes(spec: RunSpec) -> list[str]:

@@ -12,8 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ssp_core import names
 from ssp_core.bag.verdict import leave_verdict
+from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.clock import ns_to_seconds
+from ssp_core.errors import PeerError
 from ssp_core.files import write_bytes
 from ssp_core.motion.event import Passing, PhaseBegan
 from ssp_core.motion.state import ObjectState
@@ -114,23 +117,30 @@ def run_in_process(
         work_dir: for SUMO's files, where there is traffic.
         recording: of it; its camera is drawn for that alone.
 
+    Returns:
+        Its result and its states; a server that doesn't draw a frame ends it as invalid.
+
     Raises:
         InputError: a run that needs processes, a clock or somebody else to drive the VUT.
     """
-    record = Record()
+    record, lost = Record(), ""
     plant = make_plant(spec, work_dir)
     # Nothing here makes cycles, and looking for some in every kept state takes its time.
     collects = gc.isenabled()
     gc.disable()
+    session = InProcessSession(spec, plant, record.reports.append, recording=recording)
     try:
-        session = InProcessSession(spec, plant, record.reports.append, recording=recording)
         session.run()
+    except PeerError as error:
+        lost = f"{names.FRONT_CAMERA}: {error}"
     finally:
         if collects:
             gc.enable()
         plant.close()
     reports = record.reports
     outcome, happened = judged(spec, session, record)
+    if lost:
+        outcome = outcome.with_reason(Verdict.INVALID_HARNESS, lost)
     return InProcessResult(
         verdict=outcome.verdict,
         reasons=outcome.reasons,
@@ -141,7 +151,11 @@ def run_in_process(
 
 
 def run_recorded(
-    spec: RunSpec, run_file: Path, bag: Path, say: Callable[[str], None]
+    spec: RunSpec,
+    run_file: Path,
+    bag: Path,
+    say: Callable[[str], None],
+    server: ServerOfRun | None = None,
 ) -> tuple[InProcessResult, Record, dict[str, Any]]:
     """Run a session in this process and leave its bag, with the verdict in it.
 
@@ -150,20 +164,23 @@ def run_recorded(
         run_file: holds ``spec``; its task lies beside it.
         bag: a new folder.
         say: takes what doesn't end the run, for people.
+        server: that draws the camera's frames; None: our own renderer does.
 
     Returns:
         Its result, its states, and what ``result.json`` says of the bag.
 
     Raises:
         InputError: as ``run_in_process``, or a file of the task can't be taken.
-        HostError: the disk doesn't take the bag.
+        HostError: the disk doesn't take the bag, or CARLA's client isn't installed.
     """
     # A sweep writes no bags, and needs none of what writes them.
     from ssp_scenario_manager.run.in_process_recording import SessionRecording
     from ssp_scenario_manager.run.report import measured
 
-    with SessionRecording(spec, run_file, bag) as recording:
+    with SessionRecording(spec, run_file, bag, server) as recording:
         result, record = run_in_process(spec, recording=recording)
+    for line in recording.recorder.not_given_back:
+        say(line)
     seal = leave_verdict(bag, result.verdict, result.reasons, "runner")
     return result, record, {"bag": bag.name, "seal": seal, "measured": measured(bag, spec, say)}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ssp_core import names
+from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.cdr.references import encode_reference
 from ssp_core.files import Closing
 from ssp_core.motion.event import PhaseBegan
@@ -25,14 +26,17 @@ class SessionRecording(Closing):
     Args:
         run_file: holds ``spec``; its task lies beside it.
         bag: a new folder.
+        server: that draws the camera's frames; None: our own renderer does.
 
     Raises:
         InputError, HostError: as make_recorder.
     """
 
-    def __init__(self, spec: RunSpec, run_file: Path, bag: Path) -> None:
+    def __init__(
+        self, spec: RunSpec, run_file: Path, bag: Path, server: ServerOfRun | None = None
+    ) -> None:
         self._spec = spec
-        self.recorder = make_recorder(spec, run_file, bag)
+        self.recorder = make_recorder(spec, run_file, bag, server)
 
     def hear(self, report: StepReport) -> None:
         """Take a report of world, VUT and objects."""

@@ -18,6 +18,7 @@ from ssp_core import names
 from ssp_core.bag.declaration import Declaration, load_declaration, seal_declaration
 from ssp_core.bag.repair import recover
 from ssp_core.bag.verdict import leave_verdict
+from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_json, write_text
 from ssp_core.processes import (
@@ -89,7 +90,7 @@ def run_session(
     page_port: int | None = None,
     video: str | None = None,
     shadows: Sequence[Companion] = (),
-    carla: Mapping[str, Mapping[str, object]] = MappingProxyType({}),
+    servers: Mapping[str, ServerOfRun] = MappingProxyType({}),
 ) -> RunResult:
     """Run one session in processes of its own and leave run.yaml, bag, log and result.json.
 
@@ -104,7 +105,7 @@ def run_session(
         page_port: of the operators' page beside it, 0: any; None: no page.
         video: codec that the recorder encodes the camera's frames with; None: frames as they come.
         shadows: models that follow it in shadow mode; their answers are recorded.
-        carla: further parameters of the nodes that speak to a CARLA server, by node.
+        servers: CARLA servers that nodes of the session ask, by node.
 
     Whatever happens, the folder then says how the run ended: result.json, and verdict.json in the
     bag, which an evaluation reads beside what the bag itself says. On a full disk the result alone
@@ -132,8 +133,8 @@ def run_session(
         nodes[names.MONITOR]["video"] = video
     if shadows:
         nodes[names.MONITOR]["include"] = RECORDED
-    for name, further in carla.items():
-        nodes[name].update(further)
+    for name, server in servers.items():
+        nodes[name].update(server.parameters)
     faults.check(spec, nodes)
     spec = faults.with_conditions_never_met(spec)
     spec = spec.model_copy(

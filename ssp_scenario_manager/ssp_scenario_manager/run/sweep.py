@@ -24,6 +24,7 @@ import click
 import numpy as np
 
 from ssp_core import console
+from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.clock import ns_to_seconds
 from ssp_core.decimals import decimal, whole_number
 from ssp_core.errors import HostError, InputError
@@ -382,7 +383,7 @@ def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
         camera: the run is recorded, and keeps its camera.
 
     Raises:
-        InputError: a fault needs processes of their own, or the run a CARLA server.
+        InputError: a fault needs processes of their own, or the run CARLA's physics.
     """
     for index, fault in enumerate(spec.faults):
         if fault.kind in NEED_PROCESSES:
@@ -391,23 +392,24 @@ def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
                 field=f"faults[{index}].kind",
                 remedy="leave out --in-process, or this fault",
             )
+    if spec.plant == "carla":
+        raise InputError(
+            "a run in one process moves our own bodies only",
+            field="plant",
+            value=spec.plant,
+            remedy="leave out --in-process, or give --plant bodies",
+        )
     kept = spec.camera if camera else None
-    for field, asks in (
-        ("plant", spec.plant == "carla"),
-        ("camera.renderer", kept is not None and kept.renderer == "carla"),
-    ):
-        if asks:
-            raise InputError(
-                "asks a CARLA server, which one process doesn't speak to",
-                field=field,
-                value="carla",
-                remedy="leave out --in-process",
-            )
     return with_conditions_never_met(spec.model_copy(update={"camera": kept, "session_token": ""}))
 
 
 def run_one(
-    spec: RunSpec, folder: Path, as_json: bool, *, recorded: bool = False
+    spec: RunSpec,
+    folder: Path,
+    as_json: bool,
+    *,
+    recorded: bool = False,
+    server: ServerOfRun | None = None,
 ) -> dict[str, Any]:
     """Do one run, which leaves run.yaml, states.npz and result.json; return the last's content.
 
@@ -416,11 +418,12 @@ def run_one(
         folder: is there.
         as_json: the result on standard output as JSON.
         recorded: it leaves a bag too.
+        server: that draws the bag's frames; None: our own renderer does.
     """
     run_file = folder / "run.yaml"
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
     if recorded:
-        result, record, told = run_recorded(spec, run_file, folder / "bag", console.note)
+        result, record, told = run_recorded(spec, run_file, folder / "bag", console.note, server)
     else:
         (result, record), told = run_in_process(spec), {}
     for line in _told(spec, result):
