@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 NAMESPACE = "/ssp"
 VUT_ID = "vut"
 MAP_FRAME = "map"
@@ -77,6 +79,21 @@ def declared_topic(participant: str) -> str:
 def iso_frames_topic(object_id: str) -> str:
     """Name the topic with the raw frames of an object that speaks ISO 22133."""
     return f"{object_id}/iso_frames"
+
+
+_UDP_BODY = re.compile(r"udp://(?P<host>[^:/\[\]\s]+|\[[0-9a-fA-F:]+\]):(?P<port>[0-9]{1,5})")
+
+
+def udp_body(address: str) -> tuple[str, int] | None:
+    """Return host and port of a body that speaks the body protocol; None for another address.
+
+    Args:
+        address: ``udp://HOST:PORT``, with brackets around the host where it is IPv6.
+    """
+    found = _UDP_BODY.fullmatch(address)
+    if found is None or not 0 < int(found["port"]) < 65536:
+        return None
+    return found["host"].strip("[]"), int(found["port"])
 
 
 def command_service(object_id: str) -> str:

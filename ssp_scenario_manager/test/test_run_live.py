@@ -122,6 +122,12 @@ def test_the_nodes_of_a_host(tmp_path: Path) -> None:
     assert list(elsewhere.parameters(tmp_path, tmp_path)) == ["monitor", "scenario_manager"]
 
 
+def test_a_body_is_reached_over_ipv6_too() -> None:
+    setup = LiveSetup.of_options("live", options(bodies=("ot1=udp://[fe80::1]:9001",)))
+    assert setup is not None
+    assert setup.bodies == {"ot1": "udp://[fe80::1]:9001"}
+
+
 @pytest.mark.parametrize(
     ("mode", "given", "told"),
     [
@@ -138,6 +144,8 @@ def test_the_nodes_of_a_host(tmp_path: Path) -> None:
         ("lockstep", {"least_fix": "fix"}, "--least-fix: only with --mode live"),
         ("live", {"bodies": ("ot1",)}, "write ID="),
         ("live", {"bodies": ("ot1=mirror,ot2=mirror",)}, "write ID="),
+        ("live", {"bodies": ("ot1=udp://a:70000",)}, "is no body"),
+        ("live", {"bodies": ("ot1=udp://fe80::1:9001",)}, "is no body"),
         ("live", {"bodies": ("ot1=mirror", "ot1=udp://a:1")}, "has a body already"),
         ("live", {"remappings": ("a:b",)}, "OURS:=THEIRS"),
         ("live", {"remappings": ("__node:=b",)}, "OURS:=THEIRS"),

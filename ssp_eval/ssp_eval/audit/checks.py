@@ -212,8 +212,9 @@ def _off_spec(one: Subject) -> Iterator[Finding]:
 
 
 Check = Callable[[Subject], Iterable[Finding]]
-# Beside these: what happened beside the event (history), the camera (visibility), and what differs
-# from Synthetic (property_findings).
+# Beside these: what happened beside the event (history), the camera (visibility), pictures against
+# states (pictures), what differs from Synthetic (property_findings), and recordings that are the
+# same (doubles.hold_apart).
 CHECKS: tuple[Check, ...] = (
     _of_event,
     _video,

@@ -190,7 +190,10 @@ def _measured(
 
 
 def _covered(recording: Recording) -> tuple[float | None, float | None]:
-    """Return where a recording with states begins and ends; (None, None) without states."""
+    """Return where the part of a recording that its states cover begins and ends, s.
+
+    Without states that is where the recording itself does, None where it doesn't say.
+    """
     start_s, end_s = recording.start_s, recording.end_s
     if start_s is None or end_s is None or not recording.series:
         return start_s, end_s

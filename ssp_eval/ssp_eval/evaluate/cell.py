@@ -1,11 +1,11 @@
 """Cells (scenario × domain × model): each becomes a folder in six steps.
 
-clip       is refused here, unless its recording was admitted and labelled
-questions  one per label time, as the model's interface asks them (conversation.py)
-answers    taken from the folder, or asked for and stored there as they come (conversation.py)
-records    the adapter reads each answer, the extractor fills its slots (answer_records.py)
-score      the scoring core compares records with labels
-folder     holds all of it, and says in one file what became of the cell (cell_file.py)
+1. clip: refused here if the audit refused its recording, or the labels don't fit it.
+2. questions: one for each label time, as the model's interface asks them (conversation.py).
+3. answers: taken from the folder, or asked for and stored there as they come (conversation.py).
+4. records: the adapter reads each answer, the extractor fills its slots (answer_records.py).
+5. score: the scoring core compares records with labels.
+6. folder: holds all of it, and says in one file what became of the cell (cell_file.py).
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def _scored(
     records = records_of(asked, place.adapter, options.extractor)
     write_text(folder / RECORDS_FILE, "".join(record_to_json(r) + "\n" for r in records))
     if not records:
-        # Nothing came back at all: that says something about the bridge, not about the model.
+        # No usable answer: there is nothing to score.
         (folder / SCORE_FILE).unlink(missing_ok=True)
         reasons = list(dict.fromkeys(one.missing for one in asked if one.missing))
         return write_cell(place, "failed", reasons, asked, ignored)
@@ -149,9 +149,9 @@ def _place(labelled: LabelledClip, model: ModelSpec, out: Path, options: CellOpt
 
 
 def _write_labels(folder: Path, labels: Labels) -> None:
-    """Leave the labels for a bridge that reads them, and no score that is of others.
+    """Write the labels; if they changed, delete the score of the old ones.
 
-    A run that is interrupted from here on would otherwise leave one beside them.
+    A run that is interrupted from here on would otherwise leave it beside them.
     """
     file = folder / LABELS_FILE
     before = sha256_file(file) if file.is_file() else None

@@ -58,7 +58,7 @@ def ask_all(
 
     Args:
         places: cells of one recording.
-        rows: by label time the order in which the cells are asked about it, as places of these.
+        rows: for each label time indices into ``places``, in the order of asking.
         clients: gives the way to the model; not touched when every answer is stored already.
         out: campaign folder, which keeps the newest frame of each request.
         options: of the cells.
@@ -70,7 +70,7 @@ def ask_all(
             question = cells[index].question(label.t_s)
             if isinstance(question, Question):
                 _keep_frame(out, question.request.frames[-1])
-            cells[index].about(question)
+            cells[index].answer(question)
             on_record()
     return [cell.finish() for cell in cells]
 
@@ -112,8 +112,8 @@ class _Conversation:
             return None, f"the one before is missing: {last.loss}"
         return last.record_from, ""
 
-    def about(self, question: Question | NoQuestion) -> None:
-        """Ask the question, unless its answer is stored."""
+    def answer(self, question: Question | NoQuestion) -> None:
+        """Take the stored answer to a question, or ask for it."""
         if isinstance(question, NoQuestion):
             nothing = Asked(question.label_t_s, None, None, None, question.reason, Loss.NO_QUESTION)
             self._asked.append(nothing)

@@ -72,5 +72,5 @@ class ClientsWithAnswerers:
         self._models, self._ours = models, InProcessClients()
 
     def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
-        """Return the client of a model; see Clients."""
+        """Return the client of a model; see ModelClients."""
         return (self._ours if model.answerer else self._models).client(model, options)

@@ -176,7 +176,10 @@ def ivcs_terms(
 
 
 def ivcs(components: Mapping[str, float | None], thresholds: Thresholds = DEFAULT) -> float:
-    """IVCS = 0.10 JOVR + 0.30 SemAcc_eff + 0.20 CIA_eff + 0.30 TQSR + 0.10 RSR (METHOD 6.10)."""
+    """Return IVCS of components that are given alone; a cell's is made by score_terms.
+
+    IVCS = 0.10 JOVR + 0.30 SemAcc_eff + 0.20 CIA_eff + 0.30 TQSR + 0.10 RSR (METHOD 6.10).
+    """
     return math.fsum(ivcs_terms(components, thresholds).values())
 
 

@@ -40,6 +40,7 @@ class Thresholds:
         accel_mps2: size of an acceleration that counts as accelerate or decelerate (6.6).
         lateral_shift_m: size of a shift that counts as left or right (6.6).
         max_backward_m: how far a feasible step may go backwards (6.6).
+        max_speed_mps: largest feasible speed of a step (6.6).
         max_lateral_speed_mps: largest feasible lateral speed (6.6).
         max_accel_mps2: largest feasible size of the acceleration (6.6).
         response_count: K of 6.9, how many consecutive defensive candidates make a response.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import select
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
@@ -11,6 +10,7 @@ from ssp_core.cdr.steps import WorldTick
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.leap_seconds import leap_seconds
+from ssp_core.names import udp_body
 from ssp_core.run_file.model import LinkDisturbance, RunSpec
 from ssp_core.safety.body_status import BodyStatus
 from ssp_ot_controller.bodies.body import Body, BodyCheck, BodyReading, MirrorBody, state_of
@@ -19,7 +19,6 @@ from ssp_ot_controller.bodies.iso22133.gateway import SCHEME, IsoAddress, IsoBod
 from ssp_ot_controller.bodies.protocol import UdpBody
 from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
 
-_ADDRESS = re.compile(r"udp://(?P<host>[^:/\[\]]+|\[[0-9a-fA-F:]+\]):(?P<port>[0-9]{1,5})")
 _FIELD = "parameter bodies"
 # A body that does what it is told, in this process: a dry run without hardware.
 MIRROR = "mirror"
@@ -56,9 +55,8 @@ def parse_bodies(
     found: dict[str, tuple[str, int] | IsoAddress | None] = {}
     for entry in filter(None, (part.strip() for part in text.split(","))):
         object_id, _, address = entry.partition("=")
-        match, iso = _ADDRESS.fullmatch(address), IsoAddress.parse(address)
-        is_udp = match is not None and 0 < int(match["port"]) < 65536
-        if address != MIRROR and iso is None and not is_udp:
+        udp, iso = udp_body(address), IsoAddress.parse(address)
+        if address != MIRROR and iso is None and udp is None:
             raise InputError("is no body", field=_FIELD, value=entry, remedy=_REMEDY)
         if object_id in found or object_id not in wanted:
             raise InputError(
@@ -67,7 +65,6 @@ def parse_bodies(
                 value=object_id,
                 remedy=f"give one body for each of {', '.join(wanted)}",
             )
-        udp = (match["host"].strip("[]"), int(match["port"])) if match else None
         found[object_id] = iso or udp
     missing = [object_id for object_id in wanted if object_id not in found]
     if missing:

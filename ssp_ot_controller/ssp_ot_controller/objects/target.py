@@ -51,7 +51,7 @@ from ssp_ot_controller.objects.state_machine import (
 )
 
 STANDSTILL_MPS = 0.02
-# Limits that an object passes which stands where it should drive.
+# Limits that an object exceeds by standing still when it should drive.
 _WHERE_IT_STANDS = (SafetyCode.STATE_FROZEN, SafetyCode.ERROR_LONGITUDINAL)
 _NO_STATE = "the object has no state of its own yet"
 # States in which an object moves or is about to.
@@ -134,7 +134,7 @@ class Target:
             event_version: K* version of the manager's run.
             heartbeat_age_s: since the manager's last heartbeat, inf before the first. An object
                 that doesn't hear the manager is not armed: it would have to stop at once.
-            other_managers: how many managers beside ours send heartbeats; nor is it with them.
+            other_managers: how many managers beside ours send heartbeats; with any it isn't armed.
             abort_id: of the abort that an all-clear clears. It clears no other; None clears
                 whatever stops the object, as the all-clear of ISO 22133 does, which names none.
         """
@@ -203,7 +203,7 @@ class Target:
         if refusal is None:
             self._queue.take(reference)
         elif self.state is ControlState.RUNNING and not self._can_do_without(reference, refusal):
-            # Who drives and gets what it can't drive doesn't know what is wanted of it.
+            # An object sent an undrivable reference while driving no longer knows its task.
             self._refused = self._refused or int(refusal.code)
         return refusal
 

@@ -184,7 +184,7 @@ class ScenarioManager(Node):
         self._supervisor.wake(self._arrival_ns)
         self._take_time()
         # In lockstep each state is counted, and judged with its step.
-        if not self._in_lockstep and self._session.is_ahead(state, self._now_ns):
+        if not self._in_lockstep and self._session.refuse_if_ahead(state, self._now_ns):
             self._flush()
             return
         if not self._input.vut(state, self._arrival_ns):

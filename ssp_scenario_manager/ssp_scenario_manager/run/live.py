@@ -92,14 +92,9 @@ _ADDRESSES = "udp://HOST:PORT, iso22133://HOST[:PORT][?report=FILE] or mirror"
 
 
 def _is_address(text: str) -> bool:
-    """Tell whether object_target takes this for a body.
-
-    It says the same, but only once it is up.
-    """
-    if text == "mirror" or re.fullmatch(r"iso22133://[^/\s]+", text.partition("?")[0]):
-        return True
-    found = re.fullmatch(r"udp://[^:/\s]+:(\d{1,5})", text)
-    return found is not None and 0 < int(found[1]) < 65536
+    """Tell whether this looks like the address of a body; object_target reads it in full."""
+    is_iso = re.fullmatch(r"iso22133://[^/\s]+", text.partition("?")[0]) is not None
+    return text == "mirror" or is_iso or names.udp_body(text) is not None
 
 
 def live_options(command: Callable[..., Any]) -> Callable[..., Any]:

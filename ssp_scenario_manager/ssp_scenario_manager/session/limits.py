@@ -51,7 +51,7 @@ _VERDICTS = {
     ),
     _C.EVENT_MISSING: Verdict.OFF_SPEC,
 }
-# Objects stop by themselves for many reasons; a manager that was heard in time is none.
+# An object may stop for reasons of its own; our lateness is blamed only if it exceeded the limit.
 _OF_OBJECTS = {_C.OBJECT_ABORTED, _C.HEARTBEAT_LOST}
 # What also seems passed to a manager that stood still itself.
 _OF_TIME = _OF_OBJECTS | {

@@ -154,8 +154,8 @@ class Session:
 
     # -- what arrives --------------------------------------------------------------------------
 
-    def is_ahead(self, state: ObjectState, now_ns: int) -> bool:
-        """Tell whether a VUT's state is from the future: it isn't taken, and ends a run that lasts.
+    def refuse_if_ahead(self, state: ObjectState, now_ns: int) -> bool:
+        """End a run that lasts for a VUT's state from the future; return True where it is refused.
 
         Session time would follow it, and all that is right would be too old after it.
 
@@ -213,8 +213,9 @@ class Session:
     ) -> None:
         """Take an object's answer to a reference; a refusal aborts the session.
 
-        An object that has stopped refuses whatever was on its way to it. The reason is that of its
-        stop, which its event or state gives; the refusal is one where they don't come.
+        An object that has stopped refuses the references that were on their way to it. The reason
+        should be why it stopped, which its event or state reports. The refusal itself counts only
+        if neither arrives.
         """
         run = self._run
         if run is None:
@@ -245,7 +246,8 @@ class Session:
         # A world that waits for us stands still with us: nothing is late in its time.
         late_s = 0.0 if self._waited_for else self.late_s
         own = limits.own_lateness(violation, late_s, heartbeat_s)
-        violation, announced = own, announced and own is violation
+        announced = announced and own is violation
+        violation = own
         if self._run is not None and not self._run.blame(violation):
             return
         if not announced:
@@ -306,7 +308,7 @@ class Session:
         Args:
             now_ns: session time, that of the dispatch; the stamp of the VUT's newest state is at
                 most that.
-            targets: newest states by id, where some wait that haven't been taken in yet.
+            targets: newest states by id, including ones not yet taken in; None: ``self.targets``.
         """
         run, vut = self._run, self.vut
         targets = self.targets if targets is None else targets
