@@ -382,6 +382,7 @@ def write_bag(
     pace: tuple[float, ...] | None = None,
     reported: ControlState | None = None,
     declared: Mapping[str, str] | None = None,
+    driver: str | None = None,
 ) -> Path:
     """Writes a recorded cut-in of 9 s at 50 Hz with frames at 10 Hz; simulated time is not 0.
 
@@ -395,6 +396,7 @@ def write_bag(
         reported: no world states, as in a live session; both report their own with this control
             state.
         declared: by participant, what it declares, words apart by commas; the session is live then.
+        driver: leads the VUT in a driven session.
     """
 
     def scene(t_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -408,6 +410,11 @@ def write_bag(
         content = run_file(scenario, domain, stand_in)
         if declared is not None:
             content |= {"mode": "live"}
+        if driver is not None:
+            times = {"first_request_s": 0.0, "hand_over_s": 1.0, "end_s": 9.0}
+            content |= {"driven": {"driver": driver, **times}}
+            path_to = {"path": [[0.0, 0.0], [300.0, 0.0]], "cruise_mps": 10.0}
+            content["vut"] = {**content["vut"], "approach": path_to}
         run = json.dumps(content).encode()
         if task is not None:
             run = (task / "run.yaml").read_bytes()

@@ -35,6 +35,7 @@ from ssp_core.world.transforms import (
     mount,
     of_camera,
 )
+from ssp_monitor.recorder.driving import drive_messages
 from ssp_monitor.recorder.plan import run_attachments
 from ssp_monitor.recorder.recorder import LATCHED, OFFERED, TopicRecord
 from ssp_monitor.recorder.report import Counted, report_attachment, seals
@@ -128,6 +129,10 @@ class InProcessRecorder(Closing):
         self._target_states(report.target_states)
         self._newest |= {s.object_id: s for s in (*report.vut_states, *report.target_states)}
         self._draw(report)
+        if report.drive is not None and self._run.driven is not None:
+            drive = drive_messages(self._run.driven, self._run.vut.id, report.drive, now_ns)
+            for topic, message in drive:
+                self.take(topic, message, now_ns)
 
     def limit(self, passed: LimitFact, reaction: str = "abort") -> None:
         """Write a limit that was passed, and what follows from it."""

@@ -23,8 +23,10 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
+from ssp_core.world.driver import DriveReport, PlanDriver, make_driver
 from ssp_core.world.plant import LimitFact, LinkFact, ManagerUpdate, OnServer, StepReport
 from ssp_ot_controller.bodies.dynamics import Command
+from ssp_ot_controller.driving.pilot import Pilot
 from ssp_ot_controller.objects.pool import ObjectPool
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Channel
@@ -55,6 +57,7 @@ class InProcessPlant:
     Args:
         scene: SUMO, or a scene without traffic.
         bodies: what moves VUT and targets; None: our own bodies.
+        driver: of a driven run; None where there is none, or it answers with no plans.
     """
 
     def __init__(
@@ -63,7 +66,9 @@ class InProcessPlant:
         scene: TrafficSimulation,
         resources: ExitStack,
         bodies: BodyPlant | None = None,
+        driver: PlanDriver | None = None,
     ) -> None:
+        self._pilot = None if run.driven is None else Pilot(run, run.driven, driver)
         self._run = run
         self._resources = resources
         self._world = World(run, scene, bodies)
@@ -76,6 +81,7 @@ class InProcessPlant:
         self._running = False
         self._over = False
         self._driver_told = False
+        self._vut_state: ObjectState | None = None
 
     def hold(self, word: ManagerUpdate) -> StepReport:
         self._hear(word)
@@ -117,16 +123,7 @@ class InProcessPlant:
         driver.fault_changes.clear()
         if driver.external_is_silent and not self._driver_told:
             self._driver_told = True
-            limits.append(
-                LimitFact(
-                    SafetyCode.PARTICIPANT_LOST,
-                    names.SIL_WORLD,
-                    names.VUT_DRIVER,
-                    driver.external_silence_s,
-                    DRIVER_TIMEOUT_S,
-                    now_ns,
-                )
-            )
+            limits.append(self._driver_lost(driver.external_silence_s))
         # As in the node: in the step in which the run ends, too, the VUT's state is disturbed.
         stepped = self._running or (self._over and before_ns != now_ns)
         armed = session is SessionPhase.ARMED
@@ -143,6 +140,10 @@ class InProcessPlant:
             raise RuntimeError("the objects wait for something that was never sent")
         for object_id, command in answer.commands:
             self._commands[object_id] = world.step_index, command
+        drive = self._drive(vut_states, truths) if self._running or not self._over else None
+        if drive is not None and drive.died and not self._driver_told:
+            self._driver_told = True
+            limits.append(self._driver_lost(0.0, f"it ended: {drive.died}"))
         return StepReport(
             step=world.step_index,
             now_ns=now_ns,
@@ -160,6 +161,32 @@ class InProcessPlant:
                 *(change.fact(names.OBJECT_TARGET, now_ns) for change in answer.faults),
             ),
             links=() if self._running else self._links(),
+            drive=drive,
+        )
+
+    def _drive(
+        self, vut_states: Sequence[ObjectState], truths: Sequence[ObjectState]
+    ) -> DriveReport | None:
+        """Have the driver of a driven run lead the VUT on from its newest state."""
+        if vut_states:
+            self._vut_state = vut_states[-1]
+        world, vut = self._world, self._vut_state
+        if self._pilot is None or vut is None:
+            return None
+        command, report = self._pilot.step(world.step_index, world.now_ns, vut, truths)
+        if command is not None:
+            self._commands[self._run.vut.id] = world.step_index, command
+        return report
+
+    def _driver_lost(self, silence_s: float, words: str = "") -> LimitFact:
+        return LimitFact(
+            SafetyCode.PARTICIPANT_LOST,
+            names.SIL_WORLD,
+            names.VUT_DRIVER,
+            silence_s,
+            DRIVER_TIMEOUT_S,
+            self._world.now_ns,
+            words,
         )
 
     def _links(self) -> tuple[LinkFact, ...]:
@@ -206,7 +233,9 @@ def make_plant(run: RunSpec, work_dir: Path | None) -> InProcessPlant:
                 resources.enter_context(tempfile.TemporaryDirectory(prefix="ssp-sumo-"))
             )
             scene = resources.enter_context(SumoWorld(run, folder))
-        return InProcessPlant(run, scene, resources.pop_all())
+        driven = run.driven
+        driver = None if driven is None else make_driver(driven.driver, driven.options)
+        return InProcessPlant(run, scene, resources.pop_all(), driver=driver)
 
 
 class InProcessCamera:

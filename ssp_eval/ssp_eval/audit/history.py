@@ -220,7 +220,10 @@ def _switches(recording: Recording) -> tuple[list[Finding], tuple[str, ...]]:
 
 def _safety(recording: Recording) -> list[Finding]:
     facts = recording.provenance
-    found = [
+    found = []
+    if facts.run is not None and facts.run.driven is not None:
+        found.append(Finding("driven", facts.run.driven.driver, math.inf))
+    found += [
         Finding("event_awaited", s.text, math.inf)
         if s.code in _AWAITED
         else Finding("safety_abort", s.text, s.t_s)

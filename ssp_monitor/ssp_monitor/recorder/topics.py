@@ -131,6 +131,11 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
         add(names.BODY_STATUS, "BodyStatus", state)
     if run.driver.external:
         add(names.VUT_COMMAND, "ActuatorCommand", command)
+    if run.driven is not None:
+        add(names.vla_request_topic(run.driven.driver), "VlaRequest", command)
+        add(names.vla_response_topic(run.driven.driver), "VlaResponse", command)
+        add(names.reference_topic(run.vut.id), "Reference", command)
+        add(names.ack_topic(run.vut.id), "ReferenceAck", command)
     if run.camera is not None:
         add(names.CAMERA_IMAGE, "sensor_msgs/msg/CompressedImage", Profile.SENSOR, required=True)
         add(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", Profile.SENSOR)

@@ -18,6 +18,7 @@ from pydantic import (
 )
 
 from ssp_core.files import load_model
+from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.participants import Driver, ParticipantSpec, TrafficSpec, TriggerSpec
 from ssp_core.run_file.participation import participants
 from ssp_core.run_file.road import Road
@@ -343,6 +344,9 @@ class RunSpec(Strict):
     session_token: Annotated[str, Field(pattern=r"^((live|sim)-[0-9a-z]{1,40})?$")] = Field(
         "", description="of the session that `ssp run` led with this file; empty: of none"
     )
+    driven: Driven | None = Field(
+        None, description="who drives the VUT of a driven session; null: the driver above"
+    )
     declaring: tuple[
         Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)?$")], ...
     ] = Field((), description="participants of a live session that must declare their kind")
@@ -352,7 +356,7 @@ class RunSpec(Strict):
     @model_serializer(mode="wrap")
     def _without_what_nobody_gave(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return without_defaults(
-            dump(self), plant="bodies", datum=None, session_token="", declaring=()
+            dump(self), plant="bodies", datum=None, session_token="", driven=None, declaring=()
         )
 
     @model_validator(mode="after")
@@ -369,6 +373,18 @@ class RunSpec(Strict):
             raise ValueError(
                 f"plant carla moves simulated bodies in lockstep only, and the mode is {self.mode}"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _nothing_depends_on_a_driven_vut(self) -> RunSpec:
+        if self.driven is None:
+            return self
+        if self.mode != "lockstep" or self.plant != "bodies":
+            raise ValueError("a driver leads the VUT in lockstep with our own bodies only")
+        if self.traffic or any(t.adaptation is not None for t in self.triggers):
+            raise ValueError("a driven run has no traffic and no adaptation (METHOD 8.2)")
+        if self.driver.external or self.vut.approach is None:
+            raise ValueError("a driven run needs a path for the VUT and its built-in driver")
         return self
 
     @model_validator(mode="after")

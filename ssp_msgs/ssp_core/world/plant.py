@@ -19,6 +19,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
+from ssp_core.world.driver import DriveReport
 
 PLANT_MODULE = "ssp_ot_controller.in_process"
 
@@ -86,6 +87,7 @@ class StepReport:
         acks: answers to references.
         limits: that were seen passed.
         links: what a measurement of the links would find now.
+        drive: of the driver of a driven run.
     """
 
     step: int
@@ -98,6 +100,7 @@ class StepReport:
     limits: tuple[LimitFact, ...] = ()
     faults: tuple[FaultFact, ...] = ()
     links: tuple[LinkFact, ...] = ()
+    drive: DriveReport | None = None
 
 
 class Plant(Protocol):

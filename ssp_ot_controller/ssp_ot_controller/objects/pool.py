@@ -11,6 +11,7 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
+from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.limits import LimitViolation
@@ -173,6 +174,7 @@ class ObjectPool:
         self._buffer = MessageBuffer(self.object_ids)
         self._arbiter = ManagerArbiter(run.limits.heartbeat_s, run.session_token, run.mode)
         self._nearby = NearbyObjects(run.limits)
+        self._driven = run.driven is not None
         self._counts = Counts()
         self._now_ns = 0
         self._step = 0
@@ -266,7 +268,11 @@ class ObjectPool:
         truths = {state.object_id: state for state in tick.objects}
         holding = tick.lockstep and not tick.running and tick.step == 0
         beats = self._buffer.heartbeats(tick.heartbeat if in_step(tick) else None, holding)
-        self._nearby.take(self._buffer.states())
+        heard = self._buffer.states()
+        if self._driven:
+            # Nothing that an object does depends on a driven VUT (METHOD 8.2).
+            heard = [state for state in heard if state.object_id != VUT_ID]
+        self._nearby.take(heard)
         strangers = self._arbiter.strangers(steady_ns)
         commands: list[tuple[str, Command]] = []
         states: list[ObjectState] = []

@@ -188,7 +188,7 @@ def _meets(vut: ObjectState, other: _Extent, gap_m: float, half_m: float, driver
     return enter_s < passed_s + _MEETING_MARGIN_S and leave_s > arrives_s - _MEETING_MARGIN_S
 
 
-def _steer(vut: ObjectState, path: Polyline, station: float) -> float:
+def steer(vut: ObjectState, path: Polyline, station: float) -> float:
     """Return the curvature of pure pursuit, 1/m: 2 y / L^2 to a point of the path ahead."""
     ahead = max(_MIN_LOOKAHEAD_M, _LOOKAHEAD_S * vut.speed_mps)
     target = path.pose(station + ahead)
@@ -227,7 +227,7 @@ def drive(
             wanted = min(wanted, following_acceleration(v, gap, speed, gain, driver))
     acceleration = min(max(wanted, -limits.deceleration_mps2), limits.acceleration_mps2)
     bound = limits.curvature_1pm
-    return Command(acceleration, min(max(_steer(vut, path, station), -bound), bound), vut.yaw_rad)
+    return Command(acceleration, min(max(steer(vut, path, station), -bound), bound), vut.yaw_rad)
 
 
 # What is left between two bumpers when the braking was just enough.
@@ -323,7 +323,8 @@ class VutDriver:
         """
         self.fault_changes += self._faults.begin(vut.stamp_ns, running=True, armed=True)
         driver, wants_to_drive = self._driver(vut.stamp_ns)
-        if self._run.driver.external:
+        # In a driven run commands begin with the hand-over.
+        if self._run.driver.external or external is not None:
             command = self._external(vut, external)
         else:
             command = self._built_in(vut, others, driver)

@@ -22,6 +22,7 @@ from ssp_core.processes import check_shared_memory
 from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
+from ssp_scenario_manager.closed_loop.single import Drive, driven_run, parse_drive, told_of_run
 from ssp_scenario_manager.compile.changes import differences, with_value
 from ssp_scenario_manager.compile.targets.folder import (
     Mode,
@@ -30,7 +31,7 @@ from ssp_scenario_manager.compile.targets.folder import (
     mode_of,
     prepare_run,
 )
-from ssp_scenario_manager.compile.task import TASK_FOLDER, check_live, load_task
+from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER, check_live, load_task
 from ssp_scenario_manager.run import faults
 from ssp_scenario_manager.run.companions import DEFAULT_PORT, shadow_model
 from ssp_scenario_manager.run.junit import Case, write_junit
@@ -139,6 +140,18 @@ DEFAULT_SITE = "boulevard"
     help="Have a VLA bridge follow the session and record its answers; NAME or "
     'NAME={"backend": …, "hz": 2, …options}. It steers nothing; may be repeated.',
 )
+@click.option(
+    "--drive",
+    "drive_text",
+    metavar="NAME[=JSON]",
+    help="With --in-process: have a driver lead the VUT by its plans (docs/closed-loop.md), such "
+    'as constant_velocity, oracle or aeb={"ttc_s": 1.4}.',
+)
+@click.option(
+    "--latency",
+    metavar="zero|fixed:S",
+    help="With --drive: from a frame until its answer is effective. [default: zero]",
+)
 @live_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def run(
@@ -160,6 +173,8 @@ def run(
     video: str | None,
     page_port: int | None,
     shadow_texts: tuple[str, ...],
+    drive_text: str | None,
+    latency: str | None,
     as_json: bool,
     **live_given: Any,
 ) -> int:
@@ -181,6 +196,7 @@ def run(
       ssp run out/task --mode live --body ot1=udp://10.0.0.21:9001 --odometry /ins/odom --wait
     """
     mode = mode or ("lockstep" if in_process else mode_of(what))
+    drive = _drive(drive_text, latency, mode, in_process=in_process, swept=bool(runs or vary))
     live = LiveSetup.of_options(mode, live_given)
     shadows = [shadow_model(text) for text in shadow_texts]
     swept = runs is not None or bool(vary)
@@ -223,11 +239,13 @@ def run(
         if faults_file is not None:
             spec = with_faults(spec, load_faults(faults_file), faults_file)
         check_live(spec)
+        _check_driven(spec, what, in_process=in_process, swept=swept)
         if live is not None:
             live.check(spec)
         _tell(spec, draft, compiled)
         if swept:
             return run_many(spec, folder, vary, runs, jobs or 1, as_json)
+        spec = driven_run(spec, draft / TASK_FOLDER / EVENT_FILE, drive, console.note)
         if no_camera or (in_process and not record):
             spec = spec.model_copy(update={"camera": None})
         spec, servers = _with_carla(spec, camera_text, plant_text, draft / TASK_FOLDER, folder)
@@ -244,7 +262,9 @@ def run(
         shutil.move(draft / TASK_FOLDER, folder / TASK_FOLDER)
     if in_process:
         drawn_by = servers.get(names.FRONT_CAMERA)
-        told = run_one(spec, folder, as_json, recorded=record, server=drawn_by)
+        told = run_one(
+            spec, folder, as_json, recorded=record, server=drawn_by, further=told_of_run
+        )
         if junit is not None:
             write_junit(junit, "ssp run", [_case(spec, folder, told)])
         return 0 if told["verdict"] == "valid" else 1
@@ -269,6 +289,36 @@ def run(
     if junit is not None:
         write_junit(junit, "ssp run", [_case(spec, folder, result.told)])
     return 0 if result.outcome.ok and not result.unwritten else 1
+
+
+def _drive(
+    text: str | None, latency: str | None, mode: Mode, *, in_process: bool, swept: bool
+) -> Drive | None:
+    """Return the driver that is asked for; refuse one where it may not drive."""
+    if text is None:
+        if latency is not None:
+            raise click.UsageError("--latency is that of a driver: it needs --drive")
+        return None
+    if mode != "lockstep":
+        raise click.UsageError(
+            f"--drive goes with no {mode} session: no model drives hardware, and a driver's "
+            "latency counts in simulated time"
+        )
+    if not in_process or swept:
+        raise click.UsageError("--drive needs --in-process, and goes with one run")
+    return parse_drive(text, latency or "zero")
+
+
+def _check_driven(spec: RunSpec, what: str, *, in_process: bool, swept: bool) -> None:
+    """Refuse a driven session's folder where no driver would lead its VUT."""
+    if spec.driven is not None and (not in_process or swept):
+        raise InputError(
+            "its VUT is led by a driver, in one process only",
+            file=what,
+            field="driven",
+            value=spec.driven.driver,
+            remedy="give --in-process, without --runs and --vary",
+        )
 
 
 def _check_options(

@@ -22,7 +22,7 @@ from ssp_core.motion.event import Passing, PhaseBegan
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import Participation
-from ssp_core.vocabulary import Phase, Verdict
+from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_core.world.plant import FaultFact, StepReport, make_plant
 from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.run.result import Happened, misses, result_keys, rounded
@@ -66,6 +66,7 @@ class InProcessResult:
         happened: its phases, triggers and faults, and what was measured of it.
         error_rms_m: rms of the initiator's reported tracking errors, longitudinal and lateral; NaN
             when it tracked nothing.
+        aborted_ns: session time of its first abort; None: there was none.
     """
 
     verdict: Verdict
@@ -73,6 +74,7 @@ class InProcessResult:
     session_s: float
     happened: Happened
     error_rms_m: tuple[float, float]
+    aborted_ns: int | None = None
 
     @property
     def phases(self) -> tuple[PhaseBegan, ...]:
@@ -147,6 +149,14 @@ def run_in_process(
         session_s=ns_to_seconds(reports[-1].now_ns) if reports else 0.0,
         happened=happened,
         error_rms_m=_error_rms_m(record.arrived(spec.initiator_id)),
+        aborted_ns=next(
+            (
+                change.stamp_ns
+                for change in session.of_kind(outbox.StateChanged)
+                if change.state is SessionPhase.ABORTING
+            ),
+            None,
+        ),
     ), record
 
 
@@ -196,7 +206,8 @@ def judged(spec: RunSpec, session: InProcessSession, record: Record) -> tuple[Ru
         {i: record.truths(i) for i in spec.object_ids},
     )
     told = RunOutcome(session.session.verdict, tuple(session.session.reasons or session.problems))
-    return told.with_misses(misses(spec, happened)), happened
+    # What K* says of passing and time gap decides nothing of a driven run.
+    return told.with_misses([] if spec.driven else misses(spec, happened)), happened
 
 
 def save_states(path: Path, spec: RunSpec, record: Record) -> None:

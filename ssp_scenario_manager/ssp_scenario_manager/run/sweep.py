@@ -36,6 +36,7 @@ from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.run.faults import NEED_PROCESSES, RUNNER_KINDS, with_conditions_never_met
 from ssp_scenario_manager.run.in_process import (
     InProcessResult,
+    Record,
     result_json,
     run_in_process,
     run_recorded,
@@ -403,6 +404,13 @@ def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
     return with_conditions_never_met(spec.model_copy(update={"camera": kept, "session_token": ""}))
 
 
+Further = Callable[[RunSpec, InProcessResult, Record], dict[str, Any]]
+
+
+def _nothing_further(_: RunSpec, __: InProcessResult, ___: Record) -> dict[str, Any]:
+    return {}
+
+
 def run_one(
     spec: RunSpec,
     folder: Path,
@@ -410,6 +418,7 @@ def run_one(
     *,
     recorded: bool = False,
     server: ServerOfRun | None = None,
+    further: Further = _nothing_further,
 ) -> dict[str, Any]:
     """Do one run, which leaves run.yaml, states.npz and result.json; return the last's content.
 
@@ -419,6 +428,7 @@ def run_one(
         as_json: the result on standard output as JSON.
         recorded: it leaves a bag too.
         server: that draws the bag's frames; None: our own renderer does.
+        further: returns what else ``result.json`` says of the run.
     """
     run_file = folder / "run.yaml"
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
@@ -428,7 +438,7 @@ def run_one(
         (result, record), told = run_in_process(spec), {}
     for line in _told(spec, result):
         console.note(line)
-    written = result_json(spec, result) | told
+    written = result_json(spec, result) | told | further(spec, result, record)
     # Said first: the disk may be full.
     if as_json:
         click.echo(json.dumps(written))
@@ -441,6 +451,13 @@ def run_one(
         )
         for reason in result.reasons:
             console.out.print(f"  because {reason}", markup=False)
+        if (driven := written.get("driven")) is not None:
+            shown = f"  {driven['driver']}: {driven['outcome']} at {driven['outcome_s']:.2f} s"
+            console.out.print(f"{shown}, {driven['why']}", markup=False)
+            if driven["needless"]:
+                console.out.print(
+                    f"  needless without the event: {driven['needless']}", markup=False
+                )
     save_states(folder / "states.npz", spec, record)
     write_json(folder / RESULT_FILE, written)
     return written

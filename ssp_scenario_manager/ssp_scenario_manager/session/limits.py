@@ -155,6 +155,13 @@ def stamp_ahead(
 # -- of the states of one instant ------------------------------------------------------------------
 
 
+def kept_apart(everyone: Sequence[ObjectState], spec: RunSpec) -> Sequence[ObjectState]:
+    """Return those whose separation is a limit: in a driven run not the VUT (METHOD 8.2)."""
+    if spec.driven is None:
+        return everyone
+    return [state for state in everyone if state.object_id != spec.vut.id]
+
+
 def too_near(everyone: Sequence[ObjectState], limits: Limits) -> list[Violation]:
     """List pairs whose boxes are closer than the separation limit, or touch.
 
@@ -180,7 +187,7 @@ def violations(everyone: Sequence[ObjectState], spec: RunSpec) -> list[Violation
     limits = spec.limits
     found = [of_object(judge.state_not_finite(s), s.object_id, s.stamp_ns) for s in everyone]
     sound = [state for state in everyone if state.is_finite]
-    found += too_near(sound, limits)
+    found += too_near(kept_apart(sound, spec), limits)
     for state in sound:
         passed = [
             judge.over_speed(state, limits),

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.geometry import boxes_overlap
 from ssp_core.motion.event import PhaseBegan, next_phase
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
@@ -19,6 +20,7 @@ from ssp_scenario_manager.dispatch.references import ADAPTED
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import (
     Violation,
+    kept_apart,
     of_object,
     silent,
     stamp_ahead,
@@ -109,15 +111,36 @@ def judge_phases(
     return [began]
 
 
+# A driven run goes on for so long after the VUT's first contact (METHOD 8.2).
+AFTER_CONTACT_S = 1.0
+
+
+def note_contact(run: Run, vut: ObjectState, targets: Mapping[str, ObjectState]) -> None:
+    """Remember the first contact of a driven VUT, which ends its run."""
+    if run.spec.driven is None or run.contact_ns is not None:
+        return
+    others = [_at(state, vut.stamp_ns) for state in targets.values() if state.is_finite]
+    if vut.is_finite and any(boxes_overlap(vut.box, other.box) for other in others):
+        run.contact_ns = vut.stamp_ns
+
+
 def is_complete(run: Run, now_ns: int) -> bool:
-    """Tell whether the event was resolved long enough ago."""
+    """Tell whether the event was resolved long enough ago.
+
+    Conditions of K* don't end a driven run: it ends after its first contact, or at T_end.
+    """
+    if run.spec.driven is not None:
+        touched_ns = run.contact_ns
+        if touched_ns is not None and now_ns - touched_ns >= seconds_to_ns(AFTER_CONTACT_S):
+            return True
+        return run.elapsed_s(now_ns) >= run.spec.driven.end_s - 1e-9
     wait_ns = seconds_to_ns(run.spec.end.after_resolution_s)
     return run.resolved_ns is not None and now_ns - run.resolved_ns >= wait_ns
 
 
 def overdue(run: Run, now_ns: int) -> Violation | None:
     """Find an event that should have been resolved by now."""
-    if run.started_ns is None or run.resolved_ns is not None:
+    if run.started_ns is None or run.resolved_ns is not None or run.spec.driven is not None:
         return None
     if ns_to_seconds(now_ns - run.started_ns) < run.spec.end.at_latest_s:
         return None
@@ -202,7 +225,9 @@ def collisions(
     known = [targets[target.id] for target in run.spec.targets if target.id in targets]
     if vut is not None:
         known = [vut, *(_at(state, vut.stamp_ns) for state in known)]
-    near = too_near([state for state in known if state.is_finite], run.spec.limits)
+    near = too_near(
+        kept_apart([state for state in known if state.is_finite], run.spec), run.spec.limits
+    )
     return [violation for violation in near if violation.code is SafetyCode.COLLISION]
 
 

@@ -57,6 +57,7 @@ class Run:
     phase_starts: dict[Phase, int] = field(default_factory=dict)
     armed: bool = False
     resolved_ns: int | None = None
+    contact_ns: int | None = None  # of a driven VUT, the first one
     triggers_judged_ns: int = -1
     failed_trigger: Violation | None = None
     judged_ns: int = -1

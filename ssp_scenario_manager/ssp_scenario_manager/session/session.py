@@ -373,6 +373,7 @@ class Session:
                     self.fail(run.failed_trigger)
                 self._take(progress.judge_phases(run, vut, self.targets))
                 self._take(progress.watch_adaptation(run, vut, now_ns))
+                progress.note_contact(run, vut, self.targets)
             self._take(run.send_again(now_ns))
             self._watch_end(run, now_ns)
         if self.state is SessionPhase.ABORTING:
@@ -388,7 +389,8 @@ class Session:
         if self.state is not SessionPhase.RUNNING:
             return
         if progress.is_complete(run, now_ns):
-            self._move(SessionEvent.COMPLETE, now_ns, "the event is resolved")
+            over = "the event is resolved" if run.spec.driven is None else "the driven run is over"
+            self._move(SessionEvent.COMPLETE, now_ns, over)
         elif (missing := progress.overdue(run, now_ns)) is not None:
             self.fail(missing)
 

@@ -1,0 +1,143 @@
+"""The messages of a driven run: question, answer, and the reference that the plan became."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ssp_core import names
+from ssp_core.bag.types import serialize, typestore
+from ssp_core.cdr.references import Acknowledgement, encode_ack, encode_reference
+from ssp_core.clock import NS_PER_S
+from ssp_core.motion.trajectory import Trajectory
+from ssp_core.run_file.driven import Driven
+from ssp_core.world.driver import Answered, DriveReport, EgoSample, Question
+
+# REFUSED_LIMIT of ReferenceAck.msg: a plan that passes a limit of METHOD 8.4.
+_REFUSED = 6
+
+
+def drive_messages(
+    driven: Driven, vut_id: str, report: DriveReport, now_ns: int
+) -> Iterator[tuple[str, bytes]]:
+    """Yield topic and bytes of each message of a step.
+
+    Args:
+        driven: the driver.
+        vut_id: of the VUT, which tracks the plans.
+        report: of the step.
+        now_ns: session time.
+    """
+    if report.asked is not None:
+        yield names.vla_request_topic(driven.driver), _request(report.asked)
+    if report.answered is not None:
+        yield names.vla_response_topic(driven.driver), _response(driven, report.answered)
+        ack = _ack(report.answered, vut_id, now_ns)
+        yield names.ack_topic(vut_id), encode_ack(ack)
+    if report.effective is not None:
+        yield names.reference_topic(vut_id), encode_reference(report.effective)
+
+
+def _request(question: Question) -> bytes:
+    """Return the VlaRequest of a question without frames."""
+    types = typestore().types
+    task = types["ssp_msgs/msg/VlaTask"]
+    message = types["ssp_msgs/msg/VlaRequest"](
+        header=_header(question.stamp_ns),
+        request_id=str(question.number),
+        task=task(
+            instruction="",
+            objects=[],
+            positions=[],
+            motions=[],
+            conflicts=[],
+            lon_actions=[],
+            lat_actions=[],
+            trajectory_step=0.0,
+            trajectory_horizon=0.0,
+        ),
+        frames=[],
+        camera_info=_no_camera(),
+        camera_height=0.0,
+        camera_pitch=0.0,
+        history=[_sample(one) for one in question.history],
+        ego_provenance="measured",
+        previous=[],
+    )
+    return serialize(message)
+
+
+def _response(driven: Driven, answered: Answered) -> bytes:
+    types = typestore().types
+    trajectory = answered.answer.trajectory
+    message = types["ssp_msgs/msg/VlaResponse"](
+        header=_header(answered.stamp_ns),
+        request_id=str(answered.number),
+        model=driven.driver,
+        model_id=driven.driver,
+        text=answered.answer.text,
+        arrays=[] if trajectory is None else list(_arrays(trajectory)),
+        decoding="{}",
+        latency=answered.latency_s,
+        error_code=0,
+        error_msg="",
+    )
+    return serialize(message)
+
+
+def _ack(answered: Answered, vut_id: str, now_ns: int) -> Acknowledgement:
+    code = _REFUSED if answered.refused else 0
+    plan = f"plan-{answered.number}"
+    return Acknowledgement(now_ns, plan, vut_id, not answered.refused, code, answered.refused)
+
+
+def _arrays(trajectory: Trajectory) -> Iterator[Any]:
+    """Yield the trajectory's columns as they came: they may be of unequal lengths."""
+    native = typestore().types["ssp_msgs/msg/NativeArray"]
+    for name, unit in (("t_s", "s"), ("x_m", "m"), ("y_m", "m")):
+        data = np.array(getattr(trajectory, name), dtype=np.float64)
+        shape = np.array([len(data)], dtype=np.uint32)
+        yield native(
+            name=name, shape=shape, data=data, frame="ego_xy", unit=unit, step=0.0, first_time=0.0
+        )
+
+
+def _sample(sample: EgoSample) -> Any:
+    return typestore().types["ssp_msgs/msg/EgoSample"](
+        t=sample.t_s,
+        x=sample.x_m,
+        y=sample.y_m,
+        yaw=sample.yaw_rad,
+        speed=sample.speed_mps,
+        yaw_rate=sample.yaw_rate_radps,
+    )
+
+
+def _header(stamp_ns: int) -> Any:
+    types = typestore().types
+    sec, nanosec = divmod(stamp_ns, NS_PER_S)
+    stamp = types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    return types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+
+
+def _no_camera() -> Any:
+    """Return a CameraInfo that says nothing: the driver got no frames."""
+    types = typestore().types
+    region = types["sensor_msgs/msg/RegionOfInterest"](
+        x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+    )
+    return types["sensor_msgs/msg/CameraInfo"](
+        header=_header(0),
+        height=0,
+        width=0,
+        distortion_model="",
+        d=np.zeros(0),
+        k=np.zeros(9),
+        r=np.zeros(9),
+        p=np.zeros(12),
+        binning_x=0,
+        binning_y=0,
+        roi=region,
+    )

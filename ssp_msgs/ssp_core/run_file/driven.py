@@ -1,0 +1,35 @@
+"""The part of a run file that says who drives the VUT of a driven session (METHOD 8.2)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Field, model_validator
+
+from ssp_core.run_file.values import Finite, NonNegative, Positive, Strict
+
+DriverName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
+
+
+class Driven(Strict):
+    """A driver that leads the VUT from the hand-over on, and the instants that its start fixed."""
+
+    driver: DriverName
+    options: dict[str, Any] = Field({}, description="of the driver")
+    latency_s: Annotated[Finite, Field(ge=0, le=10)] = Field(
+        0.0, description="L: from a frame's stamp until its answer is effective"
+    )
+    first_request_s: NonNegative = Field(description="no frame before it is asked about")
+    hand_over_s: NonNegative = Field(description="t_h")
+    end_s: Positive = Field(description="T_end: the run ends here, or 1 s after the first contact")
+    frame_period_s: Positive = Field(0.1, description="between the frames that are asked about")
+    observable_s: NonNegative | None = Field(
+        None, description="T_obs, for privileged drivers alone; null: it isn't known"
+    )
+    start: str = Field("", description="hash of the start; empty: of none")
+
+    @model_validator(mode="after")
+    def _instants_rise(self) -> Driven:
+        if not self.first_request_s <= self.hand_over_s < self.end_s:
+            raise ValueError("first_request_s, hand_over_s and end_s must rise")
+        return self

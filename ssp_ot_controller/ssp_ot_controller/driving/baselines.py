@@ -1,0 +1,186 @@
+"""The baseline drivers of METHOD 8.10, which need no frames.
+
+All of them follow the centre line of their lane. A privileged one sees true states, and stands in
+no rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from ssp_core.errors import InputError
+from ssp_core.files import parse_model
+from ssp_core.geometry import FloatArray, Polyline
+from ssp_core.motion.encounter import corridor_half_m
+from ssp_core.motion.state import ObjectState
+from ssp_core.motion.trajectory import Trajectory
+from ssp_core.run_file.values import Positive, Strict
+from ssp_core.vocabulary import Role
+from ssp_core.world.driver import COMMANDED, Answer, PlanDriver, Question
+from ssp_ot_controller.bodies.dynamics import LIMITS
+
+HORIZON_S = 5.0
+_POINT_S = 0.1
+_STANDSTILL_MPS = 0.05
+
+
+def lane_plan(question: Question, deceleration_mps2: float = 0.0) -> Answer:
+    """Return a plan along the lane at the present speed, or braking to a standstill.
+
+    Args:
+        question: gives speed and lane.
+        deceleration_mps2: constant, 0 keeps the speed.
+    """
+    t: FloatArray = _POINT_S * np.arange(round(HORIZON_S / _POINT_S) + 1, dtype=np.float64)
+    speed = max(question.speed_mps, 0.0)
+    driven_s = np.minimum(t, speed / deceleration_mps2) if deceleration_mps2 > 0.0 else t
+    way = speed * driven_s - 0.5 * deceleration_mps2 * driven_s**2
+    lane = Polyline(question.route_m)
+    begin, _ = lane.project_beyond(0.0, 0.0)
+    x, y = lane.places(begin + way)
+    return Answer(Trajectory(tuple(t.tolist()), tuple(x.tolist()), tuple(y.tolist())))
+
+
+class ConstantVelocity:
+    """Keeps its speed along its lane."""
+
+    privileged = False
+
+    class Options(Strict):
+        """It has none."""
+
+    def __init__(self, options: Options) -> None:
+        self._options = options
+
+    def answer(self, question: Question) -> Answer:
+        """Answer one question."""
+        return lane_plan(question)
+
+
+class _Braking:
+    """Brakes with a constant deceleration from the first question on."""
+
+    privileged = False
+
+    class Options(Strict):
+        """Strength of its braking."""
+
+        deceleration_mps2: Positive
+
+    def __init__(self, options: Options) -> None:
+        self._options = options
+
+    def answer(self, question: Question) -> Answer:
+        """Answer one question."""
+        return lane_plan(question, self._options.deceleration_mps2)
+
+
+class StopAtOnce(_Braking):
+    """Brakes to a standstill from the first question on."""
+
+    class Options(_Braking.Options):
+        """Strength of its braking."""
+
+        deceleration_mps2: Positive = 3.0
+
+
+class AlwaysBrake(_Braking):
+    """Slows gently from the first question on, whatever happens."""
+
+    class Options(_Braking.Options):
+        """Strength of its braking."""
+
+        deceleration_mps2: Positive = 1.0
+
+
+class Oracle:
+    """Brakes with all that the VUT's brakes give, from when the event becomes observable on."""
+
+    privileged = True
+
+    class Options(Strict):
+        """It has none."""
+
+    def __init__(self, options: Options) -> None:
+        self._options = options
+
+    def answer(self, question: Question) -> Answer:
+        """Answer one question."""
+        known = question.privileged
+        if known is None or known.observable_ns is None:
+            return lane_plan(question)
+        begun = question.stamp_ns >= known.observable_ns
+        vut = next(s for s in known.truths if s.role is Role.VUT)
+        return lane_plan(question, LIMITS[vut.object_class].deceleration_mps2 if begun else 0.0)
+
+
+class Aeb:
+    """Brakes to a standstill once an object in its corridor comes nearer than a TTC."""
+
+    privileged = True
+
+    class Options(Strict):
+        """Its sensor's range and its threshold."""
+
+        range_m: Positive = Field(60.0, description="farther bumpers aren't perceived")
+        ttc_s: Positive = Field(1.6, description="it brakes at or below this")
+        deceleration_mps2: Positive = 7.0
+
+    def __init__(self, options: Options) -> None:
+        self._options = options
+        self._brakes = False
+
+    def answer(self, question: Question) -> Answer:
+        """Answer one question; once it has braked, it brakes on."""
+        if question.privileged is not None:
+            self._brakes = self._brakes or self._must(question.privileged.truths, question)
+        return lane_plan(question, self._options.deceleration_mps2 if self._brakes else 0.0)
+
+    def _must(self, truths: tuple[ObjectState, ...], question: Question) -> bool:
+        lane = Polyline(question.route_m)
+        vut = next(s for s in truths if s.role is Role.VUT)
+        half_m = corridor_half_m(vut.size.width_m)
+        for other in truths:
+            if other is vut:
+                continue
+            corners = [
+                lane.project_beyond(*vut.pose.to_local(x, y)) for x, y in other.box.corners()
+            ]
+            stations, offsets = [s for s, _ in corners], [offset for _, offset in corners]
+            if max(offsets) < -half_m or min(offsets) > half_m:
+                continue
+            gap_m = min(stations) - vut.size.front_m
+            along_mps = other.speed_mps * float(np.cos(other.yaw_rad - vut.yaw_rad))
+            closing_mps = question.speed_mps - along_mps
+            ahead = max(stations) > 0.0 and gap_m <= self._options.range_m
+            soon = max(gap_m, 0.0) <= self._options.ttc_s * closing_mps
+            if ahead and soon and closing_mps > _STANDSTILL_MPS:
+                return True
+        return False
+
+
+BASELINES: dict[str, Any] = {
+    "constant_velocity": ConstantVelocity,
+    "stop_at_once": StopAtOnce,
+    "always_brake": AlwaysBrake,
+    "oracle": Oracle,
+    "aeb": Aeb,
+}
+
+
+def make_driver(name: str, options: Mapping[str, Any]) -> PlanDriver | None:
+    """Return a baseline, see ssp_core.world.driver.make_driver."""
+    kind: Any = BASELINES.get(name)
+    if kind is None and name not in COMMANDED:
+        known = ", ".join(sorted([*BASELINES, *COMMANDED]))
+        raise InputError("is no driver", field="driver", value=name, remedy=f"there is {known}")
+    if kind is None:
+        if options:
+            raise InputError("takes no options", field=f"driver {name}", value=", ".join(options))
+        return None
+    made: PlanDriver = kind(parse_model(kind.Options, dict(options), f"the options of {name}"))
+    return made

@@ -1,0 +1,178 @@
+"""The driver's place in a session in one process: it asks, waits for L, and tracks what is due.
+
+One question is open at a time. The frame of stamp t is asked about at t; the answer is effective at
+the first step at or after t + L; the next question is that of the first frame at which none is open
+(METHOD 8.3). The plan that is effective is tracked by time (8.4).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.errors import SspError
+from ssp_core.geometry import Polyline
+from ssp_core.motion.reference import Reference
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.model import RunSpec
+from ssp_core.world.driver import (
+    BUILT_IN,
+    Answer,
+    Answered,
+    DriveMode,
+    DriveReport,
+    PlanDriver,
+    Privileged,
+    Question,
+    history_of,
+)
+from ssp_ot_controller.bodies.dynamics import LIMITS, Command
+from ssp_ot_controller.control.tracker import Tracker
+from ssp_ot_controller.driving.plan import MapPlan, fallback_of, plan_of
+from ssp_ot_controller.sil.vut_driver import steer
+
+HISTORY_S = 1.7
+ROUTE_M = 80.0
+_ROUTE_STEP_M = 2.0
+# Speed is held with this gain; its loop with the drive's lag doesn't overshoot.
+_HOLD_1PS = 1.0
+
+
+class Pilot:
+    """Leads the VUT of one driven run. Reads no clock.
+
+    Args:
+        run: with its ``driven``.
+        driver: that answers; None for a driver that is commanded without plans.
+    """
+
+    def __init__(self, run: RunSpec, driven: Driven, driver: PlanDriver | None) -> None:
+        if run.vut.approach is None:
+            raise ValueError("a driven run without a path for the VUT passed the checks")
+        self._run = run
+        self._driven = driven
+        self._driver = driver
+        self._path = Polyline(run.vut.approach.path)
+        self._tracker = Tracker(run.vut.cls, dt_s=run.step_s)
+        self._step_ns = seconds_to_ns(run.step_s)
+        self._frame_steps = max(1, round(driven.frame_period_s / run.step_s))
+        self._first_ns = seconds_to_ns(driven.first_request_s)
+        self._hand_over_ns = seconds_to_ns(driven.hand_over_s)
+        self._latency_ns = seconds_to_ns(driven.latency_s)
+        self._seen: deque[ObjectState] = deque(
+            maxlen=1 + round(HISTORY_S / (self._frame_steps * run.step_s))
+        )
+        self._asked = 0
+        self._open: tuple[Question, Answer, ObjectState] | None = None
+        self._plan: MapPlan | None = None
+        self._fallback: Reference | None = None
+        self._tracked: Reference | None = None
+        self._stale = False
+        self._held_mps: float | None = None
+        self._died = ""
+
+    def step(
+        self, step: int, now_ns: int, vut: ObjectState, truths: Sequence[ObjectState]
+    ) -> tuple[Command | None, DriveReport]:
+        """Return the command until the next step, None while the built-in driver leads.
+
+        Args:
+            step: of the world.
+            now_ns: session time.
+            vut: its newest reported state.
+            truths: true states of everything; privileged drivers alone see them.
+        """
+        if self._driver is None:
+            return self._commanded(now_ns, vut)
+        answered, asked = self._due(now_ns), None
+        if step % self._frame_steps == 0:
+            self._seen.append(vut)
+            if self._open is None and now_ns >= self._first_ns and not self._died:
+                asked = self._ask(self._driver, now_ns, vut, truths)
+                # Without latency it is effective in the step of its frame.
+                answered = self._due(now_ns) or answered
+        if now_ns < self._hand_over_ns:
+            return None, DriveReport(DriveMode.BUILT_IN, answered, None, asked, self._died)
+        mode, reference = self._effective(now_ns, vut)
+        fresh = None if reference is self._tracked else reference
+        self._tracked = reference
+        command, _ = self._tracker.track(vut, reference, now_ns)
+        return command, DriveReport(mode, answered, fresh, asked, self._died)
+
+    def _commanded(self, now_ns: int, vut: ObjectState) -> tuple[Command | None, DriveReport]:
+        if self._driven.driver == BUILT_IN or now_ns < self._hand_over_ns:
+            return None, DriveReport(DriveMode.BUILT_IN)
+        if self._held_mps is None:
+            self._held_mps = vut.speed_mps
+        bounds = LIMITS[vut.object_class]
+        wanted = _HOLD_1PS * (self._held_mps - vut.speed_mps)
+        acceleration = min(max(wanted, -bounds.deceleration_mps2), bounds.acceleration_mps2)
+        station, _ = self._path.project_beyond(vut.x_m, vut.y_m)
+        curvature = steer(vut, self._path, station)
+        return Command(acceleration, curvature, vut.yaw_rad), DriveReport(DriveMode.COMMAND)
+
+    def _ask(
+        self, driver: PlanDriver, now_ns: int, vut: ObjectState, truths: Sequence[ObjectState]
+    ) -> Question:
+        self._asked += 1
+        question = Question(self._asked, now_ns, history_of(self._seen), self._route(vut))
+        shown = question
+        if driver.privileged:
+            observable_s = self._driven.observable_s
+            observable_ns = None if observable_s is None else seconds_to_ns(observable_s)
+            shown = replace(question, privileged=Privileged(tuple(truths), observable_ns))
+        try:
+            answer = driver.answer(shown)
+        except SspError as error:
+            self._died = str(error)
+        except Exception as error:  # whatever a driver raises is the driver's end
+            self._died = f"{type(error).__name__}: {error}"
+        else:
+            self._open = question, answer, vut
+        return question
+
+    def _due(self, now_ns: int) -> Answered | None:
+        """Take the open answer if it is effective now."""
+        if self._open is None or now_ns < self._open[0].stamp_ns + self._latency_ns:
+            return None
+        (question, answer, vut), self._open = self._open, None
+        refused = ""
+        if answer.trajectory is None:
+            refused = "not_ready"
+        else:
+            plan = plan_of(
+                answer.trajectory,
+                vut.pose,
+                question.stamp_ns,
+                self._run.step_s,
+                f"plan-{question.number}",
+                self._run.event_version,
+            )
+            if isinstance(plan, str):
+                refused = plan
+            else:
+                self._plan = plan
+        self._stale = bool(refused)
+        latency_s = ns_to_seconds(self._latency_ns)
+        return Answered(question.number, question.stamp_ns, latency_s, answer, refused)
+
+    def _effective(self, now_ns: int, vut: ObjectState) -> tuple[DriveMode, Reference]:
+        plan = self._plan
+        if plan is None:
+            if self._fallback is None:
+                self._fallback = fallback_of(
+                    vut.pose, vut.speed_mps, now_ns, self._run.step_s, self._run.event_version
+                )
+            return DriveMode.FALLBACK, self._fallback
+        if now_ns >= plan.end_ns:
+            return DriveMode.FALLBACK, plan.reference
+        return DriveMode.STALE if self._stale else DriveMode.PLAN, plan.reference
+
+    def _route(self, vut: ObjectState) -> tuple[tuple[float, float], ...]:
+        station, _ = self._path.project_beyond(vut.x_m, vut.y_m)
+        count = round(ROUTE_M / _ROUTE_STEP_M)
+        places = (self._path.pose(station + i * _ROUTE_STEP_M) for i in range(count + 1))
+        return tuple(vut.pose.to_local(place.x_m, place.y_m) for place in places)

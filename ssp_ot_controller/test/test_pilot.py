@@ -1,0 +1,186 @@
+"""The driver's place in a session: when it is asked, and when its answer counts (METHOD 8.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from ssp_core.errors import InputError
+from ssp_core.motion.trajectory import Trajectory
+from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.model import RunSpec
+from ssp_core.world.driver import Answer, DriveMode, DriveReport, Question
+from ssp_ot_controller.driving.baselines import BASELINES, lane_plan, make_driver
+from ssp_ot_controller.driving.pilot import Pilot
+from tests.support.runs import cut_in_run
+from tests.support.states import object_state
+
+STEP_NS = 20_000_000
+
+
+class Scripted:
+    """A driver that says what a function says."""
+
+    privileged = False
+
+    def __init__(self, says: Callable[[Question], Answer] = lane_plan) -> None:
+        self.says = says
+        self.asked: list[Question] = []
+
+    def answer(self, question: Question) -> Answer:
+        self.asked.append(question)
+        return self.says(question)
+
+
+def driven(latency_s: float = 0.0) -> Driven:
+    return Driven(
+        driver="scripted",
+        latency_s=latency_s,
+        first_request_s=0.2,
+        hand_over_s=1.0,
+        end_s=9.0,
+        observable_s=3.0,
+    )
+
+
+def drive(
+    driver: Scripted, latency_s: float = 0.0, seconds: float = 2.0
+) -> list[tuple[float, DriveReport]]:
+    """Reports of the pilot of a VUT that keeps 10 m/s whatever it is commanded."""
+    pilot = Pilot(RunSpec.model_validate(cut_in_run()), driven(latency_s), driver)
+    found = []
+    for step in range(round(seconds * 50) + 1):
+        now_ns = step * STEP_NS
+        vut = object_state("vut", x_m=0.2 * step, speed_mps=10.0, stamp_ns=now_ns)
+        found.append((now_ns / 1e9, pilot.step(step, now_ns, vut, (vut,))[1]))
+    return found
+
+
+def times(reports: list[tuple[float, DriveReport]], field: str) -> list[float]:
+    return [at_s for at_s, report in reports if getattr(report, field) is not None]
+
+
+def test_without_latency_each_frame_is_asked_about_and_effective_at_once() -> None:
+    reports = drive(Scripted())
+    asked = times(reports, "asked")
+    assert asked == pytest.approx([0.2 + 0.1 * k for k in range(19)])
+    assert times(reports, "answered") == asked
+
+
+def test_one_question_is_open_and_the_next_is_of_the_first_frame_at_which_none_is() -> None:
+    reports = drive(Scripted(), latency_s=0.25)
+    assert times(reports, "asked")[:4] == pytest.approx([0.2, 0.5, 0.8, 1.1])
+    # Effective at the first step at or after t + L.
+    assert times(reports, "answered")[:4] == pytest.approx([0.46, 0.76, 1.06, 1.36])
+
+
+def test_a_latency_of_a_frame_is_open_up_to_the_next_frame() -> None:
+    reports = drive(Scripted(), latency_s=0.1)
+    assert times(reports, "asked")[:3] == pytest.approx([0.2, 0.3, 0.4])
+    assert times(reports, "answered")[:3] == pytest.approx([0.3, 0.4, 0.5])
+
+
+def test_a_plan_lies_where_the_vut_was_at_its_frame_and_not_where_it_is() -> None:
+    reports = drive(Scripted(), latency_s=0.5)
+    first = next(report.effective for _, report in reports if report.effective is not None)
+    assert (first.execute_at_ns, first.points[0].x_m) == (200_000_000, pytest.approx(2.0))
+
+
+def test_it_leads_from_the_hand_over_on() -> None:
+    modes = {at_s: report.mode for at_s, report in drive(Scripted())}
+    assert (modes[0.98], modes[1.0]) == (DriveMode.BUILT_IN, DriveMode.PLAN)
+
+
+def test_a_driver_that_says_nothing_falls_back_from_the_hand_over_on() -> None:
+    reports = drive(Scripted(lambda _: Answer(None)))
+    assert {report.mode for at_s, report in reports if at_s >= 1.0} == {DriveMode.FALLBACK}
+    refused = {report.answered.refused for _, report in reports if report.answered}
+    assert refused == {"not_ready"}
+
+
+def test_an_empty_answer_keeps_the_plan_before_which_is_stale_until_the_next_one() -> None:
+    def says(question: Question) -> Answer:
+        quiet = 1_200_000_000 <= question.stamp_ns < 1_500_000_000
+        return Answer(None) if quiet else lane_plan(question)
+
+    reports = drive(Scripted(says))
+    stale = [at_s for at_s, report in reports if report.mode is DriveMode.STALE]
+    assert (stale[0], stale[-1]) == pytest.approx((1.2, 1.48))
+
+
+def test_a_plan_that_is_driven_to_its_end_is_fallback_behind_it() -> None:
+    def says(question: Question) -> Answer:
+        late = question.stamp_ns > 250_000_000
+        t = (0.0, 1.0, 2.0)
+        return Answer(None if late else Trajectory(t, (0.0, 10.0, 20.0), (0.0, 0.0, 0.0)))
+
+    modes = {at_s: report.mode for at_s, report in drive(Scripted(says), seconds=3.0)}
+    assert (modes[2.18], modes[2.2]) == (DriveMode.STALE, DriveMode.FALLBACK)
+
+
+def test_a_driver_that_raises_has_died_and_is_asked_no_more() -> None:
+    def says(question: Question) -> Answer:
+        raise MemoryError("1 GB")
+
+    driver = Scripted(says)
+    reports = drive(driver)
+    assert len(driver.asked) == 1
+    assert reports[-1][1].died == "MemoryError: 1 GB"
+
+
+def test_a_question_holds_motion_and_lane_and_no_truth() -> None:
+    driver = Scripted()
+    drive(driver)
+    question = driver.asked[-1]
+    assert question.privileged is None
+    assert question.history[-1].t_s == 0.0
+    assert question.history[0].t_s == pytest.approx(-1.7)
+    assert question.history[0].x_m == pytest.approx(-17.0)
+    assert question.route_m[0] == pytest.approx((0.0, 0.0))
+    assert question.route_m[-1] == pytest.approx((80.0, 0.0))
+    fields = {"number", "stamp_ns", "history", "route_m", "privileged"}
+    assert set(type(question).__slots__) == fields
+
+
+def test_an_unknown_driver_and_a_wrong_option_are_refused_with_what_there_is() -> None:
+    with pytest.raises(InputError, match=r"is no driver.*constant_velocity"):
+        make_driver("nobody", {})
+    with pytest.raises(InputError, match="aeb"):
+        make_driver("aeb", {"ttc": 1.0})
+    with pytest.raises(InputError, match="takes no options"):
+        make_driver("no_response", {"a": 1})
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_every_baseline_answers_with_a_plan_that_is_driven(name: str) -> None:
+    driver = make_driver(name, {})
+    assert driver is not None
+    pilot = Pilot(RunSpec.model_validate(cut_in_run()), driven(), driver)
+    vut = object_state("vut", speed_mps=10.0, stamp_ns=0)
+    other = object_state("ot1", x_m=40.0, speed_mps=5.0)
+    for step in range(60):
+        _, report = pilot.step(step, step * STEP_NS, vut, (vut, other))
+        assert not report.died
+        assert report.answered is None or not report.answered.refused
+
+
+def test_aeb_brakes_at_its_time_to_collision_and_not_for_what_is_beside_its_lane() -> None:
+    def brakes(gap_m: float, y_m: float = 0.0, speed_mps: float = 0.0) -> bool:
+        driver = make_driver("aeb", {"ttc_s": 2.0})
+        assert driver is not None
+        pilot = Pilot(RunSpec.model_validate(cut_in_run()), driven(), driver)
+        vut = object_state("vut", speed_mps=10.0)
+        x_m = vut.size.front_m + gap_m + vut.size.rear_m
+        other = object_state("ot1", x_m=x_m, y_m=y_m, speed_mps=speed_mps)
+        for step in range(11):
+            _, report = pilot.step(step, step * STEP_NS, vut, (vut, other))
+        assert report.answered is not None
+        plan = report.answered.answer.trajectory
+        assert plan is not None
+        return plan.x_m[-1] < 49.0
+
+    assert brakes(19.9)
+    assert not brakes(20.1)
+    assert not brakes(15.0, y_m=3.5)
+    assert not brakes(15.0, speed_mps=9.9)

@@ -1,0 +1,1 @@
+"""Driven sessions: starts and twins, outcomes, and campaigns (METHOD 8)."""

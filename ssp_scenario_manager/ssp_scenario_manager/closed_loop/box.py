@@ -1,0 +1,97 @@
+"""Draws of a run's values from K*'s box, by seed (METHOD 8.1)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ssp_core.files import parse_model
+from ssp_core.run_file.model import RunSpec
+from ssp_scenario_manager.event_spec.fields import Span
+from ssp_scenario_manager.event_spec.model import Event, Interval
+
+# Fields of a manoeuvre by K*'s names of its quantities.
+_OF_MANOEUVRE = {
+    "duration": "duration_s",
+    "end_speed": "cruise_mps",
+    "deceleration": "deceleration_mps2",
+}
+_OF_BRAKING = {"end_speed": "to_mps", "deceleration": "deceleration_mps2"}
+_OF_PATH = {"walking_speed": "cruise_mps", "acceleration": "acceleration_mps2"}
+_OF_KIND = {"lane_change": _OF_MANOEUVRE, "brake": _OF_BRAKING, "follow_path": _OF_PATH}
+
+
+def drawn_run(run: RunSpec, event: Event, seed: int) -> tuple[RunSpec, dict[str, float]]:
+    """Return the run with values drawn from K*'s box, and these by field of the run file.
+
+    Each quantity that K* gives an interval is drawn uniformly from it, in an order of its own, so
+    that a seed gives the same values everywhere. Other values stay as they were compiled.
+
+    Args:
+        run: as it was compiled.
+        event: K*, that it was compiled from.
+        seed: of the start.
+
+    Raises:
+        InputError: the values make no run.
+    """
+    data: dict[str, Any] = run.model_dump(mode="json", by_alias=True)
+    random = np.random.default_rng([seed, 8])
+    drawn: dict[str, float] = {}
+
+    def draw(quantity: object, *fields: str) -> None:
+        span = _span(quantity)
+        if span is None or not all(_holds(data, field) for field in fields):
+            return
+        value = round(float(random.uniform(span.low, span.high)), 3)
+        for field in fields:
+            _put(data, field, value)
+            drawn[field] = value
+
+    speeds, needs = event.constraints.speeds, event.constraints
+    draw(_approach(speeds, run.vut.id), "driver.cruise_mps", "vut.approach.cruise_mps")
+    for i, target in enumerate(run.targets):
+        draw(_approach(speeds, target.id), f"targets.{i}.approach.cruise_mps")
+    for field in ("below_m", "below_s"):
+        draw(getattr(needs.trigger, "below", None), f"triggers.0.condition.{field}")
+    manoeuvre = run.triggers[0].manoeuvre
+    within = "manoeuvre.motion" if manoeuvre.kind == "follow_path" else "manoeuvre"
+    names = _OF_KIND[manoeuvre.kind]
+    for name in sorted(needs.manoeuvre.keys() & names.keys()):
+        draw(needs.manoeuvre[name], f"triggers.0.{within}.{names[name]}")
+    data["seed"] = seed
+    return parse_model(RunSpec, data, f"the start of seed {seed}"), drawn
+
+
+def _approach(speeds: Any, object_id: str) -> object:
+    return speeds.get(object_id, {}).get("approach")
+
+
+def _span(quantity: object) -> Span | None:
+    """Return a closed interval that leaves something to draw; None where K* gives none."""
+    if not isinstance(quantity, Interval):
+        return None
+    span = quantity.si
+    return span if math.isfinite(span.low) and math.isfinite(span.high) else None
+
+
+def _holds(data: dict[str, Any], field: str) -> bool:
+    holder: Any = data
+    for key in field.split("."):
+        if isinstance(holder, list):
+            holder = holder[int(key)]
+        elif isinstance(holder, dict) and key in holder:
+            holder = holder[key]
+        else:
+            return False
+    return isinstance(holder, int | float) and not isinstance(holder, bool)
+
+
+def _put(data: dict[str, Any], field: str, value: float) -> None:
+    holder: Any = data
+    *way, last = field.split(".")
+    for key in way:
+        holder = holder[int(key)] if isinstance(holder, list) else holder[key]
+    holder[last] = value

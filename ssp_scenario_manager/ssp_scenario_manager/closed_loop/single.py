@@ -1,0 +1,179 @@
+"""One driven run: what a person asks for, its start, and what ``result.json`` says of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ssp_core.errors import InputError
+from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.model import RunSpec
+from ssp_core.world.driver import BUILT_IN, make_driver
+from ssp_scenario_manager.closed_loop.needless import needless_in
+from ssp_scenario_manager.closed_loop.outcome import outcome_of, told_of
+from ssp_scenario_manager.closed_loop.start import (
+    OffSpec,
+    Start,
+    make_start,
+    twin_of,
+    without_event,
+)
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
+
+# Seeds that are tried for a start whose event is K*'s.
+MOST_SEEDS = 50
+MOST_LATENCY_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A driver with its latency, as a person asks for it.
+
+    Args:
+        driver: its name.
+        options: of it.
+        latency_s: L.
+    """
+
+    driver: str
+    options: Mapping[str, Any]
+    latency_s: float
+
+
+def parse_drive(text: str, latency: str) -> Drive:
+    """Read ``NAME`` or ``NAME={…options}``, and a latency.
+
+    Raises:
+        InputError: no such driver, option or latency.
+    """
+    name, _, given = text.partition("=")
+    try:
+        options: Any = json.loads(given) if given.strip() else {}
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is not valid JSON: {error}", field="--drive", value=given) from None
+    if not isinstance(options, dict):
+        raise InputError("must be a JSON object", field="--drive", value=given)
+    make_driver(name, options)
+    return Drive(name, options, parse_latency(latency))
+
+
+def parse_latency(text: str) -> float:
+    """Return L in s of ``zero`` or ``fixed:S``.
+
+    Raises:
+        InputError: it is neither, or out of range.
+    """
+    wrong = InputError(
+        f"is no latency from 0 to {MOST_LATENCY_S:g} s",
+        field="latency",
+        value=text,
+        remedy="give zero, or fixed:S with S in seconds, such as fixed:0.2",
+    )
+    if text == "zero":
+        return 0.0
+    kind, _, seconds = text.partition(":")
+    try:
+        value = float(seconds)
+    except ValueError:
+        raise wrong from None
+    if kind != "fixed" or not 0.0 <= value <= MOST_LATENCY_S:
+        raise wrong
+    return value
+
+
+def driven_run(
+    run: RunSpec, event_file: Path, drive: Drive | None, say: Callable[[str], None]
+) -> RunSpec:
+    """Return the run under a driver, on the start of the run's seed or of the next that is K*'s.
+
+    A run that is driven already keeps its start. Without a driver it is returned as it is.
+
+    Args:
+        run: as it was compiled.
+        event_file: its K*.
+        drive: the driver; None: nobody is asked for.
+        say: takes what becomes of seeds, for people.
+
+    Raises:
+        InputError: no seed gives a start, or the start leaves no time for the latency.
+    """
+    if drive is None:
+        return run
+    if run.driven is not None:
+        return _with_driver(run, drive)
+    start = next_start(run, load_event(str(event_file))[0], run.seed, drive.latency_s, say)
+    return start.driven_by(drive.driver, drive.options, drive.latency_s)
+
+
+def next_start(
+    run: RunSpec, event: Event, seed: int, latency_max_s: float, say: Callable[[str], None]
+) -> Start:
+    """Return the start of the first seed from one on whose event is K*'s (METHOD 8.1).
+
+    Raises:
+        InputError: none of MOST_SEEDS gives one.
+    """
+    why = ""
+    for tried in range(seed, seed + MOST_SEEDS):
+        try:
+            return make_start(run, event, tried, latency_max_s)
+        except OffSpec as error:
+            why = why or str(error)
+            say(f"seed {tried} gives no start of {run.scenario}: {error}")
+    raise InputError(
+        f"no start from seed {seed} to {seed + MOST_SEEDS - 1}: {why}",
+        field="seed",
+        value=seed,
+        remedy="give another seed, a smaller latency, or a place with a longer run-up",
+    )
+
+
+def _with_driver(run: RunSpec, drive: Drive) -> RunSpec:
+    driven = run.driven
+    if driven is None:
+        raise ValueError("the run is driven by nobody")
+    room_s = driven.hand_over_s - driven.first_request_s - driven.frame_period_s
+    if drive.latency_s > room_s + 1e-9:
+        raise InputError(
+            f"is more than this start leaves time for, {max(room_s, 0.0):.3g} s",
+            field="--latency",
+            value=drive.latency_s,
+            remedy="name the event instead of the folder, for a start of its own",
+        )
+    changes = {
+        "driver": drive.driver,
+        "options": dict(drive.options),
+        "latency_s": drive.latency_s,
+    }
+    return run.model_copy(update={"driven": driven.model_copy(update=changes)})
+
+
+def told_of_run(run: RunSpec, result: InProcessResult, record: Record) -> dict[str, Any]:
+    """Return what ``result.json`` says of who drove; empty for a run that nobody drove.
+
+    The twins are driven again for it: nothing but the run file has to be kept.
+    """
+    driven = run.driven
+    if driven is None:
+        return {}
+    twin, contact = twin_of(run)
+    outcome = outcome_of(run, driven, result, record, twin)
+    v_r_mps = None if contact is None else contact.relative_mps
+    told = told_of(driven, record, outcome, v_r_mps)
+    return {"driven": told | {"needless": _needless(run, driven)}}
+
+
+def _needless(run: RunSpec, driven: Driven) -> str:
+    """Say why the driver is needless in the event-free twin of its run; empty: it isn't."""
+    free = without_event(run, driven.end_s)
+    records = []
+    for changes in ({}, {"driver": BUILT_IN, "options": {}, "latency_s": 0.0}):
+        led = driven.model_copy(update={"observable_s": None, **changes})
+        records.append(run_in_process(free.model_copy(update={"driven": led}))[1])
+    own, built_in = records
+    return needless_in(free, driven, own, built_in)
