@@ -28,7 +28,7 @@ from ssp_core.motion.state import ObjectState, Size
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.run_file.model import Camera
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_core.world.camera import Intrinsics, Mounting, intrinsics
+from ssp_core.world.camera import Intrinsics, Mounting, intrinsics, shown_box
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.pictures.compare import Compared, compare_pictures, plan_pairs
 from ssp_eval.pictures.footage import Footage, Grey, coarse, reduced
@@ -38,6 +38,8 @@ from ssp_eval.recordings.sight import Moment, Optics
 CROPS = 30
 # Sessions with a faster turn are a kind of their own; the others drive straight.
 TURNING_RADPS = 0.1
+# Boxes of an object that are nearer than this, at 960 px of width, are those of one drive.
+NEAR_PX = 5.0
 FALSE = 4
 # Real clips: focal length, columns and rows of the vanishing point in px, camera height in m; speed
 # in m/s and the car ahead (m ahead, m to the left) as they were read off the pictures.
@@ -314,6 +316,26 @@ def _seen_by(drive: Drive, other: Drive) -> Drive:
     return replace(drive.filmed_by(other), optics=other.optics)
 
 
+def apart_px(one: Drive, other: Drive) -> float:
+    """Return how far an object's boxes of two drives lie apart: 95 % by less, at the best shift."""
+    times_s = [moment.t_s for moment in other.moments]
+
+    def apart(shift_s: float) -> float:
+        found = []
+        for moment in one.moments:
+            k = int(np.searchsorted(times_s, moment.t_s + shift_s - 1e-3))
+            pair = (moment.states, other.moments[min(k, len(times_s) - 1)].states)
+            if all({"vut", *one.targets} <= set(states) for states in pair):
+                views = (one.optics.view(states["vut"].pose) for states in pair)
+                target = one.targets[0]
+                boxes = [shown_box(view, s[target]) for view, s in zip(views, pair, strict=True)]
+                if boxes[0] is not None and boxes[1] is not None:
+                    found.append(float(np.abs(np.subtract(*boxes)).max()))
+        return float(np.percentile(found, 95)) if found else math.nan
+
+    return min(apart(shift_s) for shift_s in (-0.2, -0.1, 0.0, 0.1, 0.2))
+
+
 def falsified(
     drives: Sequence[Drive], k: int, chance: random.Random
 ) -> Iterator[tuple[str, Drive]]:
@@ -360,7 +382,9 @@ def falsified(
     if empty and mode == "simulation":
         yield "object not in the pictures", one.filmed_by(empty[0])
     if same := [s for s in alike if mode in s.name and s is not plain]:
-        yield "same plan, another seed", one.filmed_by(same[k % len(same)])
+        other = same[k % len(same)]
+        near = "under" if apart_px(one, other) < NEAR_PX else "at least"
+        yield f"same plan, another seed, {near} {NEAR_PX:g} px apart", one.filmed_by(other)
     if turns := [drive for drive in drives if drive.kind == "turn"]:
         turn = turns[k * 5 % len(turns)]
         part = crop(turn, chance)

@@ -43,8 +43,7 @@ _LAG_FALL = 0.05
 # Recorded turning that is large enough to be compared, and in how many pairs; how much is seen.
 _TURNING_RADPS = 0.03
 _LEAST_TURNS = 4
-# Wide, for no sound recording of a turn was at hand.
-TURN_LIMITS = (0.25, 2.5)
+TURN_LIMITS = (0.5, 1.6)
 # Without recorded turning: median of the pictures' yaw rate.
 STRAIGHT_LIMIT_RADPS = 0.03
 # Difference of frames near in time over that of frames further apart.
