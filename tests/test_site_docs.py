@@ -48,7 +48,7 @@ def shown(field: FieldInfo) -> set[str]:
     if isinstance(field.default, BaseModel):
         return {"all defaults", "none"}
     if field.default in (None, []):
-        return {"none", "two periods"}
+        return {"none", "two steps of the run"}
     return {str(field.default)}
 
 

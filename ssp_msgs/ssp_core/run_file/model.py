@@ -74,7 +74,8 @@ class Limits(Strict):
         START_YAW_RAD, description="from an object's heading at its start when it is armed"
     )
     trigger_age_s: LimitS | None = Field(
-        None, description="no trigger is judged on an older state of the VUT; null: two periods"
+        None,
+        description="no trigger is judged on an older state of the VUT; null: two steps of the run",
     )
     stop_reaction_s: LimitS = Field(
         STOP_REACTION_S, description="from an abort until an object that drives becomes slower"
@@ -414,7 +415,7 @@ class RunSpec(Strict):
 
     @property
     def trigger_age_s(self) -> float:
-        """No trigger is judged on a state of the VUT that is older; two periods where not given."""
+        """No trigger is judged on a state of the VUT that is older; two steps of the run where not given."""
         given = self.limits.trigger_age_s
         return 2.0 * self.step_s if given is None else given
 
