@@ -415,7 +415,7 @@ class RunSpec(Strict):
 
     @property
     def trigger_age_s(self) -> float:
-        """No trigger is judged on a state of the VUT that is older; two steps of the run where not given."""
+        """Age of a VUT's state beyond which no trigger is judged; two steps where not given."""
         given = self.limits.trigger_age_s
         return 2.0 * self.step_s if given is None else given
 
