@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from ssp_core.cli import main
+from tests.support.waiting import DEADLINE_S
 
 # Longer than any refusal takes on a busy machine; what waits would do so for ever.
-DEADLINE_S = 120
 COMMANDS = (
     "spec check FILE",
     "spec diff FILE FILE",

@@ -18,6 +18,7 @@ import pytest
 
 from ssp_core.processes import free_domain, session_environment
 from ssp_eval.evaluate.bridges import PROFILE
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -30,7 +31,6 @@ WAYS = [
     pytest.param(README, "node", id="node"),
     pytest.param(RESEARCHER, "python", id="researcher"),
 ]
-DEADLINE_S = 120.0
 
 
 def way(file: Path, name: str) -> tuple[str, str]:

@@ -20,9 +20,9 @@ from ssp_eval.recordings import clip as bag_content
 from ssp_eval.recordings.clip import BagContent
 from ssp_vla_bridge.messages import Request
 from support.answering import Answering
+from tests.support.waiting import DEADLINE_S
 
 BagMaker = Callable[..., Path]
-DEADLINE_S = 120.0
 MODELS = [bridge_spec("constant_velocity")]
 
 

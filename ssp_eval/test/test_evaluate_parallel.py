@@ -31,10 +31,10 @@ from ssp_eval.evaluate.run import run_parallel
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.report.page import write_report
+from tests.support.waiting import DEADLINE_S
 
 BagMaker = Callable[..., Path]
 MODELS = ("constant_velocity", "perfect")
-DEADLINE_S = 300.0
 
 
 @pytest.fixture(autouse=True)

@@ -42,9 +42,9 @@ from ssp_msgs.msg import (
     WorldTick,
 )
 from support.processes import end
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 120.0
 STEP_NS = 10_000_000
 STATES = ("vut/state", "ot1/state", "walker/state")
 

@@ -31,9 +31,9 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.bag.seal import REPORT_NAME
 from ssp_core.cli import main
 from support.processes import end
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 120.0
 
 
 @pytest.fixture

@@ -17,9 +17,9 @@ from ssp_core.errors import HostError
 from ssp_monitor.page import server, viewers
 from ssp_monitor.page.server import FOLDER, PageServer, load_assets
 from ssp_monitor.status.board import Answer, Shown
+from tests.support.waiting import DEADLINE_S
 
 TOKEN = "the-right-token-of-this-test"
-DEADLINE_S = 120.0
 Work = Callable[[aiohttp.ClientSession], Awaitable[Any]]
 
 

@@ -21,10 +21,9 @@ from ssp_core.vocabulary import ObjectClass, Role
 from ssp_monitor.ros.view_node import ViewNode
 from ssp_msgs.msg import ObjectState as ObjectStateMsg
 from ssp_msgs.msg import RecorderStatus, SessionState
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
-
-DEADLINE_S = 120.0
 
 
 def _state(x_m: float) -> bytes:

@@ -24,8 +24,7 @@ from ssp_core.processes import (
     remove_stale_shared_memory,
     session_environment,
 )
-
-DEADLINE_S = 60.0
+from tests.support.waiting import DEADLINE_S
 
 # A stand-in for a node: says that it is up, and does what the first word of its name says.
 NODE = """

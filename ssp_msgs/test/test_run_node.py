@@ -18,9 +18,9 @@ from ssp_core.processes import (
     remove_stale_shared_memory,
     session_environment,
 )
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 60.0
 
 PROGRAM = """
 import sys

@@ -11,8 +11,7 @@ import pytest
 from ssp_core import names
 from ssp_core.processes import free_domain, remove_shared_ports, remove_stale_shared_memory
 from support.runs import small_run
-
-DEADLINE_S = 120.0
+from tests.support.waiting import DEADLINE_S
 
 
 @pytest.fixture

@@ -24,10 +24,10 @@ from support.messages import state_to_msg
 from support.processes import end
 from support.runs import small_run
 from support.states import object_state
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
 START_DEADLINE_S = 90.0  # the first start on a machine compiles the kernels
-DEADLINE_S = 120.0
 STEP_NS = 20_000_000
 EVERY = 5  # 10 Hz at 20 ms a step
 

@@ -35,8 +35,8 @@ from ssp_ot_controller.rehearsal.iso_object import IsoObject
 from ssp_ot_controller.rehearsal.iso_server import IsoServer, serve
 from ssp_ot_controller.rehearsal.played import StateLog
 from support.iso_centre import osem, rules_of, trajectory
+from tests.support.waiting import DEADLINE_S
 
-DEADLINE_S = 60.0
 TRAJ = trajectory(drive_along(Polyline([(0.0, 0.0), (60.0, 0.0)]), 0.0, 0.0, 8.0, 2.0, 2.0))
 
 

@@ -21,9 +21,9 @@ from ssp_core.vocabulary import SessionPhase
 from ssp_msgs import msg
 from ssp_ot_controller.ros.sil_world import OVERRUN_S
 from support.processes import end
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 120.0
 START = {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0}
 VUT = {
     "id": "vut",

@@ -25,11 +25,11 @@ from ssp_msgs.srv import ObjectCommand
 from support.messages import reference_to_msg, state_to_msg
 from support.processes import end
 from support.states import object_state
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
 # A reader may be found by this side before it has found this side.
 TICK_AGAIN_S = 1.0
-DEADLINE_S = 120.0
 VERSION = "sha256:event"
 Request = ObjectCommand.Request
 

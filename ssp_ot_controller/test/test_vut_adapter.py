@@ -112,7 +112,7 @@ def test_places_headings_and_velocities_become_states(
         others.spin_until(approximated, "a state without a stated deviation")
     finally:
         node.terminate()
-        assert node.wait(30.0) == 0, (tmp_path / "node.txt").read_text()
+        assert node.wait(600.0) == 0, (tmp_path / "node.txt").read_text()
 
 
 def test_without_a_datum_it_says_what_is_missing(

@@ -19,6 +19,7 @@ from ssp_core.run_file.verdict import EndWord
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.cli.run import run
 from ssp_scenario_manager.run import companions
+from tests.support.waiting import DEADLINE_S
 
 STAND_IN = """
 import os, sys, time
@@ -29,7 +30,6 @@ if "run_file:=die" in sys.argv:
 time.sleep(600)
 """
 # Ends only what hangs.
-DEADLINE_S = 120.0
 
 
 @pytest.fixture

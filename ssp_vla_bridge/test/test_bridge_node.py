@@ -30,9 +30,9 @@ from ssp_vla_bridge.backends.recorded import response_of_message
 from ssp_vla_bridge.messages import CameraGeometry
 from ssp_vla_bridge.ros.conversions import request_from_msg, request_to_msg, response_to_msg
 from support.processes import end
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 120.0
 
 # A backend that does what the request's id says; the bridge finds it as module:factory.
 ODD_BACKEND = """

@@ -23,11 +23,11 @@ from ssp_vla_bridge.adapters.registry import adapt
 from ssp_vla_bridge.backend import make_backend, respond
 from ssp_vla_bridge.http_messages import request_to_json
 from ssp_vla_bridge.messages import Frame
+from tests.support.waiting import DEADLINE_S
 
 HERE = Path(__file__).resolve().parent
 SIDECARS = HERE.parent / "sidecars"
 NS = 1_000_000_000
-DEADLINE_S = 120.0
 
 
 def load_io():

@@ -21,13 +21,13 @@ import pytest
 from ssp_core.processes import free_domain, session_environment
 from ssp_core.run_file.model import RunSpec
 from tests.support.runs import small_run
+from tests.support.waiting import DEADLINE_S
 from tests.system.browser import Browser
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 TOKEN = "a-token-for-tests-of-the-page"
 OBJECTS = 20
-DEADLINE_S = 120.0
 STATE = "document.getElementById('state').innerText"
 ANSWERS = "document.getElementById('answers').innerText"
 BANNER = "document.getElementById('banner')"

@@ -46,10 +46,10 @@ from ssp_msgs.msg import SessionState
 from support.processes import end
 from tests.support.bags import header, message, picture, text
 from tests.support.states import make_reference
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
-DEADLINE_S = 120.0
 START_NS = 1_000 * NS_PER_S
 STATE, IMAGE = "/ssp/vut/state", "/ssp/vut/front_camera/image/compressed"
 TF, TF_STATIC = "/tf", "/tf_static"

@@ -12,6 +12,7 @@ from operator import lt
 SUPPORT_END_S = 1.0
 TOLERANCE_S = 1e-9
 
+
 @dataclass(frozen=True)
 class Trajectory:
     """Planned positions of the VUT's reference point, as a model gave them.

@@ -37,8 +37,8 @@ from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
 from support.messages import state_to_msg
 from support.processes import end
+from tests.support.waiting import DEADLINE_S
 
-DEADLINE_S = 120.0
 DISARMED, ARMED = ControlState.DISARMED, ControlState.ARMED
 
 

@@ -28,9 +28,9 @@ from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
 from ssp_scenario_manager.ros.manager_node import LAST_WORD_S
 from support.messages import state_to_msg
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
-DEADLINE_S = 120.0
 Peers = Any  # see conftest.py
 
 

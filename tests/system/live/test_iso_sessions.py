@@ -159,7 +159,7 @@ def test_without_a_datum_a_session_with_an_iso_object_does_not_begin(
     arguments = ("--mode", "live", "--out", str(stage.folder / "run"), *unwaived(local_port()))
     command = [sys.executable, "-m", "ssp_core.cli", "run", str(task("cut_in")), *arguments]
     done = stage.start("ssp_run", command)
-    assert done.wait(120.0) == 1
+    assert done.wait(600.0) == 1
     assert "datum: isn't there: nobody knows where the site lies" in stage.said("ssp_run")
     assert not (stage.folder / "run" / "bag").exists()
 

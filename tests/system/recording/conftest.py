@@ -22,11 +22,11 @@ from ssp_core.processes import (
     remove_stale_shared_memory,
     session_environment,
 )
+from tests.support.waiting import DEADLINE_S
 
 from .disks import Disk
 from .load import LoadTopic, Sent, read_log, write_spec
 
-DEADLINE_S = 120.0
 # For thousands of topics on a busy machine.
 MOST_S = 120.0
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
