@@ -46,7 +46,9 @@ _NOTHING: Counter[str] = Counter()
 
 
 class InProcessRecorder(Closing):
-    """See ssp_core.world.recorder.SessionRecorder.
+    """Record a session that runs in one process, as the monitor records one of nodes.
+
+    It is a ssp_core.world.recorder.SessionRecorder.
 
     Args:
         run: whose camera, if it has one, is drawn here.

@@ -25,7 +25,7 @@ from ssp_monitor.ros.view_node import (
     STALE,
     TRAIL_POINTS,
     VUT,
-    Moving,
+    ObjectMarkers,
     Trail,
     standing_marks,
 )
@@ -41,11 +41,11 @@ def _state(object_id: str = "vut", x_m: float = 0.0, **changes: Any) -> ObjectSt
     return object_state(object_id, x_m=x_m, **runs | changes)
 
 
-def _moving(*states: ObjectState, age_s: float = 0.0, over: Moving | None = None) -> Any:
+def _moving(*states: ObjectState, age_s: float = 0.0, over: ObjectMarkers | None = None) -> Any:
     """Marks by space and number, and those that are to disappear."""
     at_ns = NOW_NS - round(age_s * NS_PER_S)
     board = Board(objects={state.object_id: Received(state, at_ns) for state in states})
-    marks = (over or Moving()).marks(board, NOW_NS)
+    marks = (over or ObjectMarkers()).marks(board, NOW_NS)
     gone = {(mark.ns, mark.id) for mark in marks if mark.action == Marker.DELETE}
     return {(mark.ns, mark.id): mark for mark in marks if mark.action == Marker.ADD}, gone
 
@@ -95,7 +95,7 @@ def test_every_class_has_a_colour_and_the_vut_its_own():
 
 @pytest.mark.ros
 def test_a_silent_object_turns_grey_says_so_and_disappears_at_last():
-    moving = Moving()
+    moving = ObjectMarkers()
     assert _colour(_moving(_state(), over=moving)[0]["object", 0]) == VUT
     stale, _ = _moving(_state(), age_s=2.0, over=moving)
     assert _colour(stale["object", 0]) == STALE
@@ -111,7 +111,7 @@ def test_an_object_whose_state_is_no_number_is_not_drawn_somewhere():
 
 @pytest.mark.ros
 def test_numbers_of_marks_stay_with_their_objects():
-    moving = Moving()
+    moving = ObjectMarkers()
     _moving(_state("b"), _state("a"), over=moving)
     again, _ = _moving(_state("a"), _state("b"), over=moving)
     assert again["name", 0].text.startswith("b")
@@ -135,7 +135,7 @@ def test_trails_have_steps_an_end_and_no_jumps():
 
 @pytest.mark.ros
 def test_the_gap_is_drawn_to_whom_the_vut_is_about_to_meet():
-    moving = Moving(Polyline([(0.0, 0.0), (200.0, 0.0)]))
+    moving = ObjectMarkers(Polyline([(0.0, 0.0), (200.0, 0.0)]))
     crossing = _state(
         "walker",
         30.0,

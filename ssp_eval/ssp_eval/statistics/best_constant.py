@@ -59,6 +59,8 @@ class Constant:
     """An answer that is the same at every label time.
 
     Args:
+        scene: slots of its text: objects, position, motion, conflict.
+        plan: its longitudinal and lateral action, which its trajectory drives.
         scores: of each recording that it was chosen for, in their order.
     """
 

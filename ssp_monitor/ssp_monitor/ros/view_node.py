@@ -186,8 +186,8 @@ class Trail:
 
 
 @dataclass(slots=True)
-class Moving:
-    """Makes the marks of the objects, and makes those of an object that is gone disappear.
+class ObjectMarkers:
+    """The RViz markers of the objects, anew for each state; deleted for one that is gone.
 
     Args:
         vut_path: of the run; None: no gap is drawn.
@@ -286,7 +286,7 @@ class ViewNode(Node):
         run = load_run(run_file) if run_file else None
         self._board = Board(run)
         path = run.vut.approach.path if run is not None and run.vut.approach is not None else None
-        self._moving = Moving(Polyline(path) if path is not None else None)
+        self._moving = ObjectMarkers(Polyline(path) if path is not None else None)
         self._session_time = ClockWatch()
         self._watch = SessionSubscriptions(self, self._board)
         self._scene = self.create_publisher(MarkerArray, SCENE_MARKERS, ros.LATCHED)

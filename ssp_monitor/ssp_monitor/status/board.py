@@ -289,7 +289,7 @@ class Board:
 
 @dataclass
 class Newest:
-    """The newest message per source, decoded only when it is asked for.
+    """The newest message of each source that wasn't taken yet; taking decodes and removes it.
 
     Args:
         decode: gives the states of a message; raises ValueError for bytes that are none.

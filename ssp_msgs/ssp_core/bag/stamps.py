@@ -46,11 +46,13 @@ def leap_text(before_ns: int, after_ns: int) -> str:
 
 @dataclass(frozen=True)
 class SettledStamps:
-    """Stamps of which those that leapt are replaced.
+    """The stamps of a topic, in which each that leapt is replaced by an estimate.
+
+    The estimate is the time of receipt, moved by the distance between the other stamps and theirs.
 
     Args:
-        times_ns: on the clock of the stamps, in the order of the recording.
-        leapt: which of them are times of receipt, moved by the usual distance.
+        times_ns: on the clock of the stamps, in the order of the recording, shape (n,).
+        leapt: True where the stamp was replaced, shape (n,).
     """
 
     times_ns: _NS

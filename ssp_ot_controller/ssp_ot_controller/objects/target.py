@@ -94,8 +94,8 @@ class Target:
         # Of a body with a control state of its own.
         self.body = BodyCheck()
         self._run = run
-        self._body = tightened(LIMITS[spec.cls], run.limits)
-        self.tracker = Tracker(spec.cls, self._body, run.step_s)
+        self._body_limits = tightened(LIMITS[spec.cls], run.limits)
+        self.tracker = Tracker(spec.cls, self._body_limits, run.step_s)
         self._stop_room = StoppingRoom(spec.cls, spec.size, run.limits, run.geofence, run.step_s)
         self._own: ObjectState | None = None
         self._continuity = Continuity()
@@ -226,7 +226,7 @@ class Target:
             previous=self._queue.before(reference.execute_at_ns),
             limits=self._run.limits,
             geofence=self._run.geofence,
-            body_limits=self._body,
+            body_limits=self._body_limits,
             event_version=self._run.event_version,
             control_state=control_state,
             stop_room=self._stop_room,

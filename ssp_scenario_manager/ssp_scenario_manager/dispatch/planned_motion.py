@@ -336,9 +336,9 @@ class Pace:
 
     Args:
         start_ns: session time from which on this holds.
-        leg: the law from then on.
-        switch_s: after so long it goes back to 1; inf: it is 1 already.
-        home: the law from there on.
+        leg: how the pace changes from then on.
+        switch_s: time after the start at which the pace begins to return to 1; inf: it is 1.
+        home: how it returns to 1; None where it is 1.
     """
 
     start_ns: int

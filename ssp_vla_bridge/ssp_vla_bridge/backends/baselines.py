@@ -83,7 +83,10 @@ _STEP_S = 0.5  # of the actions of METHOD 6.6
 
 
 class CopyHistory(OptionFree):
-    """Frames are never looked at; the text tells the plan's own action and nothing else."""
+    """A blind baseline: its plan repeats the vehicle's own past motion, mirrored into the future.
+
+    Its text states the action of that plan and nothing else.
+    """
 
     name = "copy_history"
     model_id = "ssp/copy_history/1"

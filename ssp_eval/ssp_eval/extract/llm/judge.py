@@ -105,7 +105,7 @@ class Judged:
 
 def judge(text: str, found: Slots, proposals: Sequence[Proposal]) -> Judged:
     """Return the slots that the LLM's proposals fill; one that the rules found stays as it is."""
-    bench = Bench(text)
+    bench = TextUnderReview(text)
     filled: dict[str, Slot] = {}
     dropped: list[str] = []
     for name in SLOT_NAMES:
@@ -131,8 +131,8 @@ def judge(text: str, found: Slots, proposals: Sequence[Proposal]) -> Judged:
     return Judged(filled, tuple(dropped))
 
 
-class Bench:
-    """A text with what is found in it, at which quotes are held against their labels."""
+class TextUnderReview:
+    """A text and the terms that the rules find in it, to hold an LLM's quotes against."""
 
     def __init__(self, text: str) -> None:
         self.text = text

@@ -13,7 +13,7 @@ from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.checks import check
 from ssp_eval.extract.engine import Reading
-from ssp_eval.extract.llm.judge import Bench
+from ssp_eval.extract.llm.judge import TextUnderReview
 from ssp_eval.extract.llm.reply import Proposal
 from ssp_eval.extract.reader.candidates import Candidate, of_classes, of_labels
 from ssp_eval.extract.reader.clauses import Clause, View, view
@@ -113,8 +113,8 @@ class Support:
     weights: Weights
 
     @cached_property
-    def _bench(self) -> Bench:
-        return Bench(self.text)
+    def _bench(self) -> TextUnderReview:
+        return TextUnderReview(self.text)
 
     def slot(self, name: str, candidate: Candidate) -> Slot | None:
         """Return the slot with its evidence, or None where no words pass."""
