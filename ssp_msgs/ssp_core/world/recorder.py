@@ -46,7 +46,7 @@ class SessionRecorder(Protocol):
 
     @property
     def not_given_back(self) -> list[str]:
-        """What a server that drew the frames couldn't be given back at the close, in words."""
+        """Words for what a server that drew the frames couldn't be given back at the close."""
         ...
 
 
