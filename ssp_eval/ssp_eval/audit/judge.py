@@ -42,6 +42,7 @@ from ssp_eval.data.labels import compare_labels, phase_counts
 from ssp_eval.data.provenance import Provenance, bag_folder
 from ssp_eval.data.response import ResponseLimits
 from ssp_eval.recordings.event import rules_of
+from ssp_eval.recordings.noise import noise_text, step_noises_m
 from ssp_eval.response.compare import load_limits, respond
 from ssp_eval.response.drive import Drive, drive_of, no_drive
 from ssp_scenario_manager.compile.compiler import LOGGED_AS
@@ -62,6 +63,10 @@ def disclosures(one: Examined) -> dict[str, str]:
     if one.crop is not None and one.crop.shortfall:
         found["clip"] = f"{one.crop.shortfall}: the recording holds no more"
     found |= _local_speed(one)
+    who = recording.provenance.participants
+    noises_m = {} if who is None else step_noises_m(recording.sightings, who.ids)
+    if noises_m:
+        found["noise of states, per step"] = noise_text(noises_m)
     if run is None:
         return found | _of_import(recording.provenance)
     found["site"] = f"{run.site}, {run.mode}, seed {run.seed}"
