@@ -1,11 +1,15 @@
-"""Draws the pictures of docs/carla.md: ``python docs/carla_figures.py RUN MAP MOVED``.
+"""Draws the pictures of docs/carla.md: ``python docs/carla_figures.py``, which takes some minutes.
 
-RUN is a session of our own camera, MAP the OpenDRIVE file that stands for its ground, MOVED a
-session with ``--plant carla://…``. The server is the counterpart of the tests: it draws flat boxes.
+Each command of the page runs as it stands there, and is shown as a terminal shows it. The server is
+the counterpart of the tests: it draws flat boxes. Pages are shown by Chromium, without a window.
 """
 
 from __future__ import annotations
 
+import io
+import os
+import shutil
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -13,6 +17,9 @@ from pathlib import Path
 import cv2
 import matplotlib.pyplot as plt
 import numpy as np
+from rich.console import Console
+from rich.terminal_theme import MONOKAI
+from rich.text import Text
 
 from ssp_core.bag.reader import BagReader, object_states
 from ssp_core.cdr.images import COMPRESSED_TYPE, read_image
@@ -24,10 +31,62 @@ ROOT = Path(__file__).resolve().parent.parent
 IMAGES = ROOT / "docs" / "images"
 SHOWN_S = (10.5, 11.5, 12.5)
 WIDTH_PX, QUALITY = 310, 85
+COLUMNS, PAGE_PX = 118, 900
+BLOCK = ("--choose", "road 1 forward [0-312 m]", "--who", "Your Name")
 
-sys.path.insert(0, str(ROOT / "tests"))
-from support.carla_commands import ssp  # noqa: E402 - of the tests, which are no package
-from support.carla_counterpart import Behaviour, Counterpart  # noqa: E402
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT)]
+from support.carla_counterpart import Behaviour, Counterpart  # noqa: E402 - of the tests
+from tests.support.carla_tasks import MAP  # noqa: E402
+from tests.system.browser import Browser  # noqa: E402
+from tests.system.recordings import Recordings, succeed  # noqa: E402
+
+_PAGE = (
+    "<body style='margin:0;background:#0c0c0c'><pre style='display:inline-block;margin:0;padding:"
+    "12px;background:#0c0c0c;color:#d9d9d9;font:13px/1.25 monospace'>{code}</pre></body>"
+)
+
+
+def terminal(folder: Path, address: str, *commands: tuple[str, ...]) -> str:
+    """Run commands in a folder; HTML of what a terminal shows, with CARLA's usual port."""
+    shown = io.StringIO()
+    for arguments in commands:
+        words = (f'"{one}"' if " " in one else one for one in arguments)
+        done = subprocess.run(
+            [sys.executable, "-m", "ssp_core.cli", *arguments],
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            check=False,
+            env={**os.environ, "COLUMNS": str(COLUMNS), "FORCE_COLOR": "1"},
+        )
+        lines = [one for one in done.stdout.splitlines() if "georeference" not in one]
+        shown.write("\n".join([f"$ ssp {' '.join(words)}", *lines, "", ""]))
+    said = shown.getvalue().rstrip().replace(address, "localhost:2000")
+    console = Console(record=True, width=COLUMNS, file=io.StringIO())
+    console.print(Text.from_ansi(said))
+    return console.export_html(theme=MONOKAI, inline_styles=True, code_format=_PAGE)
+
+
+def photograph(page: Path, selector: str, target: str) -> None:
+    """Save an element of a page as a picture of the docs."""
+    with Browser((PAGE_PX, 400), dark=False) as browser:
+        browser.go(page.as_uri())
+        height = int(browser.evaluate("document.documentElement.scrollHeight"))
+        browser.resize(PAGE_PX, height)
+        found = f"document.querySelector({selector!r}).getBoundingClientRect()"
+        sides = f"(() => {{ const b = {found}; return [b.x, b.y, b.right, b.bottom]; }})()"
+        left, top, right, bottom = (max(0, round(v)) for v in browser.evaluate(sides))
+        browser.screenshot(page.with_suffix(".png"))
+    picture = cv2.imread(str(page.with_suffix(".png")))[top:bottom, left:right]
+    cv2.imwrite(str(IMAGES / target), picture, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+
+
+def shown(folder: Path, html: str, target: str) -> None:
+    """Save what a terminal shows as a picture of the docs."""
+    page = folder / "terminal.html"
+    page.write_text(html)
+    photograph(page, "pre", target)
 
 
 def frames(bag: Path) -> list[np.ndarray]:
@@ -45,17 +104,9 @@ def frames(bag: Path) -> list[np.ndarray]:
     return shown
 
 
-def pictures(run: Path, chart: Path) -> None:
-    """A session of our camera above the same states drawn anew."""
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        Counterpart(Behaviour(xodr=chart.read_text())) as server,
-    ):
-        out = Path(folder) / "drawn"
-        camera = ("--map", chart, "--camera", f"carla://{server.address}")
-        ((status, text),) = ssp(("draw", run, *camera, "--out", out))
-        assert status == 0, text
-        rows = [np.hstack(frames(one)) for one in (run / "bag", out)]
+def pictures(*bags: Path) -> None:
+    """Frames of the same instants, a row for each bag."""
+    rows = [np.hstack(frames(one)) for one in bags]
     cv2.imwrite(
         str(IMAGES / "carla-drawn.jpg"), np.vstack(rows), [cv2.IMWRITE_JPEG_QUALITY, QUALITY]
     )
@@ -85,6 +136,60 @@ def motion(moved: Path) -> None:
     figure.savefig(IMAGES / "carla-plant.svg", metadata={"Date": None})
 
 
+def steps(folder: Path, recordings: Recordings, address: str) -> None:
+    """The steps from a server to a report, as docs/carla.md has them."""
+    camera = ("--camera", f"carla://{address}")
+    shutil.copyfile(MAP, folder / "Town01.xodr")
+    asked = ("doctor", "--carla", address, "--map", "Town01.xodr")
+    probed = ("carla", "probe", address, "--out", "carla_probe.json")
+    shown(folder, terminal(folder, address, asked, probed), "carla-probe.webp")
+    k_star = str(recordings.k_star("cut_in"))
+    compiling = (
+        "compile",
+        k_star,
+        "--target",
+        "sumo",
+        "--map",
+        "Town01.xodr",
+        *BLOCK,
+        "--out",
+        "T",
+    )
+    running = ("run", "T", *camera, "--out", "R", "--in-process", "--record")
+    html = terminal(folder, address, compiling, running).replace(k_star, "cut_in")
+    shown(folder, html, "carla-run.webp")
+
+    run = folder / "R"
+    shutil.copyfile(folder / "carla_probe.json", run / "carla_probe.json")
+    synthetic, physical = folder / "synthetic", folder / "physical"
+    shutil.copytree(recordings.get("cut_in", "synthetic"), synthetic)
+    ours = ("--site", "north_track", "--in-process", "--record", "--out", physical)
+    succeed("run", k_star, *ours)
+    truth = recordings.folder / "cut_in.truth.json"
+    succeed("labels", "new", synthetic, run, physical, "--truth", truth)
+    terminal(folder, address, ("audit", "synthetic", "R", "physical", "--out", "audit"))
+    photograph(folder / "audit" / "audit.html", "#simulation", "carla-audit.webp")
+    bridge = ("--bridge", "constant_velocity", "--no-controls", "--out", folder / "scored")
+    succeed("evaluate", run / "bag", *bridge)
+    succeed("report", folder / "scored")
+    photograph(folder / "scored" / "index.html", "ul.notices", "carla-report.webp")
+
+
+def main() -> None:
+    with (
+        tempfile.TemporaryDirectory() as name,
+        Counterpart(Behaviour(xodr=MAP.read_text())) as server,
+    ):
+        folder = Path(name)
+        steps(folder, Recordings(folder / "recordings"), server.address)
+        ours = folder / "ours"
+        succeed("run", folder / "T", "--in-process", "--record", "--out", ours)
+        camera = f"carla://{server.address}"
+        succeed("draw", ours, "--camera", camera, "--out", folder / "drawn")
+        pictures(ours / "bag", folder / "drawn")
+        succeed("run", folder / "T", "--plant", camera, "--out", folder / "moved")
+        motion(folder / "moved")
+
+
 if __name__ == "__main__":
-    pictures(Path(sys.argv[1]), Path(sys.argv[2]))
-    motion(Path(sys.argv[3]))
+    main()

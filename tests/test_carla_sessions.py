@@ -67,6 +67,9 @@ FAILURES = {
         False,
     ),
     "empty box": Failure(Behaviour(bodies=EMPTY), "its box is empty: 2.00 × 0.00 × 1.60 m", False),
+    "lights stay red": Failure(
+        Behaviour(stays_red=True), "1 of its 2 traffic lights don't turn green", False
+    ),
     "dies": Failure(Behaviour(exit_at=AT), "CARLA server 127.0.0.1", lives=False),
     "hangs": Failure(Behaviour(stall_at=AT), "no answer within 3 s", lives=False),
     "actor vanishes": Failure(Behaviour(vanish_at=("ot1", AT)), "ot1 is gone"),
@@ -143,6 +146,22 @@ def test_a_server_that_fails_ends_the_run_with_its_reason_and_a_readable_bag(
         left_as_found(run.server)
     else:
         assert "couldn't be left as it was found" in " ".join(run.said.split())
+
+
+@pytest.mark.carla
+def test_a_recording_is_drawn_anew_on_the_map_of_its_task_alone(
+    ended: dict[str, Ended], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording, other = ended["lost picture"].folder, tmp_path / "other.xodr"
+    other.write_text(EMPTY_XODR)
+    for chart, words in (
+        (tmp_path / "none.xodr", "none.xodr: can't be read: No such file"),
+        (other, "isn't the map that the run was compiled for, bend.xodr (sha256:"),
+    ):
+        given = ["--map", str(chart), "--camera", "carla://localhost:2000"]
+        assert main(["draw", str(recording), *given, "--out", str(tmp_path / "drawn")]) == 1
+        assert words in " ".join(capsys.readouterr().err.split())
+    assert list(tmp_path.iterdir()) == [other]
 
 
 def refusals(task: Path) -> list[tuple[tuple[object, ...], int, str]]:

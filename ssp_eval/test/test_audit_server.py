@@ -41,6 +41,15 @@ TRUCK_BOX = {
     "up_m": 1.91,
 }
 TRUCK = "vehicle.carlamotors.firetruck"
+TRIGGER = {
+    "id": "near",
+    "object_id": "ot1",
+    "condition": {"type": "time_to_arrival", "anchor": [121.0, 0.0], "below_s": 3.2},
+    "manoeuvre": {"kind": "brake"},
+    "adaptation": None,
+    "lead_time_s": 0.1,
+    "not_before_s": 4.0,
+}
 
 
 def a_scene(**changes: Any) -> CarlaScene:
@@ -62,7 +71,7 @@ def a_scene(**changes: Any) -> CarlaScene:
         "camera": {"fov": "75"},
         "settings": {},
         "weather": {"cloudiness": 10.0},
-        "triggers": [],
+        "triggers": [TRIGGER],
         "bodies": {"ot1": body},
     }
     return CarlaScene.model_validate({**told, **changes})
@@ -158,6 +167,10 @@ def test_each_body_is_disclosed_with_its_box_and_what_it_is_taken_for(facts: Pro
     )
     assert "0.9.16, map Carla/Maps/Town01 (sha256:a), synchronous, step 0.1 s" in found["CARLA"]
     assert found["camera of CARLA"] == "fov 75"
+    assert found["triggers with CARLA"] == (
+        "near of ot1: anchor [121.0, 0.0], below_s 3.2, lead_time_s 0.1, not_before_s 4, "
+        "type time_to_arrival"
+    )
     assert PROBE_FILE in found["probe of CARLA"]
 
 

@@ -55,8 +55,10 @@ def ssp(*commands: Sequence[object]) -> list[Told]:
 
 def left_as_found(server: Counterpart) -> None:
     assert server.settings == server.left_settings
+    server.settle(PATIENCE_S)
+    assert (server.lights, server.lights_stopped) == (server.left_lights, False)
     assert sorted(actor.definition[1] for actor in server.actors.values()) == sorted(
-        ["spectator", "traffic.traffic_light", *server.behaviour.foreign]
+        ["spectator", *["traffic.traffic_light"] * 2, *server.behaviour.foreign]
     )
 
 

@@ -52,6 +52,7 @@ class Behaviour:
         synchronous: somebody left it so.
         physics: of vehicles.
         falls_at: the tick from which the ground is gone from under them.
+        stays_red: the traffic lights take no other state.
     """
 
     version: str = VERSION
@@ -70,6 +71,7 @@ class Behaviour:
     synchronous: bool = False
     physics: Physics = field(default_factory=Physics)
     falls_at: int = 0
+    stays_red: bool = False
 
 
 @dataclass
@@ -157,7 +159,12 @@ class Counterpart:
         self._sockets: list[socket.socket] = []
         self._over = False
         self._add("spectator", Pose(z=50.0))
-        self._add("traffic.traffic_light", Pose(x=30.0, y=8.0))
+        # Numbers of carla.TrafficLightState by actor: red, and green in the other direction.
+        at = Pose(x=30.0, y=8.0), Pose(x=30.0, y=-8.0)
+        lights = [self._add("traffic.traffic_light", pose).actor_id for pose in at]
+        self.lights = dict(zip(lights, (0, 2), strict=True))
+        self.lights_stopped = False
+        self.left_lights = dict(self.lights)
         for blueprint in self.behaviour.foreign:
             self._add(blueprint, Pose(x=200.0))
 
@@ -190,6 +197,11 @@ class Counterpart:
                 with suppress(OSError):
                     one.shutdown(socket.SHUT_RDWR)
                 one.close()
+
+    def settle(self, patience_s: float) -> None:
+        """Wait until every asynchronous command has taken effect."""
+        with self._cue:
+            assert self._cue.wait_for(lambda: not self._late, patience_s)
 
     @property
     def address(self) -> str:
@@ -349,10 +361,23 @@ class Counterpart:
     def _on_destroy_actor(self, _: bool, actor: int) -> Any:
         return self._ok(self._destroy(actor))
 
-    def _on_freeze_all_traffic_lights(self, _: bool, frozen: bool) -> Any:
+    def _on_freeze_all_traffic_lights(self, asynchronous: bool, stopped: bool) -> Any:
+        _needs(asynchronous, "waits for the traffic lights")
+
+        def change() -> None:
+            self.lights_stopped = stopped
+
+        self._later(change)
         return [[False]]
 
-    def _on_reset_all_traffic_lights(self, _: bool) -> Any:
+    def _on_set_traffic_light_state(self, asynchronous: bool, actor: int, state: int) -> Any:
+        _needs(asynchronous and actor in self.lights and 0 <= state <= 4, "no such traffic light")
+
+        def change() -> None:
+            if not self.behaviour.stays_red:
+                self.lights[actor] = state
+
+        self._later(change)
         return [[False]]
 
     def _on_set_actor_transform(self, asynchronous: bool, actor: int, transform: Any) -> Any:
@@ -487,6 +512,7 @@ class Counterpart:
             if due <= self.frame:
                 change()
         self._late = [one for one in self._late if one[0] > self.frame]
+        self._cue.notify_all()
         for actor in self.actors.values():
             if actor.body is not None and actor.physics and actor.body.kind != "pedestrian":
                 actor.pose = actor.drive.step(actor.pose, self.behaviour.physics, step_s)
@@ -512,7 +538,11 @@ class Counterpart:
             p = one.pose
             place = (p.x, p.y, p.z, p.pitch, p.yaw, p.roll)
             moved = (*one.drive.velocity, *([0.0] * 6))
-            told.append(struct.pack("<IB15f", one.actor_id, 1, *place, *moved) + bytes(54))
+            state = bytes(54)
+            if one.actor_id in self.lights:
+                # Sign, times of green, yellow and red, elapsed time and pole, before them.
+                state = bytes(52) + bytes((self.lights_stopped, self.lights[one.actor_id]))
+            told.append(struct.pack("<IB15f", one.actor_id, 1, *place, *moved) + state)
         return b"".join(told)
 
     def _send_picture(self, camera: Actor) -> None:

@@ -96,6 +96,7 @@ def server_disclosures(facts: Provenance) -> dict[str, str]:
     if (scene := facts.scene) is not None:
         found["CARLA"] = f"{_server(scene)}, seed {scene.seed}"
         found["weather of CARLA"] = _listed(scene.weather)
+        found["triggers with CARLA"] = scene.trigger_text
         found["camera of CARLA"] = _listed(scene.camera)
         found["scenery of CARLA"] = _scenery_text(facts)
     if (plant := facts.plant) is not None:

@@ -106,12 +106,14 @@ def _map_of(recorded: Recorded, given: Path | None) -> tuple[Path, Literal["the 
     """Return the map's file, and the authority that it is the recording's.
 
     Raises:
-        InputError: there is none, or another one was given than the run was compiled for.
+        InputError: there is none, or it can't be read, or another one was given than the run was
+            compiled for.
     """
     task = attached(recorded.bag, TASK_FILE, Task)
     place = None if task is None else task.place
     is_compiled = place is not None and place.kind == "opendrive"
     if given is not None:
+        read_map(given)
         if is_compiled and place is not None and sha256_file(given) != place.sha256:
             raise InputError(
                 f"isn't the map that the run was compiled for, {place.name} ({place.sha256})",

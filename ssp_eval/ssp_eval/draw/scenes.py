@@ -54,7 +54,7 @@ class Recorded:
     def shooting(self, first: Scene) -> Shooting:
         """Describe the world before CARLA's camera.
 
-        Nobody knows weather and light of an import: it is drawn by day in dry weather.
+        An import says nothing of weather and light: it is drawn by day in dry weather.
         """
         if self.facts.run is not None:
             return Shooting.of_run(self.facts.run, self.camera, first.vut.pose)

@@ -27,6 +27,7 @@ from ssp_core.carla.address import CarlaAddress
 from ssp_core.carla.blueprints import PEDESTRIAN_PREFIX, VEHICLE_PREFIX, Blueprint
 from ssp_core.carla.frame import BodyBox, CarlaPose, Ground
 from ssp_core.carla.left import LeftFile, forget_left, read_left
+from ssp_core.carla.lights import Lights
 from ssp_core.carla.orders import CarlaMotion, PedalOrder, Placement, transform_of
 from ssp_core.carla.pictures import CarlaCamera, Picture, pose_of_transform
 from ssp_core.carla.record import COUNTERPART_BLUEPRINT
@@ -85,6 +86,7 @@ class CarlaServer:
         self._lost = False
         self._settings: Any = None
         self._weather: Any = None
+        self._lights: Lights | None = None
         self._spawned: list[int] = []
         self._roles: dict[int, str] = {}
         self._sensors: list[Any] = []
@@ -164,6 +166,8 @@ class CarlaServer:
             destroy = [self._carla.command.DestroyActor(actor) for actor in theirs]
             if destroy:
                 self._client.apply_batch_sync(destroy, False)
+            if left.lights is not None:
+                left.lights.give_back(self._carla, self._world)
             _set_fields(weather := self._world.get_weather(), left.weather)
             self._world.set_weather(weather)
             for _ in range(_SETTLE_TICKS):
@@ -316,11 +320,29 @@ class CarlaServer:
         other = sorted(n for n, value in fields.items() if abs(found[n] - value) >= 1e-3)
         raise PeerError(f"CARLA server {self.address} doesn't take the weather: {', '.join(other)}")
 
-    def freeze_traffic_lights(self) -> None:
-        """Reset all traffic lights, and stop their clocks."""
-        with self._asking("told to freeze its traffic lights"):
-            self._world.reset_all_traffic_lights()
-            self._world.freeze_all_traffic_lights(True)
+    def turn_lights_green(self) -> None:
+        """Turn all traffic lights green and stop their clocks, until ``close``.
+
+        Raises:
+            PeerError: one stays another colour.
+        """
+        with self._asking("asked for its traffic lights"):
+            lights = self._lights or Lights.of_world(self._world)
+            self._lights = lights
+            self._keep_left()
+            lights.turn_green(self._carla, self._world)
+        others = len(lights.states)
+        for _ in range(_SETTLE_TICKS if others else 0):
+            self.tick()
+            with self._asking("asked for its traffic lights"):
+                others = lights.others_than_green(self._carla, self._world)
+            if not others:
+                return
+        if others:
+            raise PeerError(
+                f"CARLA server {self.address}: {others} of its {len(lights.states)} traffic lights "
+                "don't turn green"
+            )
 
     # -- actors -----------------------------------------------------------------------------------
 
@@ -517,7 +539,7 @@ class CarlaServer:
     def _keep_left(self) -> None:
         if self._settings is not None:
             settings, weather = _fields(self._settings), _numbers(self._weather)
-            self._left.write(settings, weather, self._spawned)
+            self._left.write(settings, weather, self._spawned, self._lights)
 
     # -- the end ----------------------------------------------------------------------------------
 
@@ -529,6 +551,7 @@ class CarlaServer:
         """
         left = self._spawned, self._settings, self._weather
         self._spawned, self._settings, self._weather = [], None, None
+        lights, self._lights = self._lights, None
         sensors, self._sensors = self._sensors, []
         if left == ([], None, None):
             return []
@@ -543,6 +566,8 @@ class CarlaServer:
             destroy = [self._carla.command.DestroyActor(actor) for actor in left[0]]
             if destroy:
                 self._client.apply_batch_sync(destroy, False)
+            if lights is not None:
+                lights.give_back(self._carla, self._world)
             if left[1] is not None:
                 self._world.set_weather(left[2])
                 self._world.apply_settings(left[1], _RESTORE_S)

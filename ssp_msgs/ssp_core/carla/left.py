@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.carla.address import CarlaAddress
+from ssp_core.carla.lights import Lights
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +28,13 @@ class Left:
         settings: of carla.WorldSettings, by name.
         weather: of carla.WeatherParameters, by name.
         actors: that were spawned.
+        lights: the traffic lights; None: they were left alone.
     """
 
     settings: Mapping[str, Any]
     weather: Mapping[str, float]
     actors: frozenset[int]
+    lights: Lights | None = None
 
 
 class LeftFile:
@@ -45,10 +48,19 @@ class LeftFile:
         self._handle: int | None = None
 
     def write(
-        self, settings: Mapping[str, Any], weather: Mapping[str, float], actors: Iterable[int]
+        self,
+        settings: Mapping[str, Any],
+        weather: Mapping[str, float],
+        actors: Iterable[int],
+        lights: Lights | None = None,
     ) -> None:
         """Keep what is to be given back, in place of what was kept before."""
-        told = {"settings": dict(settings), "weather": dict(weather), "actors": sorted(actors)}
+        told = {
+            "settings": dict(settings),
+            "weather": dict(weather),
+            "actors": sorted(actors),
+            "lights": None if lights is None else lights.values,
+        }
         data = json.dumps(told).encode() + b"\n"
         with suppress(OSError):
             if self._handle is None:
@@ -79,8 +91,10 @@ def read_left(address: CarlaAddress) -> Left | None:
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         told = json.loads(os.read(handle, 1 << 20))
-        return Left(told["settings"], told["weather"], frozenset(map(int, told["actors"])))
-    except (OSError, ValueError, KeyError, TypeError):
+        lights = None if told["lights"] is None else Lights.of_values(told["lights"])
+        actors = frozenset(map(int, told["actors"]))
+        return Left(told["settings"], told["weather"], actors, lights)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
     finally:
         os.close(handle)

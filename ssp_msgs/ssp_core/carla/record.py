@@ -149,6 +149,11 @@ class CarlaScene(_ServerRecord):
         """Describe the bodies, by object, for people."""
         return {name: body.text for name, body in sorted(self.bodies.items())}
 
+    @property
+    def trigger_text(self) -> str:
+        """Describe conditions and times of the triggers, for people."""
+        return "; ".join(map(_trigger_text, self.triggers)) or "none"
+
     def differences(self, other: CarlaScene) -> list[str]:
         """Name the fields that differ.
 
@@ -172,6 +177,17 @@ def encode_server(record: Mapping[str, Any]) -> bytes:
 def with_bodies(scene: CarlaScene, bodies: Mapping[str, BodyRecord]) -> CarlaScene:
     """Return the record with further bodies."""
     return scene.model_copy(update={"bodies": {**bodies, **scene.bodies}})
+
+
+def _trigger_text(trigger: Mapping[str, Any]) -> str:
+    condition = trigger.get("condition")
+    values = {**(condition if isinstance(condition, dict) else {}), **trigger}
+    told = ", ".join(
+        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
+        for name, value in sorted(values.items())
+        if name not in ("id", "object_id") and not isinstance(value, dict | None)
+    )
+    return f"{trigger.get('id')} of {trigger.get('object_id')}: {told}"
 
 
 def _sides(box: BodyBox) -> tuple[float, float, float]:

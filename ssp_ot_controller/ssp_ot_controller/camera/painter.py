@@ -154,7 +154,7 @@ class CarlaPainter:
             facts = self._server.accept(map_sha256)
             self._ground = self._server.ground()
             self._server.take_over(shooting.frame_s)
-            self._server.freeze_traffic_lights()
+            self._server.turn_lights_green()
             weather = self._server.set_weather(weather_of(shooting.look))
             self._offer = Offer(self._server)
             for name, (object_class, size) in shooting.objects.items():

@@ -80,7 +80,7 @@ class CarlaBodies:
             facts = self._server.accept(map_sha256)
             self._ground: Ground = self._server.ground()
             self._server.take_over(run.step_s)
-            self._server.freeze_traffic_lights()
+            self._server.turn_lights_green()
             offer = Offer(self._server)
             for name, spec in self._specs.items():
                 actor, body = offer.spawn(name, spec.cls, spec.size)
