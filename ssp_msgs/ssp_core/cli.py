@@ -33,6 +33,10 @@ VERBS: dict[str, tuple[str, str]] = {
         "Compile an event for a simulator or a track.",
     ),
     "run": ("ssp_scenario_manager.cli.run:run", "Run one session and record it into a bag."),
+    "loop": (
+        "ssp_scenario_manager.cli.loop:loop",
+        "Run a campaign in which drivers lead the VUT, and rate them.",
+    ),
     "draw": (
         "ssp_eval.draw.cli:draw",
         "Draw the pictures of a finished recording anew with CARLA.",

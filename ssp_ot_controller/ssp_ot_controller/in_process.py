@@ -174,6 +174,7 @@ class InProcessPlant:
         if self._pilot is None or vut is None:
             return None
         command, report = self._pilot.step(world.step_index, world.now_ns, vut, truths)
+        self._commands.pop(self._run.vut.id, None)
         if command is not None:
             self._commands[self._run.vut.id] = world.step_index, command
         return report

@@ -89,7 +89,7 @@ def test_a_plan_lies_where_the_vut_was_at_its_frame_and_not_where_it_is() -> Non
 
 def test_it_leads_from_the_hand_over_on() -> None:
     modes = {at_s: report.mode for at_s, report in drive(Scripted())}
-    assert (modes[0.98], modes[1.0]) == (DriveMode.BUILT_IN, DriveMode.PLAN)
+    assert (modes[0.98], modes[1.0]) == (DriveMode.COMMAND, DriveMode.PLAN)
 
 
 def test_a_driver_that_says_nothing_falls_back_from_the_hand_over_on() -> None:

@@ -123,9 +123,10 @@ def test_no_response_reproduces_the_twin_and_constant_velocity_comes_near(start:
     assert start.contact is not None
     still, _, _ = driven(start, "no_response")
     assert (still.kind, still.contact) == ("collision", start.contact)
-    steady, _, _ = driven(start, "constant_velocity")
-    assert steady.contact is not None
-    assert abs(steady.contact.relative_mps - start.contact.relative_mps) <= 0.05
+    for latency_s in (0.0, 2.0):
+        steady, _, _ = driven(start, "constant_velocity", latency_s)
+        assert steady.contact is not None
+        assert abs(steady.contact.relative_mps - start.contact.relative_mps) <= 0.05
 
 
 def test_objects_move_alike_whatever_the_vut_does(start: Start) -> None:

@@ -28,15 +28,18 @@ _POINT_S = 0.1
 _STANDSTILL_MPS = 0.05
 
 
-def lane_plan(question: Question, deceleration_mps2: float = 0.0) -> Answer:
-    """Return a plan along the lane at the present speed, or braking to a standstill.
+def lane_plan(
+    question: Question, deceleration_mps2: float = 0.0, speed_mps: float | None = None
+) -> Answer:
+    """Return a plan along the lane at a speed, or braking from it to a standstill.
 
     Args:
         question: gives speed and lane.
         deceleration_mps2: constant, 0 keeps the speed.
+        speed_mps: None: the present one.
     """
     t: FloatArray = _POINT_S * np.arange(round(HORIZON_S / _POINT_S) + 1, dtype=np.float64)
-    speed = max(question.speed_mps, 0.0)
+    speed = max(question.speed_mps if speed_mps is None else speed_mps, 0.0)
     driven_s = np.minimum(t, speed / deceleration_mps2) if deceleration_mps2 > 0.0 else t
     way = speed * driven_s - 0.5 * deceleration_mps2 * driven_s**2
     lane = Polyline(question.route_m)
@@ -45,7 +48,24 @@ def lane_plan(question: Question, deceleration_mps2: float = 0.0) -> Answer:
     return Answer(Trajectory(tuple(t.tolist()), tuple(x.tolist()), tuple(y.tolist())))
 
 
-class ConstantVelocity:
+class _Keeping:
+    """Keeps the speed of its first question along its lane.
+
+    The speed of each question instead would be fed back through the tracker with a delay of L to
+    2 L, and swing more and more from about 1 s on.
+    """
+
+    def __init__(self) -> None:
+        self._held_mps: float | None = None
+
+    def keep(self, question: Question) -> Answer:
+        """Return the plan that keeps the speed."""
+        if self._held_mps is None:
+            self._held_mps = question.speed_mps
+        return lane_plan(question, speed_mps=self._held_mps)
+
+
+class ConstantVelocity(_Keeping):
     """Keeps its speed along its lane."""
 
     privileged = False
@@ -54,11 +74,12 @@ class ConstantVelocity:
         """It has none."""
 
     def __init__(self, options: Options) -> None:
+        super().__init__()
         self._options = options
 
     def answer(self, question: Question) -> Answer:
         """Answer one question."""
-        return lane_plan(question)
+        return self.keep(question)
 
 
 class _Braking:
@@ -97,7 +118,7 @@ class AlwaysBrake(_Braking):
         deceleration_mps2: Positive = 1.0
 
 
-class Oracle:
+class Oracle(_Keeping):
     """Brakes with all that the VUT's brakes give, from when the event becomes observable on."""
 
     privileged = True
@@ -106,19 +127,22 @@ class Oracle:
         """It has none."""
 
     def __init__(self, options: Options) -> None:
+        super().__init__()
         self._options = options
 
     def answer(self, question: Question) -> Answer:
         """Answer one question."""
         known = question.privileged
+        keeps = self.keep(question)
         if known is None or known.observable_ns is None:
-            return lane_plan(question)
-        begun = question.stamp_ns >= known.observable_ns
+            return keeps
+        if question.stamp_ns < known.observable_ns:
+            return keeps
         vut = next(s for s in known.truths if s.role is Role.VUT)
-        return lane_plan(question, LIMITS[vut.object_class].deceleration_mps2 if begun else 0.0)
+        return lane_plan(question, LIMITS[vut.object_class].deceleration_mps2)
 
 
-class Aeb:
+class Aeb(_Keeping):
     """Brakes to a standstill once an object in its corridor comes nearer than a TTC."""
 
     privileged = True
@@ -131,6 +155,7 @@ class Aeb:
         deceleration_mps2: Positive = 7.0
 
     def __init__(self, options: Options) -> None:
+        super().__init__()
         self._options = options
         self._brakes = False
 
@@ -138,7 +163,8 @@ class Aeb:
         """Answer one question; once it has braked, it brakes on."""
         if question.privileged is not None:
             self._brakes = self._brakes or self._must(question.privileged.truths, question)
-        return lane_plan(question, self._options.deceleration_mps2 if self._brakes else 0.0)
+        keeps = self.keep(question)
+        return lane_plan(question, self._options.deceleration_mps2) if self._brakes else keeps
 
     def _must(self, truths: tuple[ObjectState, ...], question: Question) -> bool:
         lane = Polyline(question.route_m)

@@ -3,6 +3,9 @@
 One question is open at a time. The frame of stamp t is asked about at t; the answer is effective at
 the first step at or after t + L; the next question is that of the first frame at which none is open
 (METHOD 8.3). The plan that is effective is tracked by time (8.4).
+
+Up to the hand-over the VUT tracks its approach, as an object target does: a car-following driver
+nears its speed so slowly that no run-up would be long enough for it.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from dataclasses import replace
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import SspError
 from ssp_core.geometry import Polyline
+from ssp_core.motion.approach import approach_points
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.driven import Driven
@@ -56,6 +60,11 @@ class Pilot:
         self._driven = driven
         self._driver = driver
         self._path = Polyline(run.vut.approach.path)
+        points = approach_points(run.vut.approach)
+        end_ns = seconds_to_ns(float(points.columns[0, -1])) + 1
+        self._approach = Reference(
+            "approach", run.vut.id, run.event_version, "approach", 0, 0, end_ns, points
+        )
         self._tracker = Tracker(run.vut.cls, dt_s=run.step_s)
         self._step_ns = seconds_to_ns(run.step_s)
         self._frame_steps = max(1, round(driven.frame_period_s / run.step_s))
@@ -95,7 +104,8 @@ class Pilot:
                 # Without latency it is effective in the step of its frame.
                 answered = self._due(now_ns) or answered
         if now_ns < self._hand_over_ns:
-            return None, DriveReport(DriveMode.BUILT_IN, answered, None, asked, self._died)
+            command, _ = self._tracker.track(vut, self._approach, now_ns)
+            return command, DriveReport(DriveMode.COMMAND, answered, None, asked, self._died)
         mode, reference = self._effective(now_ns, vut)
         fresh = None if reference is self._tracked else reference
         self._tracked = reference
@@ -103,7 +113,10 @@ class Pilot:
         return command, DriveReport(mode, answered, fresh, asked, self._died)
 
     def _commanded(self, now_ns: int, vut: ObjectState) -> tuple[Command | None, DriveReport]:
-        if self._driven.driver == BUILT_IN or now_ns < self._hand_over_ns:
+        if now_ns < self._hand_over_ns:
+            command, _ = self._tracker.track(vut, self._approach, now_ns)
+            return command, DriveReport(DriveMode.COMMAND)
+        if self._driven.driver == BUILT_IN:
             return None, DriveReport(DriveMode.BUILT_IN)
         if self._held_mps is None:
             self._held_mps = vut.speed_mps

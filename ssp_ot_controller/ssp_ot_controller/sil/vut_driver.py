@@ -323,7 +323,7 @@ class VutDriver:
         """
         self.fault_changes += self._faults.begin(vut.stamp_ns, running=True, armed=True)
         driver, wants_to_drive = self._driver(vut.stamp_ns)
-        # In a driven run commands begin with the hand-over.
+        # A driven run has commands in each step that the built-in driver doesn't lead.
         if self._run.driver.external or external is not None:
             command = self._external(vut, external)
         else:

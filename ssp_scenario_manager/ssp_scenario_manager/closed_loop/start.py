@@ -9,6 +9,7 @@ from typing import Any
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
+from ssp_core.files import parse_model
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import ObjectState
@@ -169,11 +170,42 @@ def twin_of(run: RunSpec) -> tuple[Mapping[int, ObjectState], Contact | None]:
     """Drive the twin of a driven run again; return its VUT's true states, and its first contact."""
     if run.driven is None:
         raise InputError("is no driven run", field="driven")
-    driven = run.driven.model_copy(
-        update={"driver": NO_RESPONSE, "options": {}, "latency_s": 0.0}
-    )
+    driven = run.driven.model_copy(update={"driver": NO_RESPONSE, "options": {}, "latency_s": 0.0})
     _, record = run_in_process(run.model_copy(update={"driven": driven}))
     return vut_states(record, run.vut.id), first_contact(record.reports, run.vut.id)
+
+
+def from_facts(kept: Mapping[str, Any]) -> Start:
+    """Return a start from what was sealed of it; its twin is driven again.
+
+    Args:
+        kept: the facts, with ``run`` and ``hash``.
+
+    Raises:
+        InputError: the start isn't the one that was sealed.
+    """
+    run = parse_model(RunSpec, kept["run"], f"the start of seed {kept['seed']}")
+    start = Start(
+        run=run,
+        values=kept["values"],
+        hand_over_s=kept["hand_over_s"],
+        first_request_s=kept["first_request_s"],
+        observable_s=kept["observable_s"],
+        end_s=kept["end_s"],
+        frame_period_s=kept["frame_period_s"],
+        contact=None,
+        twin={},
+    )
+    twin, contact = twin_of(start.driven_by(NO_RESPONSE, {}, 0.0))
+    start = replace(start, twin=twin, contact=contact)
+    if start.hash != kept["hash"]:
+        raise InputError(
+            "isn't the start that was sealed: its twin drives otherwise here",
+            field=f"start of seed {kept['seed']}",
+            value=start.hash,
+            remedy="go on with the build that drew the starts, or name a new folder with --out",
+        )
+    return start
 
 
 def vut_states(record: Record, vut_id: str) -> dict[int, ObjectState]:
@@ -194,9 +226,7 @@ def without_event(run: RunSpec, end_s: float) -> RunSpec:
         for t in run.triggers
     ]
     end = EndCondition(at_latest_s=max(run.end.at_latest_s, end_s + 10.0))
-    limits = run.limits.model_copy(
-        update={"duration_s": max(run.limits.duration_s, end_s + 10.0)}
-    )
+    limits = run.limits.model_copy(update={"duration_s": max(run.limits.duration_s, end_s + 10.0)})
     return run.model_copy(update={"triggers": never, "end": end, "limits": limits})
 
 
@@ -207,12 +237,14 @@ def _frame_period_s(run: RunSpec) -> float:
 
 
 def _hand_over_s(run: RunSpec, latency_max_s: float, frame_s: float) -> tuple[float, float]:
-    """Return t_h, and when the first trigger fires behind the built-in driver."""
-    scout = Driven(
-        driver=BUILT_IN, first_request_s=0.0, hand_over_s=0.0, end_s=_SCOUT_S / 2
-    )
+    """Return t_h, and when the first trigger fires while the VUT keeps to its approach.
+
+    No frame that a driver is asked about lies before the VUT holds its speed: its plan would be of
+    another speed than the one at the hand-over.
+    """
+    scout = Driven(driver=BUILT_IN, first_request_s=0.0, hand_over_s=0.0, end_s=_SCOUT_S / 2)
     for end_s in (_SCOUT_S / 2, _SCOUT_S):
-        driven = scout.model_copy(update={"end_s": end_s})
+        driven = scout.model_copy(update={"end_s": end_s, "hand_over_s": end_s - run.step_s})
         result, record = run_in_process(run.model_copy(update={"driven": driven}))
         if result.triggers:
             break
@@ -224,11 +256,12 @@ def _hand_over_s(run: RunSpec, latency_max_s: float, frame_s: float) -> tuple[fl
     held_mps = approach[-1].speed_mps
     since_ns = approach[-1].stamp_ns
     for state in reversed(approach):
-        if abs(state.speed_mps - held_mps) > LIMITS.steady_share * held_mps:
+        if abs(state.speed_mps - held_mps) > LIMITS.steady_mps:
             break
         since_ns = state.stamp_ns
-    steady_s = ns_to_seconds(since_ns) + LIMITS.steady_s
-    asked_s = LIMITS.history_s + latency_max_s + frame_s
+    asked_s = latency_max_s + frame_s
+    steady_s = ns_to_seconds(since_ns) + max(LIMITS.steady_s, asked_s)
+    asked_s += LIMITS.history_s
     hand_over_s = _ceil(max(steady_s, asked_s), frame_s)
     fires_s = ns_to_seconds(fires_ns)
     if hand_over_s > fires_s - LIMITS.before_trigger_s + EPSILON_S:
@@ -298,8 +331,3 @@ def path_of(run: RunSpec) -> Polyline:
     if run.vut.approach is None:
         raise ValueError("a driven run without a path for the VUT passed the checks")
     return Polyline(run.vut.approach.path)
-
-
-def renamed(start: Start, run_id: str) -> Start:
-    """Return the start under another name of its runs."""
-    return replace(start, run=start.run.model_copy(update={"run_id": run_id}))

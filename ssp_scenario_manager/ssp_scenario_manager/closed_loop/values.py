@@ -10,8 +10,8 @@ class ClosedLoopLimits:
     """Limits by which starts, outcomes and needless braking are judged.
 
     Args:
-        steady_s: the built-in driver holds its approach speed so long before the hand-over.
-        steady_share: of the approach speed, by which it may differ while it is held.
+        steady_s: the VUT holds its approach speed so long before the hand-over.
+        steady_mps: by which its speed may differ meanwhile.
         before_trigger_s: from the hand-over to the first trigger at least.
         history_s: longest history of a driver.
         after_s: a run goes on for so long after the twin's contact or resolution.
@@ -35,7 +35,7 @@ class ClosedLoopLimits:
     """
 
     steady_s: float = 1.0
-    steady_share: float = 0.03
+    steady_mps: float = 0.03
     before_trigger_s: float = 0.5
     history_s: float = 1.7
     after_s: float = 5.0

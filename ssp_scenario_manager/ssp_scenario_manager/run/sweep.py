@@ -290,7 +290,7 @@ def run_sweep(sweep: Sweep, folder: Path, jobs: int, on_row: Callable[[Row], Non
         on_row(row)
     todo = range(len(rows), sweep.runs)
     with (
-        _mapper(min(jobs, len(todo))) as run_all,
+        ordered_map(min(jobs, len(todo))) as run_all,
         (folder / ROWS_FILE).open("a", newline="") as stream,
     ):
         for row in run_all(partial(_row, sweep), todo):
@@ -358,7 +358,7 @@ def _shown(value: float | None) -> str:
 
 
 @contextmanager
-def _mapper(jobs: int) -> Iterator[Callable[..., Iterator[Row]]]:
+def ordered_map(jobs: int) -> Iterator[Callable[..., Iterator[Any]]]:
     """Yield a map that keeps the order."""
     if jobs <= 1:
         yield map

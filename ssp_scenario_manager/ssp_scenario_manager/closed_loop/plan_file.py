@@ -1,0 +1,100 @@
+"""The file of a campaign: events, drivers, latencies, starts and repeats (ssp.loop/1)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator
+
+from ssp_core.errors import InputError
+from ssp_core.files import load_model
+from ssp_core.run_file.driven import DriverName
+from ssp_core.run_file.values import Strict
+from ssp_core.world.driver import make_driver
+from ssp_scenario_manager.closed_loop.single import parse_latency
+
+LOOP_SCHEMA: Literal["ssp.loop/1"] = "ssp.loop/1"
+# METHOD 8.10: they stand in each campaign. Those that know the truth stand in no rank.
+BASELINES = (
+    "no_response",
+    "constant_velocity",
+    "stop_at_once",
+    "always_brake",
+    "aeb",
+    "oracle",
+    "built_in",
+)
+PRIVILEGED = ("aeb", "oracle", "built_in")
+# Their headline is 0 by definition; a campaign in which it isn't measures something else.
+ZERO = ("no_response", "stop_at_once", "always_brake")
+
+
+class CampaignDriver(Strict):
+    """A driver of a campaign."""
+
+    driver: DriverName
+    options: dict[str, Any] = {}
+    label: DriverName | None = Field(None, description="its name in tables; null: the driver's")
+
+    @property
+    def shown(self) -> str:
+        """Name in tables."""
+        return self.label or self.driver
+
+
+class LoopPlan(Strict):
+    """A campaign of driven runs."""
+
+    schema_: Literal["ssp.loop/1"] = Field(LOOP_SCHEMA, alias="schema")
+    events: Annotated[list[str], Field(min_length=1)]
+    site: str = "boulevard"
+    drivers: list[CampaignDriver] = Field([], description="beside the baselines")
+    latencies: Annotated[list[str], Field(min_length=1)] = ["zero"]
+    starts: Annotated[int, Field(ge=1, le=1000)] = Field(20, description="critical ones, per event")
+    others: Annotated[int, Field(ge=0, le=1000)] = Field(
+        1, description="harmless and unavoidable starts of each event that are run as well"
+    )
+    repeats: Annotated[int, Field(ge=1, le=100)] = Field(1, description="R, of each driver")
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+
+    @field_validator("events", "latencies")
+    @classmethod
+    def _no_two_alike(cls, values: list[str]) -> list[str]:
+        for value in values:
+            if values.count(value) > 1:
+                raise ValueError(f"{value} stands twice")
+        return values
+
+    @property
+    def everybody(self) -> list[CampaignDriver]:
+        """Baselines, then the drivers of the plan."""
+        return [*(CampaignDriver(driver=name) for name in BASELINES), *self.drivers]
+
+    @property
+    def latencies_s(self) -> list[float]:
+        """L in s, in the order of the file."""
+        return [parse_latency(text) for text in self.latencies]
+
+
+def load_plan(path: str | Path) -> LoopPlan:
+    """Read a campaign's file.
+
+    Raises:
+        InputError: it isn't valid, names no driver, or one twice.
+    """
+    plan = load_model(LoopPlan, path)
+    if len(set(plan.latencies_s)) < len(plan.latencies):
+        raise InputError("two latencies are the same", file=path, field="latencies")
+    shown = [one.shown for one in plan.everybody]
+    for i, one in enumerate(plan.drivers):
+        make_driver(one.driver, one.options)
+        if shown.count(one.shown) > 1:
+            raise InputError(
+                "stands twice, or is the name of a baseline",
+                file=path,
+                field=f"drivers[{i}]",
+                value=one.shown,
+                remedy="give it a label of its own",
+            )
+    return plan

@@ -1,0 +1,135 @@
+"""Rates of a campaign: the headline of METHOD 8.7 with its interval, and the outcomes beside it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from scipy.stats import binomtest  # type: ignore[import-untyped] # has no types
+
+from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
+from ssp_scenario_manager.closed_loop.values import LIMITS
+
+
+@dataclass(frozen=True, slots=True)
+class RunRow:
+    """The part of one run's row that rates are made of.
+
+    Args:
+        kind: of its start: critical, harmless or unavoidable.
+        needless: why it is in the event-free twin; empty: it isn't.
+    """
+
+    event: str
+    driver: str
+    latency_s: float
+    kind: str
+    outcome: str
+    needless: str
+    starved: bool
+
+    @property
+    def succeeds(self) -> bool:
+        """Tell whether the run counts for the headline."""
+        return self.outcome == "avoided" and not self.needless
+
+
+@dataclass(frozen=True, slots=True)
+class Rates:
+    """One row of the table: a driver at a latency, on the critical starts of an event.
+
+    Args:
+        planned: all runs.
+        driven: without those that stayed ``harness``.
+        headline: share of ``driven``; None where too many are ``harness``.
+        low: end of Wilson's interval of 95 %; None where there is none.
+        high: the other end.
+        worst: share with each ``harness`` a failure.
+        outcomes: how many of each kind, in the order of OUTCOMES.
+        needless: how many are needless in the event-free twin.
+        starved: how many.
+    """
+
+    event: str
+    driver: str
+    latency_s: float
+    planned: int
+    driven: int
+    headline: float | None
+    low: float | None
+    high: float | None
+    worst: float
+    outcomes: tuple[int, ...]
+    needless: int
+    starved: int
+
+
+def rates_of(rows: Sequence[RunRow]) -> list[Rates]:
+    """Return the rates of each driver, latency and event, in the order of the rows."""
+    cells: dict[tuple[str, str, float], list[RunRow]] = {}
+    for row in rows:
+        if row.kind == "critical":
+            cells.setdefault((row.event, row.driver, row.latency_s), []).append(row)
+    return [_rates(*cell, found) for cell, found in cells.items()]
+
+
+def _rates(event: str, driver: str, latency_s: float, rows: Sequence[RunRow]) -> Rates:
+    driven = [row for row in rows if row.outcome != "harness"]
+    successes = sum(row.succeeds for row in driven)
+    lost = len(rows) - len(driven)
+    counts = Counter(row.outcome for row in rows)
+    headline = low = high = None
+    if driven and lost <= LIMITS.harness_share * len(rows):
+        headline = successes / len(driven)
+        interval = binomtest(successes, len(driven)).proportion_ci(method="wilson")
+        low, high = float(interval.low), float(interval.high)
+    return Rates(
+        event,
+        driver,
+        latency_s,
+        len(rows),
+        len(driven),
+        headline,
+        low,
+        high,
+        successes / len(rows),
+        tuple(counts[kind] for kind in OUTCOMES),
+        sum(bool(row.needless) for row in rows),
+        sum(row.starved for row in rows),
+    )
+
+
+def refused_for(rates: Sequence[Rates], zero: Sequence[str]) -> list[str]:
+    """List why a campaign is refused: drivers whose headline must be 0, and isn't (METHOD 8.10)."""
+    return [
+        f"{one.driver} has a headline of {one.headline:.2f} on {one.event} at L = "
+        f"{one.latency_s:g} s, and must have 0"
+        for one in rates
+        if one.driver in zero and one.headline
+    ]
+
+
+def rising(rates: Sequence[Rates], drivers: Sequence[str]) -> list[str]:
+    """List where a driver's headline is higher at a larger latency.
+
+    Args:
+        rates: of a campaign.
+        drivers: that are looked at.
+    """
+    found = []
+    for event, driver in dict.fromkeys((one.event, one.driver) for one in rates):
+        if driver not in drivers:
+            continue
+        cells = [one for one in rates if (one.event, one.driver) == (event, driver)]
+        cells.sort(key=lambda one: one.latency_s)
+        for faster, slower in pairwise(cells):
+            if faster.headline is None or slower.headline is None:
+                continue
+            if slower.headline > faster.headline:
+                found.append(
+                    f"{driver} on {event}: {faster.headline:.2f} at L = {faster.latency_s:g} s, "
+                    f"{slower.headline:.2f} at {slower.latency_s:g} s"
+                )
+    return found

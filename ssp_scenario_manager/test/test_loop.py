@@ -1,0 +1,208 @@
+"""Campaigns of driven runs: the baselines, the table, and going on after a kill."""
+
+from __future__ import annotations
+
+import csv
+import json
+import random
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from ssp_core.errors import InputError
+from ssp_scenario_manager.cli.loop import loop
+from ssp_scenario_manager.closed_loop import campaign
+from ssp_scenario_manager.closed_loop.campaign import Job, run_campaign
+from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
+from ssp_scenario_manager.closed_loop.plan_file import BASELINES, ZERO, LoopPlan, load_plan
+from ssp_scenario_manager.closed_loop.rates import RunRow, rates_of, refused_for, rising
+
+PLAN = {
+    "schema": "ssp.loop/1",
+    "events": ["cut_in"],
+    "latencies": ["zero", "fixed:1"],
+    "starts": 1,
+    "others": 0,
+}
+FILES = ("starts.json", "runs.csv", "table.csv")
+
+
+def plan_of(**changes: Any) -> LoopPlan:
+    return LoopPlan.model_validate({**PLAN, **changes})
+
+
+def run(plan: LoopPlan, folder: Path) -> None:
+    run_campaign(plan, folder, 1, lambda _: None, lambda _: None)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small campaign of the baselines."""
+    folder = tmp_path_factory.mktemp("loop") / "campaign"
+    run(plan_of(), folder)
+    return folder
+
+
+def table(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "table.csv").open()))
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "runs.csv").open()))
+
+
+def test_the_headlines_of_the_baselines_are_what_they_must_be(done: Path) -> None:
+    found = {(one["driver"], one["latency_s"]): float(one["headline"]) for one in table(done)}
+    for driver in ZERO:
+        assert (found[driver, "0"], found[driver, "1"]) == (0.0, 0.0), driver
+    assert found["oracle", "0"] == 1.0
+    for driver in ("oracle", "aeb"):
+        assert found[driver, "0"] >= found[driver, "1"]
+    assert list(dict.fromkeys(driver for driver, _ in found)) == list(BASELINES)
+
+
+def test_no_response_reproduces_v_r_and_constant_velocity_comes_near_at_each_latency(
+    done: Path,
+) -> None:
+    for one in rows(done):
+        if one["driver"] == "no_response":
+            assert one["v_i_mps"] == one["v_r_mps"] != ""
+        elif one["driver"] == "constant_velocity":
+            assert abs(float(one["v_i_mps"]) - float(one["v_r_mps"])) <= 0.05
+            assert one["needless"] == ""
+
+
+def test_starts_are_sealed_before_a_driver_runs(done: Path) -> None:
+    kept = json.loads((done / "starts.json").read_text())
+    (start,) = kept["starts"]
+    assert start["kind"] == "critical"
+    assert {one["start"] for one in rows(done)} == {start["hash"]}
+    assert start["v_r_mps"] is not None
+
+
+def test_a_campaign_that_was_killed_goes_on_to_the_same_table(
+    done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 15 moments, cut off anywhere in a row; and once before the starts were sealed."""
+    kept = [list(one.values()) for one in rows(done)]
+    again: list[str] = []
+
+    def known(job: Job) -> list[list[str]]:
+        again.append(job.driver.shown)
+        return [row for row in kept if row[4] == job.driver.shown]
+
+    monkeypatch.setattr(campaign, "_rows_of", known)
+    whole = (done / "runs.csv").read_bytes()
+    chosen = random.Random(8)
+    for moment in range(15):
+        folder = tmp_path / str(moment)
+        shutil.copytree(done, folder)
+        (folder / "table.csv").unlink()
+        (folder / "runs.csv").write_bytes(whole[: chosen.randrange(len(whole))])
+        again.clear()
+        run(plan_of(), folder)
+        assert again
+        for name in FILES:
+            assert (folder / name).read_bytes() == (done / name).read_bytes(), (moment, name)
+    folder = tmp_path / "anew"
+    again.clear()
+    run(plan_of(), folder)
+    assert again == list(BASELINES)
+    assert (folder / "starts.json").read_bytes() == (done / "starts.json").read_bytes()
+
+
+def test_a_driver_is_run_anew_to_the_same_row(done: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(done, tmp_path / "again")
+    lines = (done / "runs.csv").read_text().splitlines(keepends=True)
+    (folder / "runs.csv").write_text("".join(lines[:-2]))
+    run(plan_of(), folder)
+    assert (folder / "runs.csv").read_text() == "".join(lines)
+
+
+def test_another_campaign_does_not_go_on_in_the_folder(done: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(done, tmp_path / "other")
+    with pytest.raises(InputError, match="holds another campaign"):
+        run(plan_of(latencies=["zero"]), folder)
+    text = (folder / "runs.csv").read_text()
+    (folder / "runs.csv").write_text(text.replace("constant_velocity", "someone"))
+    with pytest.raises(InputError, match="holds another campaign's run"):
+        run(plan_of(), folder)
+
+
+def test_the_command_prints_the_table_of_what_is_there(done: Path, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(yaml.safe_dump(PLAN))
+    said = CliRunner().invoke(loop, [str(plan), "--out", str(done), "--json"])
+    found = json.loads(said.stdout.splitlines()[-1])
+    assert [one["driver"] for one in found][::2] == list(BASELINES)
+    assert said.return_value is None or said.exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"drivers": [{"driver": "nobody"}]}, "is no driver"),
+        ({"drivers": [{"driver": "aeb", "options": {"ttc_s": 1.0}}]}, "name of a baseline"),
+        ({"drivers": [{"driver": "aeb", "options": {"ttc": 1.0}, "label": "a"}]}, "ttc"),
+        ({"latencies": ["fixed:0", "zero"]}, "the same"),
+        ({"latencies": ["measured"]}, "is no latency"),
+        ({"events": ["cut_in", "cut_in"]}, "stands twice"),
+    ],
+)
+def test_a_plan_that_can_not_be_run_is_refused(
+    changes: dict[str, Any], why: str, tmp_path: Path
+) -> None:
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(yaml.safe_dump({**PLAN, **changes}))
+    with pytest.raises(InputError, match=why):
+        load_plan(plan)
+
+
+def row(outcome: str = "avoided", needless: str = "", **changes: Any) -> RunRow:
+    values: dict[str, Any] = {
+        "event": "cut_in",
+        "driver": "a",
+        "latency_s": 0.0,
+        "kind": "critical",
+        "starved": False,
+    }
+    return RunRow(outcome=outcome, needless=needless, **{**values, **changes})
+
+
+def test_the_headline_is_avoided_without_needless_braking_and_has_wilsons_interval() -> None:
+    (one,) = rates_of([row(), row(), row(needless="brakes"), row("collision")])
+    assert (one.headline, one.worst, one.needless) == (0.5, 0.5, 1)
+    # Wilson's score interval of 2 of 4 with z = 1.96.
+    assert (one.low, one.high) == (pytest.approx(0.1500, abs=1e-3), pytest.approx(0.85, abs=1e-3))
+    assert dict(zip(OUTCOMES, one.outcomes, strict=True))["avoided"] == 3
+
+
+def test_too_many_runs_that_our_side_failed_leave_no_rate() -> None:
+    (one,) = rates_of([row(), *[row("harness")] * 2])
+    assert (one.headline, one.low, one.driven, one.worst) == (None, None, 1, pytest.approx(1 / 3))
+    (one,) = rates_of([row()] * 49 + [row("harness")])
+    assert (one.headline, one.worst) == (1.0, 0.98)
+
+
+def test_harmless_and_unavoidable_starts_have_no_part_in_the_headline() -> None:
+    (one,) = rates_of([row(), row("collision", kind="unavoidable"), row(kind="harmless")])
+    assert (one.planned, one.headline) == (1, 1.0)
+
+
+def test_a_campaign_is_refused_where_braking_for_nothing_pays() -> None:
+    rates = rates_of([row(driver="stop_at_once"), row(driver="oracle")])
+    assert refused_for(rates, ZERO) == [
+        "stop_at_once has a headline of 1.00 on cut_in at L = 0 s, and must have 0"
+    ]
+
+
+def test_a_headline_that_rises_with_latency_is_told() -> None:
+    rates = rates_of(
+        [row("collision", driver="aeb", latency_s=0.1), row(driver="aeb", latency_s=0.5)]
+    )
+    assert rising(rates, ("aeb",)) == ["aeb on cut_in: 0.00 at L = 0.1 s, 1.00 at 0.5 s"]
+    assert rising(rates, ("oracle",)) == []
