@@ -20,6 +20,7 @@ from ssp_core.hashing import sha256_file
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.model import Fault, RunSpec, load_run
 from ssp_core.world.driver import Answer, Question
+from ssp_core.world.plant import StepReport
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.cli.run import run as run_command
@@ -56,6 +57,12 @@ def driven(
     result, record = run_in_process(run)
     assert run.driven is not None
     return outcome_of(run, run.driven, result, record, start.twin), result, record
+
+
+@pytest.fixture(scope="module")
+def built_in(start: Start) -> Record:
+    """The built-in driver's event-free run."""
+    return driven(start, "built_in", event=False)[2]
 
 
 class Scripted(baselines.ConstantVelocity):
@@ -141,7 +148,9 @@ def test_objects_move_alike_whatever_the_vut_does(start: Start) -> None:
     assert arrived[0][:steps] == arrived[1][:steps]
 
 
-def test_the_oracle_avoids_and_whoever_brakes_for_nothing_gains_nothing(start: Start) -> None:
+def test_the_oracle_avoids_and_whoever_brakes_for_nothing_gains_nothing(
+    start: Start, built_in: Record
+) -> None:
     def headline(driver: str) -> bool:
         event, _, _ = driven(start, driver)
         run = start.driven_by(driver, {}, 0.0, event=False)
@@ -149,7 +158,6 @@ def test_the_oracle_avoids_and_whoever_brakes_for_nothing_gains_nothing(start: S
         assert run.driven is not None
         return event.kind == "avoided" and not needless_in(run, run.driven, free, built_in)
 
-    _, _, built_in = driven(start, "built_in", event=False)
     told = {name: headline(name) for name in ("oracle", "stop_at_once", "always_brake")}
     assert told == {"oracle": True, "stop_at_once": False, "always_brake": False}
 
@@ -239,19 +247,66 @@ def test_a_driver_that_fails_or_plays_has_its_outcome_and_avoids_nothing(
     assert result.verdict.name != "NONE"
 
 
-def test_one_that_brakes_at_the_hand_over_and_speeds_up_again_is_needless(
-    start: Start, scripted: Callable[..., None]
-) -> None:
-    def says(question: Question) -> Answer:
-        brakes = start.hand_over_s <= question.stamp_ns / 1e9 < start.hand_over_s + 0.4
-        return lane_plan(question, 4.0 if brakes else 0.0)
+def brake_and_speed_up(question: Question, begin_s: float) -> Answer:
+    """Brake for 0.4 s from the hand-over on."""
+    brakes = begin_s <= question.stamp_ns / 1e9 < begin_s + 0.4
+    return lane_plan(question, 4.0 if brakes else 0.0)
 
-    scripted(says)
+
+def slow_gently(question: Question, _: float) -> Answer:
+    """Slow by 0.5 m/s², which alone is no needless braking."""
+    return lane_plan(question, 0.5)
+
+
+def be_a_little_slower(question: Question, begin_s: float) -> Answer:
+    """Slow by less than a tenth before the event, and keep that."""
+    slows = begin_s - 0.15 <= question.stamp_ns / 1e9 < begin_s + 0.6
+    return lane_plan(question, 1.9 if slows else 0.0)
+
+
+def dither(question: Question, _: float) -> Answer:
+    """Brake in every second plan."""
+    return lane_plan(question, 6.0 if question.number % 2 else 0.0)
+
+
+@pytest.mark.parametrize("way", [brake_and_speed_up, slow_gently, be_a_little_slower, dither])
+def test_a_way_to_game_it_gains_no_headline(
+    start: Start,
+    scripted: Callable[..., None],
+    built_in: Record,
+    way: Callable[[Question, float], Answer],
+) -> None:
+    scripted(lambda question: way(question, start.hand_over_s))
+    outcome, _, _ = driven(start, "scripted")
     run = start.driven_by("scripted", {}, 0.0, event=False)
     _, _, free = driven(start, "scripted", event=False)
-    _, _, built_in = driven(start, "built_in", event=False)
     assert run.driven is not None
-    assert needless_in(run, run.driven, free, built_in).startswith("brakes by")
+    needless = needless_in(run, run.driven, free, built_in)
+    assert outcome.kind != "avoided" or needless, outcome
+    if way is brake_and_speed_up:
+        assert needless.startswith("brakes by")
+
+
+def test_a_vut_that_stands_is_struck_and_one_off_its_twin_is_ours(start: Start) -> None:
+    run = start.driven_by("stop_at_once", {}, 0.0)
+    assert run.driven is not None
+    result, record = run_in_process(run)
+
+    def hit(report: StepReport) -> StepReport:
+        vut = next(s for s in report.truths if s.object_id == "vut")
+        if vut.speed_mps > 0.0 or report.now_ns < 15_000_000_000:
+            return report
+        behind = replace(vut, object_id="ot1", x_m=vut.x_m - vut.size.length_m + 0.1)
+        return replace(report, truths=(replace(behind, speed_mps=4.0), vut))
+
+    moved = Record([hit(report) for report in record.reports])
+    outcome = outcome_of(run, run.driven, result, moved, start.twin)
+    assert (outcome.kind, outcome.at_s) == ("struck", 15.0)
+    assert outcome.contact is not None
+    assert (outcome.contact.vut_side, outcome.contact.other_side) == ("rear", "front")
+    assert outcome.contact.relative_mps == 4.0
+    off = {at_ns: replace(s, x_m=s.x_m + 0.31) for at_ns, s in start.twin.items()}
+    assert outcome_of(run, run.driven, result, record, off).kind == "harness"
 
 
 def test_limits_and_the_operator_end_a_driven_run_as_any_other(
