@@ -31,15 +31,18 @@ ROOT = Path(__file__).resolve().parent.parent
 IMAGES = ROOT / "docs" / "images"
 SHOWN_S = (10.5, 11.5, 12.5)
 WIDTH_PX, QUALITY = 310, 85
-COLUMNS, PAGE_PX = 118, 900
+COLUMNS, PAGE_PX = 108, 900
 BLOCK = ("--choose", "road 1 forward [0-312 m]", "--who", "Your Name")
 
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT)]
 from support.carla_counterpart import Behaviour, Counterpart  # noqa: E402 - of the tests
+from support.carla_physics import Physics  # noqa: E402
 from tests.support.carla_tasks import MAP  # noqa: E402
 from tests.system.browser import Browser  # noqa: E402
 from tests.system.recordings import Recordings, succeed  # noqa: E402
 
+# A vehicle that hardly does what the event asks of it, uphill.
+WEAK = Physics(engine=2.6, lag=0.4, drifts=-0.2)
 _PAGE = (
     "<body style='margin:0;background:#0c0c0c'><pre style='display:inline-block;margin:0;padding:"
     "12px;background:#0c0c0c;color:#d9d9d9;font:13px/1.25 monospace'>{code}</pre></body>"
@@ -68,25 +71,47 @@ def terminal(folder: Path, address: str, *commands: tuple[str, ...]) -> str:
     return console.export_html(theme=MONOKAI, inline_styles=True, code_format=_PAGE)
 
 
-def photograph(page: Path, selector: str, target: str) -> None:
-    """Save an element of a page as a picture of the docs."""
+def photograph(page: Path, target: str, *parts: tuple[str, str]) -> None:
+    """Save parts of a page, below each other, as a picture of the docs.
+
+    Args:
+        page: its file.
+        target: name of the picture.
+        parts: JavaScript for the first and the last element of each.
+    """
     with Browser((PAGE_PX, 400), dark=False) as browser:
         browser.go(page.as_uri())
-        height = int(browser.evaluate("document.documentElement.scrollHeight"))
-        browser.resize(PAGE_PX, height)
-        found = f"document.querySelector({selector!r}).getBoundingClientRect()"
-        sides = f"(() => {{ const b = {found}; return [b.x, b.y, b.right, b.bottom]; }})()"
-        left, top, right, bottom = (max(0, round(v)) for v in browser.evaluate(sides))
+        browser.resize(PAGE_PX, int(browser.evaluate("document.documentElement.scrollHeight")))
+        boxes = [
+            browser.evaluate(
+                f"(() => {{ const a = ({first}).getBoundingClientRect(), "
+                f"b = ({last}).getBoundingClientRect(); return [a.y, b.bottom]; }})()"
+            )
+            for first, last in parts
+        ]
         browser.screenshot(page.with_suffix(".png"))
-    picture = cv2.imread(str(page.with_suffix(".png")))[top:bottom, left:right]
-    cv2.imwrite(str(IMAGES / target), picture, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    whole = cv2.imread(str(page.with_suffix(".png")))
+    rows = [whole[max(0, round(top)) : round(bottom)] for top, bottom in boxes]
+    cv2.imwrite(str(IMAGES / target), np.vstack(rows), [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+
+
+def element(selector: str) -> tuple[str, str]:
+    """One element of a page, as a part of it."""
+    found = f"document.querySelector({selector!r})"
+    return found, found
+
+
+def row(name: str) -> str:
+    """A row of the audit's disclosures."""
+    rows = "[...document.querySelectorAll('#disclosures tbody tr')]"
+    return f"{rows}.find(r => r.cells[0].innerText === {name!r})"
 
 
 def shown(folder: Path, html: str, target: str) -> None:
     """Save what a terminal shows as a picture of the docs."""
     page = folder / "terminal.html"
     page.write_text(html)
-    photograph(page, "pre", target)
+    photograph(page, target, element("pre"))
 
 
 def frames(bag: Path) -> list[np.ndarray]:
@@ -143,10 +168,12 @@ def steps(folder: Path, recordings: Recordings, address: str) -> None:
     asked = ("doctor", "--carla", address, "--map", "Town01.xodr")
     probed = ("carla", "probe", address, "--out", "carla_probe.json")
     shown(folder, terminal(folder, address, asked, probed), "carla-probe.webp")
-    k_star = str(recordings.k_star("cut_in"))
+    k_star = recordings.k_star("cut_in")
+    for one in (k_star, recordings.clip("cut_in")):
+        shutil.copyfile(one, folder / one.name)
     compiling = (
         "compile",
-        k_star,
+        k_star.name,
         "--target",
         "sumo",
         "--map",
@@ -155,9 +182,8 @@ def steps(folder: Path, recordings: Recordings, address: str) -> None:
         "--out",
         "T",
     )
-    running = ("run", "T", *camera, "--out", "R", "--in-process", "--record")
-    html = terminal(folder, address, compiling, running).replace(k_star, "cut_in")
-    shown(folder, html, "carla-run.webp")
+    running = ("run", "T", *camera, "--out", "R")
+    shown(folder, terminal(folder, address, compiling, running), "carla-run.webp")
 
     run = folder / "R"
     shutil.copyfile(folder / "carla_probe.json", run / "carla_probe.json")
@@ -168,11 +194,16 @@ def steps(folder: Path, recordings: Recordings, address: str) -> None:
     truth = recordings.folder / "cut_in.truth.json"
     succeed("labels", "new", synthetic, run, physical, "--truth", truth)
     terminal(folder, address, ("audit", "synthetic", "R", "physical", "--out", "audit"))
-    photograph(folder / "audit" / "audit.html", "#simulation", "carla-audit.webp")
+    photograph(
+        folder / "audit" / "audit.html",
+        "carla-audit.webp",
+        element("section.refusal"),
+        (row("scenery of CARLA"), row("body of ot1")),
+    )
     bridge = ("--bridge", "constant_velocity", "--no-controls", "--out", folder / "scored")
-    succeed("evaluate", run / "bag", *bridge)
+    succeed("evaluate", run / "bag", "--propose-labels", *bridge)
     succeed("report", folder / "scored")
-    photograph(folder / "scored" / "index.html", "ul.notices", "carla-report.webp")
+    photograph(folder / "scored" / "index.html", "carla-report.webp", element("ul.notices"))
 
 
 def main() -> None:
@@ -180,14 +211,16 @@ def main() -> None:
         tempfile.TemporaryDirectory() as name,
         Counterpart(Behaviour(xodr=MAP.read_text())) as server,
     ):
-        folder = Path(name)
-        steps(folder, Recordings(folder / "recordings"), server.address)
-        ours = folder / "ours"
-        succeed("run", folder / "T", "--in-process", "--record", "--out", ours)
-        camera = f"carla://{server.address}"
-        succeed("draw", ours, "--camera", camera, "--out", folder / "drawn")
-        pictures(ours / "bag", folder / "drawn")
-        succeed("run", folder / "T", "--plant", camera, "--out", folder / "moved")
+        folder, address = Path(name), server.address
+        steps(folder, Recordings(folder / "recordings"), address)
+        succeed("run", folder / "T", "--in-process", "--record", "--out", folder / "ours")
+        # CARLA's client and its server need processes of their own.
+        camera = f"carla://{address}"
+        terminal(folder, address, ("draw", "ours", "--camera", camera, "--out", "drawn"))
+        pictures(folder / "ours" / "bag", folder / "drawn")
+        with Counterpart(Behaviour(xodr=MAP.read_text(), physics=WEAK)) as weak:
+            moving = ("run", "T", "--plant", f"carla://{weak.address}", "--out", "moved")
+            terminal(folder, weak.address, moving)
         motion(folder / "moved")
 
 
