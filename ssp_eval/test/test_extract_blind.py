@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections import Counter
 
 import pytest
-from blind_measure import HELD_OUT, OPEN, load, tallies, total
+from blind_measure import HELD_OUT, OPEN, load, of_labellers, p_of_difference, tallies, total
 
-from ssp_eval.data.records import SLOT_NAMES
+from ssp_eval.data.records import SLOT_NAMES, Slots
+from ssp_eval.extract import extract
 
 # A little under what was measured (docs/text-extraction.md), so that a loss is seen.
 FLOORS = {
@@ -34,3 +35,19 @@ def test_texts_are_known_once_and_labels_quote_them() -> None:
         for label in row["labels"]:
             assert set(label) == set(SLOT_NAMES)
             assert all(one["quote"] in row["text"] for one in label.values() if one is not None)
+
+
+def test_a_paired_test_sees_a_difference_and_none_between_equals() -> None:
+    rows = load("blind.jsonl", OPEN)[:40]
+    rules = list(tallies(rows))
+    deaf = list(tallies(rows, lambda text: extract(text) if len(text) % 2 else Slots()))
+    assert p_of_difference(rules, rules) == (1.0, 1.0)
+    assert p_of_difference(rules, deaf)[1] < 0.01
+    assert p_of_difference(deaf, rules)[1] < 0.01
+
+
+def test_labellers_who_judge_each_other_are_as_precise_as_they_find() -> None:
+    one = dict.fromkeys(SLOT_NAMES) | {"motion": {"value": "oncoming", "also": []}}
+    other = {**one, "motion": {"value": "receding", "also": ["oncoming"]}}
+    both = total(of_labellers([{"id": "a", "text": "", "labels": [one, other]}]))
+    assert (both.given, both.right, both.wanted, both.found) == (2, 1, 2, 1)

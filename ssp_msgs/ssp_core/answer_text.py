@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import StrEnum
+from unicodedata import decimal
 
 _REASONING = (
     "think|thinking|thought|thoughts|reasoning|reason|analysis|scratch_?pad|reflection|cot"
@@ -59,7 +60,7 @@ _OTHERS = r"(?:user|human|system|tool|observation|developer|function|instruction
 _END = re.compile(
     r"<\|(?:im_end|eot_id|eom_id|end|end_of_turn|endofturn|endoftext|end_of_text|return|eos|eot|eom"
     r"|stop|role_end|end_of_sentence|end_of_turn_token|start_of_turn_token)\|>"
-    rf"|<\|(?:im_|hy_)?(?:{_OTHERS}|{_SELF})(?:_token)?\|>"
+    rf"|<\|(?:im_|hy_)?(?:{_OTHERS}|{_SELF})(?:_token|_start|_end)?\|>"
     rf"|<\|(?:im_start|start_header_id|header_start|start_of_role|start|begin|turn)\|?>"
     rf"\s*(?:(?:{_OTHERS}|{_SELF})\b)?"
     rf"|<(?:end_of_turn|end_of_utterance|eos|/s|eot|turn\|)>|<start_of_turn>\s*\w*"
@@ -81,7 +82,7 @@ _SPEAKER = re.compile(
     re.IGNORECASE | re.MULTILINE,
 )
 _OPENS_OWN = re.compile(
-    rf"\s*(?:<s>|<bos>|<\|begin_of_text\|>|<\|(?:im_|hy_)?{_SELF}(?:_token)?\|>"
+    rf"\s*(?:<s>|<bos>|<\|begin_of_text\|>|<\|(?:im_|hy_)?{_SELF}(?:_token|_start)?\|>"
     rf"(?:\s*{_SELF}?\s*<\|im_middle\|>)?|<\|start_of_turn_token\|>"
     rf"|<\|(?:im_start|start_header_id|header_start|start_of_role|start|begin|turn)\|?>\s*{_SELF}\b"
     rf"\s*(?:<\|(?:im_sep|end_header_id|header_end|end_of_role|message)\|>)?"
@@ -96,7 +97,9 @@ _OPENS_OWN = re.compile(
 # spans keep their places.
 _FULL_WIDTH = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {
     0x3000: 0x20, 0x3010: 0x5B, 0x3011: 0x5D, 0x3014: 0x5B, 0x3015: 0x5D, 0x3001: 0x2C,
+    0x066B: 0x2E, 0x060C: 0x2C,  # Arabic decimal mark and comma
 }  # fmt: skip
+_OTHER_DIGIT = re.compile(r"[^\D0-9]")
 
 
 @dataclass(frozen=True)
@@ -183,8 +186,10 @@ def _without_reasoning(output: str) -> tuple[str, str]:
 
 
 def plain_width(text: str) -> str:
-    """Replace characters of full width by their usual forms; the length stays the same."""
-    return text if text.isascii() else text.translate(_FULL_WIDTH)
+    """Replace full-width characters and other scripts' digits by ASCII; the length stays."""
+    if text.isascii():
+        return text
+    return _OTHER_DIGIT.sub(lambda digit: str(decimal(digit[0])), text.translate(_FULL_WIDTH))
 
 
 class Ending(StrEnum):
@@ -226,7 +231,17 @@ _ENDING_PARTS: dict[Ending, frozenset[str]] = {
         | {"failure", "timeout", "timed", "interrupted", "interrupt", "disconnected", "disconnect"}
         | {"shutdown", "unloaded", "unload", "killed", "crashed", "preempted", "exception"}
         | {"malformed", "overloaded", "unavailable", "unclosed", "oom", "expired", "memory"}
-        | {"died", "dead", "terminated", "evicted", "lost", "dropped", "deadline", "stalled"}
+        | {
+            "died",
+            "dead",
+            "fault",
+            "terminated",
+            "evicted",
+            "lost",
+            "dropped",
+            "deadline",
+            "stalled",
+        }
         | {"resource", "resources", "quota", "reset"}
     ),
     Ending.LIMIT: frozenset(

@@ -142,8 +142,8 @@ class Binder(Clause):
         elif hit.value == "revise":
             self.step += 1
             self.world.revised.append(self.step)
-        elif hit.value == "meta":
-            self.plan.sequence = set()
+        elif hit.value == "meta" or (hit.value == "step" and self._is_order(self._at)):
+            self.plan.sequence = (hit.value == "step" and self.plan.sequence) or set()
             self.busy = False
         elif hit.value == "and":
             self.busy = False

@@ -103,6 +103,13 @@ class Clause:
     def _before(self, index: int) -> Hit:
         return self.hits[index - 1] if index > self.start else NOTHING
 
+    def _is_order(self, index: int) -> bool:
+        """Tell whether a numbered step is one of a plan: an action stands first in it."""
+        following = (
+            hit for hit in self.hits[index + 1 : index + 5] if hit.kind not in ("mark", "field")
+        )
+        return next(following, NOTHING).kind in ("verb", "noun", "action")
+
     def _after(self, index: int, ahead: int = 1) -> Hit:
         return self.hits[index + ahead] if index + ahead < self.stop else NOTHING
 

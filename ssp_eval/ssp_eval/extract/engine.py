@@ -17,7 +17,7 @@ from ssp_eval.extract.options import asserted
 from ssp_eval.extract.scope import Scope, scopes
 from ssp_eval.extract.speaker import with_own_vehicle
 from ssp_eval.extract.tokens import Tokens, tokenise
-from ssp_eval.extract.world import World
+from ssp_eval.extract.world import World, share_between_joined
 
 RULES_VERSION = "2"
 _SOURCES = (
@@ -88,6 +88,7 @@ def _read(text: str) -> Reading:
     ranges = sentences(hits)
     flags = scopes(tokens.words, hits, ranges)
     world = Binder(tokens.words, hits, flags).run(ranges)
+    share_between_joined(world, hits)
     slots: dict[str, Slot] = {}
     for name, (value, support) in decide(world).items():
         spans = sorted({tokens.span(said.first, said.stop) for said in support})

@@ -16,25 +16,32 @@ from typing import NamedTuple
 from ssp_eval.extract.tokens import HUMP
 
 _CHOSEN = ("accepted", "chosen", "selected")
-_YES = frozenset({"true", "yes", "✓", "✔", "☑", "✅", "on", "t", "y", *_CHOSEN})
+_FOUND, _NOT_FOUND = ("present", "positive"), ("absent", "negative")
+_YES = frozenset({"true", "yes", "✓", "✔", "☑", "✅", "on", "t", "y", *_CHOSEN, *_FOUND})
 _REFUSED = ("rejected", "cancelled", "canceled", "denied", "aborted", "refused", "discarded")
-_NO = frozenset({"false", "no", "✗", "✘", "☒", "❌", "n", "off", "f", "none", "null", *_REFUSED})
+_NO = frozenset(
+    {"false", "no", "✗", "✘", "☒", "❌", "n", "off", "f", "none", "null", *_REFUSED, *_NOT_FOUND}
+)
 # Words that deny a manoeuvre; of nobody's presence the rules read them.
 _NO_ACTION = frozenset({"none", "null", "off"})
 _FEW_WORDS = 3
 _ACTIONS = frozenset({"lon_action", "lat_action"})
 _SIDES = {"left": ("lat_action",), "right": ("lat_action",)}  # which alone the rules don't read
+_OF_NUMBER = frozenset("-−0123456789")  # its first sign
 _CLEAR = 0.2  # by which the largest share leads
 _NAME = r"(?:[^\W\d_]|[^\W\d][\w /-]{0,28}\w)"
-_SHARE = r"\d+(?:\.\d+)?\s*%?"
+_SHARE = r"[-−]?\d+(?:\.\d+)?\s*%?"
 _WORD_VALUE = (
-    r"(?:(?:true|false|yes|no|on|off|none|null|"
+    r"(?:(?:true|false|yes|no|on|off|none|null|present|absent|positive|negative|"
     + "|".join((*_CHOSEN, *_REFUSED))
     + r")\b|[✓✔☑✅✗✘☒❌]"
     r"|(?-i:[TFYN])\b)"
 )
 # Behind a sign, or two blanks, may stand the next field.
-_FIELD_END = r"(?=\s*(?:[,;}\]\n|(]|\.(?:\s|$)|$)|\s{2}|(?<=[✓✔☑✅✗✘☒❌])\s)"
+_FIELD_END = (
+    r"(?=\s*(?:[,;}\]\n|(]|\.(?:\s|$)|$)|\s{2}|(?<=[✓✔☑✅✗✘☒❌])\s"
+    r"|(?<=[\"'])\s*/?>|(?<=[\"'])\s+[\w-]{2,30}=[\"'])"  # of a tag's attribute
+)
 # {"pedestrian": {"present": false}}
 _NESTED = r"(?:\{\s*[\"'](?:present|detected|visible|exists|active|selected|needed)[\"']\s*:\s*)"
 _QUOTES = r"[\"'*_]{0,2}"
@@ -55,7 +62,9 @@ _FIELD = re.compile(
     rf"\s*:\s*(?P<score>{_SHARE})\s*\}}"
     # brake (80 %), 80 % brake
     rf"|(?P<before>{_NAME})\s*[(\[](?P<beside>{_SHARE}|{_WORD_VALUE})[)\]]"
-    rf"|(?P<first>\d+(?:\.\d+)?\s*%)\s+(?:for\s+|to\s+)?(?P<behind>{_NAME}){_FIELD_END}",
+    rf"|(?P<first>\d+(?:\.\d+)?\s*%)\s+(?:for\s+|to\s+)?(?P<behind>{_NAME}){_FIELD_END}"
+    # brake 80 %, keep 20 %
+    rf"|(?P<ahead>{_NAME})\s+(?P<follows>\d+(?:\.\d+)?\s*%){_FIELD_END}",
     re.IGNORECASE,
 )
 _PARTS = (
@@ -68,9 +77,10 @@ _PARTS = (
     ("label", "score"),
     ("before", "beside"),
     ("behind", "first"),
+    ("ahead", "follows"),
 )
-# Of the last three forms one alone is a remark: "I brake (80 %)".
-_NEVER_ALONE = frozenset({"label", "before", "behind"})
+# Of the last four forms one alone is a remark: "I brake (80 %)".
+_NEVER_ALONE = frozenset({"label", "before", "behind", "ahead"})
 _ROMAN = ("i", "ii", "iii", "iv", "v", "vi", "vii", "viii")
 _MARKS = r"(?:viii|vii|vi|iv|v|iii|ii|i|[A-Ha-h]|[0-9])"
 _ITEM = re.compile(
@@ -188,7 +198,7 @@ _MOST_WORDS = 6  # of an option that isn't called one
 
 _MAY_HOLD_FIELD = re.compile(
     rf"(?:[:=>|→?]|[-–—]\s)[\s\"'*_]{{0,4}}(?:{_WORD_VALUE}|{_SHARE}[\"'*]*(?:[\s,;}}\])|<]|$))"
-    rf"|[(\[](?:{_SHARE}|{_WORD_VALUE})[)\]]|%\s",
+    rf"|[(\[](?:{_SHARE}|{_WORD_VALUE})[)\]]|%[\s,;.]|=[\"']",
     re.IGNORECASE,
 )
 # Behind a field that says no more than its name.
@@ -434,7 +444,7 @@ def _holding(group: Sequence[_Field]) -> list[bool | None]:
         elif one.value in _YES | _NO:
             found.append(one.value in _YES)
         elif "objects" in one.slots:
-            found.append(float(one.value.rstrip("% ")) > 0)
+            found.append(one.value[0] not in "-−" and float(one.value.rstrip("% ")) > 0)
         else:
             found.append(_leads(one, group))
     return found
@@ -442,7 +452,9 @@ def _holding(group: Sequence[_Field]) -> list[bool | None]:
 
 def _leads(one: _Field, group: Sequence[_Field]) -> bool | None:
     """Tell whether a share is the clear maximum of those of its slot."""
-    same = [other for other in group if other.slots & one.slots and other.value[:1].isdigit()]
+    same = [other for other in group if other.slots & one.slots and other.value[:1] in _OF_NUMBER]
+    if any(other.value[0] in "-−" for other in same):  # no shares, but scores of another kind
+        return None if len(same) == 1 else False
     shares = [(float(other.value.rstrip("% ")), "%" in other.value) for other in same]
     whole = 100.0 if any(p for _, p in shares) or max(v for v, _ in shares) > 1.0 else 1.0
     own = float(one.value.rstrip("% ")) / whole

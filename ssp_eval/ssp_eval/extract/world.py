@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from ssp_eval.extract.match import Hit, slot_of
 from ssp_eval.extract.scope import Scope
 
 _BOTH = (("lon_action", "maintain"), ("lat_action", "straight"))
+_MOST_BETWEEN = 3  # words between "and" and the second of two road users, and of its own
 _SPEEDS = frozenset({"decelerate", "stop", "maintain", "accelerate"})
 
 
@@ -82,6 +84,36 @@ class World:
     nobody: list[Statement] = field(default_factory=list)
     sentences: int = 0
     frames: bool = False  # it goes through several frames, of which the last counts
+
+
+def share_between_joined(world: World, hits: Sequence[Hit]) -> None:
+    """Give road users that are named together what is said of one: "a car and a truck ahead".
+
+    They matter alike, and the first has the places, motions and conflicts that follow behind the
+    last one in the same sentence, where it has none of its own.
+    """
+    by_mention = {said.first: actor for actor in world.actors for said in actor.mentions}
+    for user, joint, other in zip(hits, hits[1:], hits[2:], strict=False):
+        if (user.kind, joint.kind, joint.value, other.kind) != ("user", "cue", "and", "user"):
+            continue
+        first, second = by_mention.get(user.first), by_mention.get(other.first)
+        between, long = other.first - joint.stop, other.stop - other.first
+        close = joint.first == user.stop and max(between, long) <= _MOST_BETWEEN
+        if first is None or second is None or first.name == second.name or not close:
+            continue
+        sentence = next(said for said in second.mentions if said.first == other.first).sentence
+        for name in ("places", "motions", "conflicts"):
+            said = [
+                one
+                for one in getattr(second, name)
+                if one.sentence == sentence and one.first >= other.stop
+            ]
+            if not getattr(first, name):
+                getattr(first, name).extend(said)
+        for name in ("critical", "matters", "intruding", "reaction"):
+            most = max(getattr(first, name), getattr(second, name))
+            setattr(first, name, most)
+            setattr(second, name, most)
 
 
 class Plan:

@@ -47,6 +47,13 @@ _REFUSED = re.compile(
     r"|invalid|not (?:the|my|a|what)"
     r"|never|instead of|rather than|ruled out|abandoned|unsafe|forbidden)\b"
 )
+# A label that names another driver's or an earlier drive, and no more.
+_NOT_AN_ANSWER = re.compile(
+    r"\W*(?:the |my |our )?(?:(?:ground[-_ ]?truth|gt|(?:human|expert)(?: driver(?:'s)?)?|logged"
+    rf"|recorded)(?: (?:future|{PLAN_WORDS}|driver|driving|positions?))*"
+    r"|(?:previous|prior|earlier) (?:answer|output|response|plan|prediction))"
+    r"\W*(?:\([^()]*\)\W*)?"
+)
 _CONDITION = re.compile(
     r"\b(?:if|unless|in case|would|were|otherwise|suppose|supposing)\b"
     r"|^\W*had (?:the|a|an|i|we|it|he|she|they|this|that)\b"
@@ -102,6 +109,17 @@ _SIBLING = re.compile(
     r"|time_interval|step|sampling_time)_m?s|time_?step|time_interval|frequency_hz|hz|rate_hz"
     r"|(?:coordinate_)?(?:units?|frame|system)|axes|order|format)[\"']\s*:\s*"
     r"(?P<value>[\"'][^\"'\n]{0,80}[\"']|\[[^\[\]{}]{0,200}\]|\d*\.?\d+)",
+    re.IGNORECASE,
+)
+# Keys that say whose the list beside them is, where none says what is done.
+_NAMED_AS = re.compile(
+    r"[\"'](?:agent|actor|type|class|category|name|track|entity|participant|id)[\"']\s*:\s*"
+    r"[\"']([^\"'\n]{1,40})[\"']",
+    re.IGNORECASE,
+)
+_ACTION_KEY = re.compile(
+    r"[\"'][\w ]{0,24}(?:action|decision|man(?:o?eu|eu)ver|manoeuvre|command|behaviou?r)\w{0,3}"
+    r"[\"']\s*:",
     re.IGNORECASE,
 )
 # A line that says how all coordinates are meant.
@@ -180,7 +198,8 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
     behind = _behind(text, end)
     key = _KEY.search(before.rstrip())
     if key is not None:
-        words = " ".join([*_parents(text, max(0, start - 4 * _LOOKED_AT), start), key[1]])
+        holders = _parents(text, max(0, start - 4 * _LOOKED_AT), start)
+        words = " ".join([*holders, _user_beside(text, start, end), key[1]])
         label = words.replace("_", " ").lower()
         heading = f"{before} ({key[1].rpartition('_')[2]}){behind}{_siblings(text, start, end)}"
         return Label(label, heading, _owner(label, is_key=True))
@@ -231,6 +250,17 @@ def _siblings(text: str, start: int, end: int) -> str:
             found += f"; {value} frame" if key.endswith(("frame", "system")) else ""
             found += f" ({value})" if key.endswith(("unit", "units")) else ""
     return found
+
+
+def _user_beside(text: str, start: int, end: int) -> str:
+    """Return the road user whom a key beside a list's own names as its owner, or ""."""
+    begin = max(text.rfind("{", max(0, start - _LOOKED_AT), start), 0)
+    stop = text.find("}", end, end + _LOOKED_AT)
+    beside = f"{text[begin:start]} {text[end : len(text) if stop < 0 else stop]}"
+    named = [match[1].lower() for match in _NAMED_AS.finditer(beside)]
+    if _ACTION_KEY.search(beside) or any(_OWN.search(name) for name in named):
+        return ""
+    return next((name for name in named if _NAMES_USER.fullmatch(name)), "")
 
 
 def _speaks_of_user(text: str) -> bool:
@@ -293,6 +323,8 @@ def _owner(words: str, is_key: bool = False) -> Owner:
     said = words.replace("’", "'").replace("*", " ").replace("`", " ").strip()
     said = _NOT_THEIRS.sub(" ", _ASIDE.sub(" ", said))
     own = _OWN.search(said) is not None
+    if _NOT_AN_ANSWER.fullmatch(said):
+        return Owner.OTHER
     if _REFUSED.search(said) or _CONDITION.search(said) or _BOXES.search(said):
         return Owner.OTHER
     road = _ROAD.search(said)

@@ -1,8 +1,9 @@
 """Markdown tables of a plan, written as the lists of rows that the adapters read.
 
-A table is one list: its header states columns and units, and each line below the rule is a row. A
-table that names road users, or that lacks a pair of columns that an interface reads, stays as it
-is and holds no list.
+A table is one list: its header states columns and units, and each line below the rule is a row.
+Where one column names whose a row is, the own vehicle's rows are the list. Any other table that
+names road users, or that lacks a pair of columns that an interface reads, stays as it is and holds
+no list.
 """
 
 from __future__ import annotations
@@ -77,7 +78,11 @@ def _list_of(header: str, lines: Sequence[str], is_of_points: bool, is_open: boo
     if any(not _OWN.isdisjoint(_words(title)) for title in titles):
         titles = [title if _is_own(title) else "" for title in titles]
     elif any(not _OF_USERS.isdisjoint(_words(title)) for title in titles):
-        return None
+        rows_of_own = _own_rows(titles, cells)
+        if not rows_of_own:
+            return None
+        lines = [lines[i] for i in rows_of_own]
+        cells = [cells[i] for i in rows_of_own]
     first, second = (_FIRST, _SECOND) if is_of_points else (_SPEED, _CURVATURE)
     pair = [_column(titles, names) for names in (first, second)]
     one, other = pair
@@ -95,6 +100,19 @@ def _list_of(header: str, lines: Sequence[str], is_of_points: bool, is_open: boo
         f" ({unit})" for unit in dict.fromkeys(column.unit for column in columns) if unit
     )
     return f"({', '.join(names)}){units} [{', '.join(rows)}" + ("" if is_open else "]")
+
+
+def _own_rows(titles: Sequence[str], cells: Sequence[Sequence[str]]) -> list[int]:
+    """Return the rows that a column of road users gives to the own vehicle."""
+    named = [i for i, title in enumerate(titles) if not _OF_USERS.isdisjoint(_words(title))]
+    if len(named) != 1:
+        return []
+    place = named[0]
+    return [
+        i
+        for i, row in enumerate(cells)
+        if place < len(row) and not _OWN.isdisjoint(_words(row[place]))
+    ]
 
 
 def _cells(line: str) -> list[str]:
