@@ -23,6 +23,7 @@ from ssp_eval.pictures.compare import (
     road_checks,
     turning_check,
 )
+from ssp_eval.pictures.copies import details_of, same_pictures
 from ssp_eval.pictures.footage import Footage, Grey, coarse, pairs_apart, reduced
 from ssp_eval.pictures.ground import Pair
 from ssp_eval.pictures.repeats import has_many_repeats, repeated_frames, sampled_frames
@@ -343,3 +344,36 @@ def test_pairs_are_spread_over_the_recording_and_skip_gaps() -> None:
     assert len(found) == 10
     assert (found[0], found[-1]) == ((0, 1), (78, 79))
     assert all(times_s[b] - times_s[a] == pytest.approx(0.1) for a, b in found)
+
+
+def encoded_anew(pictures: Sequence[Grey]) -> dict[int, Grey]:
+    """The pictures as somebody gives them again: smaller, lighter, with noise, compressed."""
+    chance, found = np.random.default_rng(2), {}
+    for index, picture in enumerate(pictures):
+        small = cv2.resize(picture, (320, 180), interpolation=cv2.INTER_AREA)
+        light = 255.0 * (small / 255.0) ** 0.7 + chance.normal(0.0, 3.0, small.shape)
+        data = cv2.imencode(".jpg", np.clip(light, 0, 255).astype(np.uint8), [1, 40])[1]
+        found[index] = np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.uint8)
+    return found
+
+
+def test_pictures_that_were_encoded_anew_are_recognised(drive: Drive) -> None:
+    details = details_of(dict(enumerate(drive.pictures)))
+    assert len(details) >= 20  # those where the VUT has come to its stop are one
+    copied = encoded_anew(drive.pictures)
+    assert same_pictures(details, details_of(copied)) >= len(details) - 2
+    # Every second one, and each mirrored.
+    some = {k: np.ascontiguousarray(one[:, ::-1]) for k, one in copied.items() if k % 2}
+    assert same_pictures(details_of(some), details) >= 10
+
+
+def test_another_drive_and_what_shows_nothing_are_no_copies(drive: Drive) -> None:
+    details = details_of(dict(enumerate(drive.pictures)))
+    other = details_of(dict(enumerate(turning_drive(1.0 / 60.0).pictures)))
+    assert len(other) >= 10
+    assert same_pictures(details, other) == 0
+    flat = {k: np.full((54, 96), k, np.uint8) for k in range(40)}
+    assert len(details_of(flat)) == 0
+    assert same_pictures(details_of(flat), details_of(flat)) == 0
+    # A VUT that stands shows one picture.
+    assert len(details_of(dict.fromkeys(range(40), drive.pictures[0]))) == 1

@@ -12,6 +12,8 @@ from ssp_eval.audit.examine import Examined
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import BESIDE_S, Recording
 from ssp_eval.data.provenance import Provenance
+from ssp_eval.pictures.copies import MOST_PICTURES, Details, details_of, same_pictures
+from ssp_eval.pictures.footage import read_quarter, spread
 from ssp_eval.recordings.tracks import MOVING_MPS, SameDrive, Track, same_drive, tracks_of
 
 TRACKS = "tracks"
@@ -41,6 +43,13 @@ def hold_apart(examined: Sequence[Examined]) -> list[Held]:
     them comes from is told.
     """
     tracks = [_tracks(one) for one in examined]
+    details: dict[int, Details] = {}
+
+    def details_at(index: int) -> Details:
+        if index not in details:
+            details[index] = _details(examined[index])
+        return details[index]
+
     twins: list[list[str]] = [[] for _ in examined]
     told: list[list[str]] = [[] for _ in examined]
     for i, j in combinations(range(len(examined)), 2):
@@ -52,6 +61,8 @@ def hold_apart(examined: Sequence[Examined]) -> list[Held]:
         pictures = len(_pictures(examined[i]) & _pictures(examined[j]))
         if pictures >= _SAME_PICTURES and not shared and not are_simulated:
             twins[j].append(f"{pictures} of its pictures are those of the {theirs} recording")
+        elif not shared and not are_simulated and (like := _alike(details_at(i), details_at(j))):
+            twins[j].append(like.format(theirs=theirs))
         if not tracks[i] or not tracks[j]:
             continue
         same = _same(first, second, tracks[i], tracks[j])
@@ -127,15 +138,40 @@ def _origin(facts: Provenance) -> str:
 
 
 def _pictures(one: Examined) -> set[bytes]:
-    """Digests of the pictures in the clip, without those of a VUT that stands."""
+    """Return the digests of the pictures in the clip, without those of a VUT that stands."""
+    return {one.recording.digests[index] for index in _moving(one)}
+
+
+def _moving(one: Examined) -> list[int]:
+    """Return the indices of the frames of the clip, without those of a VUT that stands."""
     who = one.recording.provenance.participants
-    moving = [
-        who is None
+    return [
+        index
+        for index, moment in enumerate(one.moments)
+        if who is None
         or who.vut not in moment.states
         or abs(moment.states[who.vut].speed_mps) > MOVING_MPS
-        for moment in one.moments
     ]
-    return {d for d, is_moving in zip(one.recording.digests, moving, strict=True) if is_moving}
+
+
+def _details(one: Examined) -> Details:
+    """Return the fine detail of the pictures in the clip, without those of a VUT that stands."""
+    recording = one.recording
+    frames = spread(_moving(one), MOST_PICTURES)
+    if not frames:
+        return details_of({})
+    return details_of(
+        read_quarter(recording.path, one.moments, recording.provenance, frozenset(frames))
+    )
+
+
+def _alike(first: Details, second: Details) -> str:
+    """Return a sentence about pictures that were encoded anew; empty: they are others."""
+    count = same_pictures(first, second)
+    if not count:
+        return ""
+    least = min(len(first), len(second))
+    return f"{count} of {least} pictures are those of the {{theirs}} recording, encoded anew"
 
 
 _Views = list[dict[str, Track]]
