@@ -7,6 +7,7 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,8 +48,9 @@ class CarlaCamera:
     def _on_image(self, image: Any) -> None:
         """Run in a thread of CARLA's client."""
         shape = (image.height, image.width, 4)
-        pixels = np.frombuffer(image.raw_data, np.uint8).reshape(shape)[:, :, :3].copy()
-        self._come.put(Picture(int(image.frame), pose_of_transform(image.transform), pixels))
+        pixels = np.frombuffer(image.raw_data, np.uint8).reshape(shape)
+        bgr = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGRA2BGR), np.uint8)
+        self._come.put(Picture(int(image.frame), pose_of_transform(image.transform), bgr))
 
     def take(self, frame: int, wait_s: float) -> Picture | None:
         """Return the picture of a frame, None where it doesn't come; drop those of other frames."""
