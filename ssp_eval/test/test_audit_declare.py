@@ -104,9 +104,10 @@ def test_what_nobody_declares_is_refused_until_a_person_does(
     assert physical.declaration_sha256 is not None
 
 
-def recorded(bag: Path, kinds: dict[str, str]) -> Path:
+def recorded(bag: Path, kinds: dict[str, str], *topics: str) -> Path:
     """A bag with the report that its recorder leaves on what these participants declared."""
-    rows = [{"name": f"/ssp/declared/{who}", "written": 1} for who in kinds]
+    names = [*(f"/ssp/declared/{who}" for who in kinds), *topics]
+    rows = [{"name": name, "written": 1} for name in names]
     report = json.dumps({"schema": "ssp.recording/1", "topics": rows}).encode()
     append_attachment(bag, "recording.json", report, "application/json")
     return bag
@@ -229,3 +230,18 @@ def test_a_result_may_be_older_than_a_persons_word(make_bag: BagMaker, tmp_path:
     said = word(tmp_path / "word.yaml", **dict.fromkeys(("vut", "ot1"), "simulated"))
     assert main(["audit", "declare", str(bag), str(said)]) == 0
     assert provenance(bag).stand_in
+
+
+def test_topics_that_were_cut_out_of_a_session_are_disclosed(
+    make_bag: BagMaker, tmp_path: Path
+) -> None:
+    topics = ("/ssp/object_states", "/ssp/safety_event", "/ssp/vut/state")
+    bag = recorded(make_bag("phy/bag", domain="physical"), {}, *topics)
+    cut = tmp_path / "cut" / "bag"
+    assert main(["bag", "cut", str(bag), "--exclude", "/ssp/vut/state", "-o", str(cut)]) == 0
+    shutil.copy(bag / "verdict.json", cut)
+    with BagReader(cut) as reader:
+        gone = sorted(set(topics) - set(reader.topics))
+    assert "/ssp/vut/state" in gone
+    found = audited(make_bag, cut).disclosures
+    assert found["topics that were left out"] == ", ".join(gone)

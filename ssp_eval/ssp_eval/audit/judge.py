@@ -9,6 +9,8 @@ from datetime import datetime
 from pathlib import Path
 
 from ssp_core import __version__
+from ssp_core.bag.declaration import written_topics
+from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
@@ -70,6 +72,8 @@ def disclosures(one: Examined) -> dict[str, str]:
     if run is None:
         return found | _of_import(recording.provenance)
     found["site"] = f"{run.site}, {run.mode}, seed {run.seed}"
+    if gone := _left_out(recording):
+        found["topics that were left out"] = ", ".join(gone)
     if recording.provenance.stand_in:
         found["stand-in"] = "software stands in for vehicles on a track"
     if recording.provenance.participation is not None:
@@ -100,6 +104,12 @@ def disclosures(one: Examined) -> dict[str, str]:
         **disclosed(attached),
         **order_remark([*attached.records, *attached.later]),
     }
+
+
+def _left_out(recording: Recording) -> list[str]:
+    """List the topics that the session's recorder wrote and its bag lacks."""
+    with BagReader(recording.path) as bag:
+        return sorted(written_topics(bag) - set(bag.topics))
 
 
 def shared_renderers(found: Sequence[Mapping[str, str]], domains: Sequence[str]) -> list[str]:
