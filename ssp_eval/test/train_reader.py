@@ -14,12 +14,12 @@ import sys
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from blind_measure import Tally, summed
+from blind_measure import Tally
 from numpy.typing import NDArray
 from scipy.optimize import minimize  # type: ignore[import-untyped]  # has no types
 from scipy.sparse import csr_matrix  # type: ignore[import-untyped]  # has no types
@@ -41,18 +41,15 @@ from ssp_vla_bridge.backends.phrases import action_sentence, scene_text
 FOLDER = Path(__file__).parent / "corpus"
 PARTS = 5
 LEAST_TEXTS = 3  # clauses that a feature must be in
-STRENGTH = 0.4  # of the weights against the pull to zero
+STRENGTH = 0.3  # of the weights against the pull to zero
 LEAST_WEIGHT = 4  # hundredths; smaller weights are left out
 PERFECT = "the perfect control"  # its sentences, whose labels the rules return one for one
 EVERY = 11  # of the perfect control's texts that is learnt from
 # Rules were made on all files but fresh.jsonl, where they are as good as on any new text.
 WORTH = {"development": 1.0, "single": 1.0, "blind": 2.0, "fresh": 3.0, PERFECT: 1.0}
 HONEST = ("blind", "fresh")
-FILLS = (0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95)
-KEEPS = (0.0, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
-PRICE = 3.0  # found slots that a wrong one costs: it is worse than one that stays empty
-NEVER = Threshold(2.0, 0.0)  # fills and takes back nothing
-MOST_LOST = 0.02  # of a slot's recall, where the reader takes answers back
+FILLS = (0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9)
+KEEPS = (0.0, 0.2, 0.3, 0.4, 0.5)  # what is likelier right than wrong stays
 Floats = NDArray[np.float64]
 
 
@@ -173,46 +170,28 @@ def clause_labels(example: Example, label: Label) -> list[Any]:
 # --- weights of features
 
 
-def learn(
-    x: csr_matrix, answers: Sequence[tuple[NDArray[np.int64], int]], worth: Floats, pull: float
-) -> Floats:
-    """Multinomial logistic regressions of the same rows, all together, by L-BFGS.
-
-    Args:
-        x: (rows, features).
-        answers: of each regression the label of each row, and how many labels there are.
-        worth: of each row.
-        pull: of the weights to zero.
-
-    Returns:
-        (features + 1, labels of all regressions); the last row has the constants.
-    """
+def learn(x: csr_matrix, y: NDArray[np.int64], labels: int, worth: Floats, pull: float) -> Floats:
+    """Multinomial logistic regression by L-BFGS; rows of weights, the last the constant."""
     rows, width = x.shape
-    ends = np.cumsum([0, *(labels for _, labels in answers)])
-    columns = int(ends[-1])
-    wanted = np.zeros((rows, columns))
-    for first, (y, _) in zip(ends, answers, strict=False):
-        wanted[np.arange(rows), first + y] = 1.0
+    wanted = np.zeros((rows, labels))
+    wanted[np.arange(rows), y] = 1.0
     turned = x.T.tocsr()
 
     def loss(flat: Floats) -> tuple[float, Floats]:
-        w = flat.reshape(width + 1, columns)
+        w = flat.reshape(width + 1, labels)
         sums = x @ w[:-1] + w[-1]
-        value, rest = 0.0, np.empty_like(sums)
-        for first, stop in pairwise(ends):
-            part = sums[:, first:stop] - sums[:, first:stop].max(axis=1, keepdims=True)
-            powers = np.exp(part)
-            total = powers.sum(axis=1, keepdims=True)
-            told = wanted[:, first:stop]
-            value -= (worth * ((part - np.log(total)) * told).sum(axis=1)).sum()
-            rest[:, first:stop] = (powers / total - told) * worth[:, None]
+        sums -= sums.max(axis=1, keepdims=True)
+        powers = np.exp(sums)
+        total = powers.sum(axis=1, keepdims=True)
+        value = -(worth * ((sums - np.log(total)) * wanted).sum(axis=1)).sum()
+        rest = (powers / total - wanted) * worth[:, None]
         slope = np.vstack([turned @ rest + pull * w[:-1], rest.sum(axis=0)])
         return value + 0.5 * pull * (w[:-1] ** 2).sum(), slope.ravel()
 
-    start = np.zeros((width + 1) * columns)
-    options = {"maxiter": 80, "maxcor": 6}
+    start = np.zeros((width + 1) * labels)
+    options = {"maxiter": 60, "maxcor": 6}
     found: Floats = minimize(loss, start, jac=True, method="L-BFGS-B", options=options).x
-    return found.reshape(width + 1, columns)
+    return found.reshape(width + 1, labels)
 
 
 def matrix(sets: Sequence[set[str]], rows: dict[str, int]) -> csr_matrix:
@@ -238,25 +217,23 @@ def feature_weights(chosen: Sequence[Example]) -> Weights:
     names = sorted(name for name, times in counted.items() if times >= LEAST_TEXTS)
     rows = {name: row for row, name in enumerate(names)}
     x = matrix(sets, rows)
-    at: list[int] = []
-    worth: list[float] = []
-    offset = 0
-    for example in chosen:
-        labellers, count = len(example.labels[CLASS]), len(example.view.features)
-        at += [*range(offset, offset + count)] * labellers
-        worth += [1.0 / labellers] * (count * labellers)
-        offset += count
-    answers = []
+    blocks = []
     for slot, labels in LABELS.items():
         index = {None: 0, **{label: at for at, label in enumerate(labels, start=1)}}
-        told = [
-            value for one in chosen for by in one.labels[slot] for value in clause_labels(one, by)
-        ]
-        answers.append((np.array([index[value] for value in told]), len(index)))
-    of_labels = learn(x[at], answers, np.array(worth), 1.0 / STRENGTH)
-    classes = matrix(class_sets, rows)
-    pair = learn(classes, [(np.array(member), 2)], np.array(class_worth), 2.0 / STRENGTH)
-    blocks = [of_labels, pair[:, 1:] - pair[:, :1]]
+        at, y, worth = [], [], []
+        offset = 0
+        for example in chosen:
+            for label in example.labels[slot]:
+                for number, value in enumerate(clause_labels(example, label)):
+                    at.append(offset + number)
+                    y.append(index[value])
+                    worth.append(1.0 / len(example.labels[slot]))
+            offset += len(example.view.features)
+        blocks.append(learn(x[at], np.array(y), len(index), np.array(worth), 1.0 / STRENGTH))
+    pair = learn(
+        matrix(class_sets, rows), np.array(member), 2, np.array(class_worth), 2.0 / STRENGTH
+    )
+    blocks.append(pair[:, 1:] - pair[:, :1])
     table = np.rint(np.hstack(blocks) * 100).astype(np.int32)
     bias = table[-1]
     table = np.where(abs(table[:-1]) < LEAST_WEIGHT, 0, table[:-1])
@@ -276,7 +253,7 @@ def joining(
     y = np.array([int(one.value in example.right(name)) for example, one in ones])
     worth = np.array([WORTH[example.file] for example, _ in ones])
     mean, spread = x.mean(axis=0), x.std(axis=0) + 1e-6
-    pair = learn(csr_matrix((x - mean) / spread), [(y, 2)], worth, 10.0)
+    pair = learn(csr_matrix((x - mean) / spread), y, 2, worth, 10.0)
     w = pair[:, 1] - pair[:, 0]
     scaled = w[:-1] / spread
     return [round(float(one), 5) for one in (w[-1] - (scaled * mean).sum(), *scaled)]
@@ -292,7 +269,7 @@ class Choice:
     Args:
         rules: the value of the rules, and how likely it is right.
         best: the likeliest value, and how likely it is right; None where no words support it.
-        is_short: the text has so few clauses that the rules' value stays.
+        is_short: the text has so few clauses that nothing is taken back.
     """
 
     rules: tuple[Any, float]
@@ -300,9 +277,11 @@ class Choice:
     is_short: bool
 
     def value(self, one: Threshold) -> Any:
-        if self.rules[0] is not None and (self.is_short or self.rules[1] >= one.keep):
+        if self.rules[0] is not None and self.rules[1] >= one.keep:
             return self.rules[0]
-        return self.best[0] if self.best[0] is not None and self.best[1] >= one.fill else None
+        if self.best[0] is not None and self.best[1] >= one.fill:
+            return self.best[0]
+        return self.rules[0] if self.is_short else None
 
 
 def choice(example: Example, name: str, found: list[Candidate], weights: Weights) -> Choice:
@@ -323,22 +302,28 @@ def choice(example: Example, name: str, found: list[Candidate], weights: Weights
 
 
 def threshold(name: str, chosen: Sequence[tuple[Example, Choice]]) -> Threshold:
-    """The threshold that finds most, where a wrong slot costs PRICE found ones.
-
-    Recall is at most MOST_LOST under that of the rules alone.
-    """
+    """The threshold that finds most, where precision doesn't fall below that of the rules."""
     honest = [(example, one) for example, one in chosen if example.file in HONEST]
 
     def tally(one: Threshold) -> Tally:
-        return summed(Tally.of(given.value(one), example.right(name)) for example, given in honest)
+        total = Tally()
+        for example, open_choice in honest:
+            given = Tally.of(open_choice.value(one), example.right(name))
+            total = total.plus(given)
+        return total
 
-    def worth(one: Threshold) -> float:
-        found = tally(one)
-        return found.found - PRICE * (found.given - found.right)
-
-    least = tally(NEVER).recall - MOST_LOST
-    tried = [Threshold(fill, keep) for fill in FILLS for keep in KEEPS if keep <= fill]
-    return max((one for one in tried if tally(one).recall >= least), key=worth)
+    rules = tally(Threshold(2.0, 0.0))
+    least = max(rules.precision + 0.005, 0.9)
+    tried = [
+        (Threshold(fill, keep), tally(Threshold(fill, keep)))
+        for fill in FILLS
+        for keep in KEEPS
+        if keep <= fill
+    ]
+    good = [(one, found) for one, found in tried if found.precision >= least]
+    if not good:
+        return max(tried, key=lambda pair: pair[1].precision)[0]
+    return max(good, key=lambda pair: (pair[1].found, pair[1].precision))[0]
 
 
 def cross_weights(chosen: Sequence[Example]) -> list[Weights]:
@@ -377,7 +362,7 @@ def main() -> None:
         groups: dict[str, list[Tally]] = defaultdict(lambda: [Tally(), Tally()])
         for example in (one for one in chosen if one.file == file):
             for name in SLOT_NAMES:
-                limits = NEVER, thresholds[name]
+                limits = Threshold(2.0, 0.0), thresholds[name]
                 for group in ("all", name, example.style):
                     groups[group] = [
                         tally.plus(

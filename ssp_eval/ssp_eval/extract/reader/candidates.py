@@ -21,8 +21,6 @@ LABELS: Mapping[str, tuple[str, ...]] = {
 _SURE = 0.5  # that a clause says something of a slot
 _LONG = 20  # clauses
 _LEAST = 1e-3
-_MOST_CLASSES = 4  # of a set
-_MOST_SINGLE = 3  # classes that are candidates by themselves
 
 
 class Candidate(NamedTuple):
@@ -98,7 +96,7 @@ def of_labels(name: str, shares: NDArray[np.float64], slots: Slots) -> list[Cand
 
 
 def of_classes(shares: Mapping[str, float], slots: Slots, count: int) -> list[Candidate]:
-    """Return sets of road users: the likeliest ones, single classes, and that of the rules.
+    """Return sets of road users: the likeliest one, and that of the rules.
 
     Args:
         shares: how likely each class that is named belongs to the set.
@@ -107,13 +105,8 @@ def of_classes(shares: Mapping[str, float], slots: Slots, count: int) -> list[Ca
     """
     given = slots.objects.value if slots.objects is not None else None
     likely = tuple(sorted(name for name, share in shares.items() if share > _SURE))
-    order = sorted(shares, key=lambda name: (-shares[name], name))
-    nested = [tuple(sorted(order[:size])) for size in range(1, min(_MOST_CLASSES, len(order)) + 1)]
-    single = [(name,) for name in order[:_MOST_SINGLE]]
     sets = [
-        one
-        for one in dict.fromkeys([likely, given, *nested, *single])
-        if one is not None and (one or given == ())
+        one for one in dict.fromkeys([likely, given]) if one is not None and (one or given == ())
     ]
     found = []
     for one in sets:
@@ -136,9 +129,6 @@ def of_classes(shares: Mapping[str, float], slots: Slots, count: int) -> list[Ca
             float(not one) * same,
             none * log(count),
             same * log(count),
-            float(len(one) == len(shares)),
-            float(given is not None and set(one) < set(given)),
-            float(bool(given) and set(one) > set(given or ())),
         ]
         found.append(Candidate(tuple(one), features, -1))
     return found

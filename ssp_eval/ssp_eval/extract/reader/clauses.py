@@ -30,7 +30,6 @@ _PREFIX = 4  # letters of a word's beginning that count by themselves
 _NEAR = 3  # clauses around one in its sentence that are looked at
 _OPENING = 12  # words of a clause that are joined with its subject
 MAX_CLAUSES = 200  # of a text; in a longer one the reader says nothing
-_LEAST_OF_TEXT = 3  # words; of a shorter one it says nothing either
 
 
 class Clause(NamedTuple):
@@ -94,7 +93,7 @@ def clauses_of(reading: Reading) -> list[Clause]:
 def view(reading: Reading) -> View:
     """Return the clauses of a text with their features, and its road users with theirs."""
     clauses = clauses_of(reading)
-    if len(clauses) > MAX_CLAUSES or len(reading.tokens.words) < _LEAST_OF_TEXT:
+    if len(clauses) > MAX_CLAUSES:
         return View([], [], {})
     words = _normal(reading)
     inside = _hits_inside(reading, clauses)

@@ -30,7 +30,7 @@ from ssp_eval.extract.reader.weights import (
 _MOST_WORDS = 8  # of a quote
 _PRICE = 5.0  # hundredths that a further word of a quote must add
 _MOST_QUOTES = 4  # that are tried for a label
-FEW_CLAUSES = 3  # of a text in which the rules' slots stay: it says too little against them
+FEW_CLAUSES = 3  # of a text in which nothing is taken back: it says too little against the rules
 _FILES = ("clauses.py", "candidates.py", "weights.py", "reader.py", FILE.name)
 
 
@@ -65,8 +65,7 @@ def complete(text: str, reading: Reading) -> Judgement:
     for name, candidates in all_candidates(weights, seen, reading.slots).items():
         threshold, slot = weights.thresholds[name], getattr(reading.slots, name)
         certain = {one.value: weights.certainty(name, one) for one in candidates}
-        is_short = len(seen.clauses) <= FEW_CLAUSES
-        if slot is not None and (is_short or certain.get(slot.value, 1.0) >= threshold.keep):
+        if slot is not None and certain.get(slot.value, 1.0) >= threshold.keep:
             continue
         best = max(candidates, key=lambda one: certain[one.value], default=None)
         sure = best is not None and certain[best.value] >= threshold.fill
@@ -74,7 +73,7 @@ def complete(text: str, reading: Reading) -> Judgement:
             found = None
         else:
             found = support.slot(name, best)
-        if found is not None or slot is not None:
+        if found is not None or (slot is not None and len(seen.clauses) > FEW_CLAUSES):
             changed[name] = found
     filled = tuple(name for name, slot in changed.items() if slot is not None)
     withdrawn = tuple(name for name, slot in changed.items() if slot is None)
