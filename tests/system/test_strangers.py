@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -92,8 +93,13 @@ def test_a_stranger_is_named_and_the_run_is_not_valid(
     assert any(who in reasons for who in ("/ssp/stranger", nameless, RIVALS)), reasons
 
 
-def test_who_only_listens_is_no_stranger(start_session: Any, beside: Beside) -> None:
-    session = start_session("cut_in", "--no-camera")
+def test_who_only_listens_is_no_stranger(start_long_session: Any, beside: Beside) -> None:
+    """The session lasts until the listener has heard it, and ends for no other reason than us."""
+    session = start_long_session("--no-camera")
     beside(session, "-c", LISTENER)
+    session.wait_for("phase approach")
+    session.process.send_signal(signal.SIGINT)
     result = session.finish()
-    assert result["verdict"] == "valid", result["reasons"]
+    assert result["verdict"] == "aborted", result["reasons"]
+    known = ("interrupted by SIGINT", "goal cancelled")
+    assert [r for r in result["reasons"] if not any(one in r for one in known)] == []
