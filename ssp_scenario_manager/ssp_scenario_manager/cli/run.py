@@ -262,9 +262,7 @@ def run(
         shutil.move(draft / TASK_FOLDER, folder / TASK_FOLDER)
     if in_process:
         drawn_by = servers.get(names.FRONT_CAMERA)
-        told = run_one(
-            spec, folder, as_json, recorded=record, server=drawn_by, further=told_of_run
-        )
+        told = run_one(spec, folder, as_json, recorded=record, server=drawn_by, further=told_of_run)
         if junit is not None:
             write_junit(junit, "ssp run", [_case(spec, folder, told)])
         return 0 if told["verdict"] == "valid" else 1

@@ -220,9 +220,7 @@ def _states(reports: Sequence[StepReport], vut_id: str) -> Iterator[tuple[float,
 # -- against the twin ------------------------------------------------------------------------------
 
 
-def first_response_s(
-    run: RunSpec, driven: Driven, record: Record, twin: Twin
-) -> float | None:
+def first_response_s(run: RunSpec, driven: Driven, record: Record, twin: Twin) -> float | None:
     """Return the first step after T_obs from which the VUT departs from its twin for 0.3 s.
 
     It is looked for as long as the twin drove.
@@ -246,9 +244,7 @@ def first_response_s(
 def _departs(path: Polyline, vut: ObjectState, meant: ObjectState) -> bool:
     if abs(vut.speed_mps - meant.speed_mps) > LIMITS.response_mps:
         return True
-    (_, own_m), (_, its_m) = path.project_all_beyond(
-        [(vut.x_m, vut.y_m), (meant.x_m, meant.y_m)]
-    )
+    (_, own_m), (_, its_m) = path.project_all_beyond([(vut.x_m, vut.y_m), (meant.x_m, meant.y_m)])
     return abs(own_m - its_m) > LIMITS.response_m
 
 
@@ -287,9 +283,7 @@ def _mode_at(record: Record, at_s: float | None) -> DriveMode | None:
     return None
 
 
-def _evaded(
-    run: RunSpec, driven: Driven, record: Record, twin: Twin
-) -> tuple[str, str] | None:
+def _evaded(run: RunSpec, driven: Driven, record: Record, twin: Twin) -> tuple[str, str] | None:
     if driven.observable_s is None:
         return None
     at_ns = seconds_to_ns(driven.observable_s)
