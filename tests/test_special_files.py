@@ -87,7 +87,7 @@ def test_what_is_no_file_is_refused(
         raise AssertionError(f"{arguments} waits")
 
     before = signal.signal(signal.SIGALRM, expired)
-    signal.alarm(DEADLINE_S)
+    signal.alarm(int(DEADLINE_S))
     try:
         status = main(arguments)
     finally:
