@@ -27,7 +27,7 @@ from support.states import object_state
 from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
-START_DEADLINE_S = 90.0  # the first start on a machine compiles the kernels
+START_DEADLINE_S = DEADLINE_S  # the first start on a machine compiles the kernels
 STEP_NS = 20_000_000
 EVERY = 5  # 10 Hz at 20 ms a step
 
