@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -127,6 +129,29 @@ def test_a_driver_that_raises_has_died_and_is_asked_no_more() -> None:
     reports = drive(driver)
     assert len(driver.asked) == 1
     assert reports[-1][1].died == "MemoryError: 1 GB"
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        None,
+        "I keep my speed.",
+        Answer(Trajectory(("0", "1"), ("a", "b"), (0.0, 0.0))),  # type: ignore[arg-type]
+        Answer(Trajectory((0.0, 1.0, 2.0), (0.0, 10.0), (0.0,))),
+    ],
+)
+def test_a_driver_whose_answer_can_not_be_read_has_died_or_is_refused(answer: Any) -> None:
+    """It ends the run, never the campaign."""
+    reports = drive(Scripted(lambda _: answer))
+    refused = {report.answered.refused for _, report in reports if report.answered}
+    assert reports[-1][1].died.startswith("its answer can't be read") or all(refused), refused
+
+
+def test_a_driver_that_leaves_the_process_has_died() -> None:
+    def says(question: Question) -> Answer:
+        sys.exit(3)
+
+    assert drive(Scripted(says))[-1][1].died == "SystemExit: 3"
 
 
 def test_a_question_holds_motion_and_lane_and_no_truth() -> None:

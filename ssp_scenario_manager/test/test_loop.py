@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import random
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +19,7 @@ from click.testing import CliRunner
 from ssp_core.errors import InputError
 from ssp_scenario_manager.cli.loop import loop
 from ssp_scenario_manager.closed_loop import campaign
-from ssp_scenario_manager.closed_loop.campaign import Job, run_campaign
+from ssp_scenario_manager.closed_loop.campaign import Job, draw_starts, run_campaign
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES, ZERO, LoopPlan, load_plan
 from ssp_scenario_manager.closed_loop.rates import RunRow, rates_of, refused_for, rising
@@ -28,15 +31,17 @@ PLAN = {
     "starts": 1,
     "others": 0,
 }
-FILES = ("starts.json", "runs.csv", "table.csv")
+NUMBERS = itertools.count()
+FILES = ("plan.json", "starts.json", "runs.csv", "table.csv")
 
 
 def plan_of(**changes: Any) -> LoopPlan:
     return LoopPlan.model_validate({**PLAN, **changes})
 
 
-def run(plan: LoopPlan, folder: Path) -> None:
-    run_campaign(plan, folder, 1, lambda _: None, lambda _: None)
+def run(plan: LoopPlan, folder: Path, jobs: int = 1) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    run_campaign(plan, folder, jobs, lambda _: None, lambda _: None)
 
 
 @pytest.fixture(scope="module")
@@ -125,12 +130,62 @@ def test_a_driver_is_run_anew_to_the_same_row(done: Path, tmp_path: Path) -> Non
 
 def test_another_campaign_does_not_go_on_in_the_folder(done: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(done, tmp_path / "other")
-    with pytest.raises(InputError, match="holds another campaign"):
+    with pytest.raises(InputError, match="is of another campaign"):
         run(plan_of(latencies=["zero"]), folder)
     text = (folder / "runs.csv").read_text()
-    (folder / "runs.csv").write_text(text.replace("constant_velocity", "someone"))
-    with pytest.raises(InputError, match="holds another campaign's run"):
+    for old, new in (
+        ("constant_velocity", "someone"),
+        (",1,0,", ",2,0,"),
+        ("critical", "harmless"),
+    ):
+        (folder / "runs.csv").write_text(text.replace(old, new))
+        with pytest.raises(InputError, match="holds another campaign's run"):
+            run(plan_of(), folder)
+
+
+def test_starts_that_were_changed_after_their_seal_are_refused(done: Path, tmp_path: Path) -> None:
+    """A start that a driver lost must not become a harmless one, or vanish."""
+    folder = shutil.copytree(done, tmp_path / "changed")
+    text = (folder / "starts.json").read_text()
+    (folder / "starts.json").write_text(text.replace('"critical"', '"harmless"'))
+    with pytest.raises(InputError, match="was changed after it was sealed"):
         run(plan_of(), folder)
+
+
+def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds something else"):
+        run(plan_of(), tmp_path)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_seeds_are_tried_in_order_however_many_processes_share_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each third seed is critical here; both ways must find the same ones."""
+    drawn: dict[int, list[int]] = {}
+
+    def judge(*arguments: Any) -> tuple[str, dict[str, Any]]:
+        seed = arguments[-1]
+        return ("critical" if seed % 3 == 0 else "off_spec"), {"seed": seed}
+
+    @contextmanager
+    def in_order(_jobs: int) -> Iterator[Any]:
+        yield map
+
+    monkeypatch.setattr(campaign, "_drawn", judge)
+    monkeypatch.setattr(campaign, "ordered_map", in_order)
+    for jobs in (1, 2, 5):
+        (tmp_path / str(jobs)).mkdir()
+        found = draw_starts(plan_of(starts=4), tmp_path / str(jobs), jobs, lambda _: None)
+        drawn[jobs] = [one["seed"] for one in found]
+    assert all(seeds == [3, 6, 9, 12] for seeds in drawn.values()), drawn
+
+
+def test_a_label_hides_no_privilege() -> None:
+    plan = plan_of(drivers=[{"driver": "aeb", "options": {"ttc_s": 1.2}, "label": "late_aeb"}])
+    assert plan.everybody[-1].shown == "late_aeb"
+    assert plan.everybody[-1].is_privileged
 
 
 def test_the_command_prints_the_table_of_what_is_there(done: Path, tmp_path: Path) -> None:
@@ -165,6 +220,7 @@ def test_a_plan_that_can_not_be_run_is_refused(
 def row(outcome: str = "avoided", needless: str = "", **changes: Any) -> RunRow:
     values: dict[str, Any] = {
         "event": "cut_in",
+        "start": f"start {next(NUMBERS)}",
         "driver": "a",
         "latency_s": 0.0,
         "kind": "critical",
@@ -179,6 +235,14 @@ def test_the_headline_is_avoided_without_needless_braking_and_has_wilsons_interv
     # Wilson's score interval of 2 of 4 with z = 1.96.
     assert (one.low, one.high) == (pytest.approx(0.1500, abs=1e-3), pytest.approx(0.85, abs=1e-3))
     assert dict(zip(OUTCOMES, one.outcomes, strict=True))["avoided"] == 3
+
+
+def test_repeats_of_one_start_are_one_unit_of_the_interval() -> None:
+    repeated = [row(start="s1")] * 20 + [row("collision", start="s2")] * 20
+    (one,) = rates_of(repeated)
+    (single,) = rates_of([row(start="s1"), row("collision", start="s2")])
+    assert (one.headline, one.low, one.high) == (single.headline, single.low, single.high)
+    assert (one.planned, one.headline) == (40, 0.5)
 
 
 def test_too_many_runs_that_our_side_failed_leave_no_rate() -> None:

@@ -45,6 +45,10 @@ _ROUTE_STEP_M = 2.0
 _HOLD_1PS = 1.0
 
 
+def _words(error: BaseException) -> str:
+    return str(error) if isinstance(error, SspError) else f"{type(error).__name__}: {error}"
+
+
 class Pilot:
     """Leads the VUT of one driven run. Reads no clock.
 
@@ -139,10 +143,8 @@ class Pilot:
             shown = replace(question, privileged=Privileged(tuple(truths), observable_ns))
         try:
             answer = driver.answer(shown)
-        except SspError as error:
-            self._died = str(error)
-        except Exception as error:  # whatever a driver raises is the driver's end
-            self._died = f"{type(error).__name__}: {error}"
+        except (Exception, SystemExit) as error:  # whatever a driver raises is the driver's end
+            self._died = _words(error)
         else:
             self._open = question, answer, vut
         return question
@@ -152,25 +154,30 @@ class Pilot:
         if self._open is None or now_ns < self._open[0].stamp_ns + self._latency_ns:
             return None
         (question, answer, vut), self._open = self._open, None
-        refused = ""
-        if answer.trajectory is None:
-            refused = "not_ready"
-        else:
-            plan = plan_of(
-                answer.trajectory,
-                vut.pose,
-                question.stamp_ns,
-                self._run.step_s,
-                f"plan-{question.number}",
-                self._run.event_version,
-            )
-            if isinstance(plan, str):
-                refused = plan
-            else:
-                self._plan = plan
+        try:
+            plan = self._read(question, answer, vut)
+        except (SspError, AttributeError, TypeError, ValueError, IndexError) as error:
+            self._died = f"its answer can't be read: {_words(error)}"
+            return None
+        refused = plan if isinstance(plan, str) else ""
+        if not isinstance(plan, str):
+            self._plan = plan
         self._stale = bool(refused)
         latency_s = ns_to_seconds(self._latency_ns)
         return Answered(question.number, question.stamp_ns, latency_s, answer, refused)
+
+    def _read(self, question: Question, answer: Answer, vut: ObjectState) -> MapPlan | str:
+        """Return the plan of an answer in the map frame, or why it is refused."""
+        if answer.trajectory is None:
+            return "not_ready"
+        return plan_of(
+            answer.trajectory,
+            vut.pose,
+            question.stamp_ns,
+            self._run.step_s,
+            f"plan-{question.number}",
+            self._run.event_version,
+        )
 
     def _effective(self, now_ns: int, vut: ObjectState) -> tuple[DriveMode, Reference]:
         plan = self._plan

@@ -6,12 +6,15 @@ import csv
 import io
 import json
 import random
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
+from ssp_core import __version__
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, parse_model, write_json, write_text
 from ssp_core.hashing import sha256_json
@@ -19,12 +22,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import BUILT_IN
 from ssp_scenario_manager.closed_loop.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES, outcome_of, severity_of
-from ssp_scenario_manager.closed_loop.plan_file import (
-    PRIVILEGED,
-    ZERO,
-    CampaignDriver,
-    LoopPlan,
-)
+from ssp_scenario_manager.closed_loop.plan_file import ZERO, CampaignDriver, LoopPlan
 from ssp_scenario_manager.closed_loop.rates import Rates, RunRow, rates_of, refused_for, rising
 from ssp_scenario_manager.closed_loop.single import MOST_SEEDS
 from ssp_scenario_manager.closed_loop.start import (
@@ -40,11 +38,13 @@ from ssp_scenario_manager.run.in_process import Record, run_in_process
 from ssp_scenario_manager.run.result import rounded
 from ssp_scenario_manager.run.sweep import ordered_map
 
+PLAN_FILE, TASKS_FOLDER = "plan.json", "tasks"
 STARTS_FILE, RUNS_FILE, TABLE_FILE = "starts.json", "runs.csv", "table.csv"
 STARTS_SCHEMA = "ssp.loop_starts/1"
 KINDS = ("critical", "harmless", "unavoidable")
-# A run that our side failed is repeated so often.
+# A run that our side failed is repeated at most so often.
 _HARNESS_REPEATS = 2
+_MOST_WHY = 300  # characters of a row's reason
 Row = list[str]
 
 _HEADER = [
@@ -92,29 +92,58 @@ def draw_starts(
     Raises:
         InputError: the folder holds another campaign, or an event has too few critical starts.
     """
+    sealed = {
+        "version": __version__,
+        "plan": sha256_json(plan.model_dump(mode="json", by_alias=True)),
+    }
+    _claim(folder, sealed)
     path = folder / STARTS_FILE
-    sealed = sha256_json(plan.model_dump(mode="json", by_alias=True))
     if path.is_file():
         there = json.loads(path.read_text())
-        if there.get("plan") != sealed:
+        if there.get("hash") != sha256_json(there.get("starts")):
             raise InputError(
-                "holds another campaign", file=path, remedy="name a new folder with --out"
+                "was changed after it was sealed", file=path, remedy="name a new folder with --out"
             )
         return list(there["starts"])
+    # Tasks of a call that was cut off before the seal may be half written.
+    shutil.rmtree(folder / TASKS_FOLDER, ignore_errors=True)
     starts = []
-    for event in plan.events:
-        starts += _starts_of(plan, event, folder, jobs, say)
-    kept = {"schema": STARTS_SCHEMA, "plan": sealed, "starts": starts}
+    for number, event in enumerate(plan.events):
+        draft = folder / TASKS_FOLDER / str(number)
+        starts += _starts_of(plan, event, draft, jobs, say)
+    kept = {"schema": STARTS_SCHEMA, "starts": starts}
     write_json(path, {**kept, "hash": sha256_json(starts)})
     return starts
 
 
+def _claim(folder: Path, sealed: Mapping[str, str]) -> None:
+    """Take a new folder for a campaign, or find that it is this campaign's.
+
+    Raises:
+        InputError: it is another campaign's, or holds something else.
+    """
+    path = folder / PLAN_FILE
+    if path.is_file():
+        if json.loads(path.read_text()) != sealed:
+            raise InputError(
+                "is of another campaign, or of another version of this software",
+                file=path,
+                remedy="name a new folder with --out",
+            )
+        return
+    if any(not entry.name.startswith(".") for entry in folder.iterdir()):
+        raise InputError(
+            "holds something else than a campaign",
+            file=folder,
+            remedy="name a new folder with --out",
+        )
+    write_json(path, dict(sealed))
+
+
 def _starts_of(
-    plan: LoopPlan, event: str, folder: Path, jobs: int, say: Callable[[str], None]
+    plan: LoopPlan, event: str, draft: Path, jobs: int, say: Callable[[str], None]
 ) -> list[dict[str, Any]]:
-    draft = make_folder(folder / event)
-    if not (draft / TASK_FOLDER).is_dir():
-        prepare_run(event, plan.site, draft, seed=plan.seed, mode="lockstep")
+    prepare_run(event, plan.site, make_folder(draft), seed=plan.seed, mode="lockstep")
     run = parse_model(
         RunSpec, json.loads((draft / TASK_FOLDER / "task.json").read_text())["run"], draft
     )
@@ -126,7 +155,7 @@ def _starts_of(
     seeds = iter(range(plan.seed, plan.seed + MOST_SEEDS * plan.starts))
     with ordered_map(jobs) as run_all:
         while len(kept["critical"]) < plan.starts:
-            batch = [seed for seed, _ in zip(seeds, range(max(jobs, 1)), strict=False)]
+            batch = list(islice(seeds, max(jobs, 1)))
             if not batch:
                 break
             for kind, facts in run_all(judge, batch):
@@ -209,7 +238,9 @@ def run_campaign(
             for _ in done:
                 on_row(total)
     rates = rates_of([_read(row) for row in rows])
-    write_text(folder / TABLE_FILE, _lines([_TABLE, *map(_table_row, rates)]))
+    knowing = {one.shown for one in plan.everybody if one.is_privileged}
+    table = [_table_row(one, one.driver in knowing) for one in rates]
+    write_text(folder / TABLE_FILE, _lines([_TABLE, *table]))
     for text in rising(rates, ("oracle", "aeb")):
         say(f"gets better with latency: {text}")
     return rates, refused_for(rates, ZERO)
@@ -224,30 +255,33 @@ def _jobs(plan: LoopPlan, starts: Sequence[Mapping[str, Any]]) -> Iterator[Job]:
 
 def _rows_of(job: Job) -> list[Row]:
     """Drive one driver on one start, in the event and in its event-free twin."""
-    facts = json.loads(job.start)
     start, built_in = _start(job.start)
-    rows = []
+    identity = _identity(job)
+    rows: list[Row] = []
     for latency_s in job.latencies_s:
         for repeat in range(job.repeats):
             # In seeded random order: a driver can't tell from it which is the event.
             order = [True, False]
-            random.Random(f"{job.seed} {start.hash} {job.driver.shown} {repeat}").shuffle(order)
+            name = f"{job.seed} {start.hash} {job.driver.shown} {latency_s:g} {repeat}"
+            random.Random(name).shuffle(order)
             found = {event: _run(start, job.driver, latency_s, event=event) for event in order}
             outcome = found[True][0]
+            free_outcome, free_record = found[False]
+            if free_outcome.kind == "harness":
+                outcome = free_outcome
             free = start.driven_by(job.driver.driver, job.driver.options, latency_s, event=False)
             if free.driven is None:
                 raise ValueError("a driven run is driven by somebody")
-            needless = needless_in(free, free.driven, found[False][1], built_in)
+            needless = needless_in(free, free.driven, free_record, built_in, free_outcome.at_s)
             v_i_mps = None if outcome.contact is None else outcome.contact.relative_mps
             rows.append(
                 [
-                    *(str(facts[name]) for name in ("event", "seed", "hash", "kind")),
-                    *(job.driver.shown, f"{latency_s:g}", str(repeat)),
-                    *(outcome.kind, _shown(outcome.at_s), outcome.why),
+                    *identity[len(rows)],
+                    *(outcome.kind, _shown(outcome.at_s), _short(outcome.why)),
                     *map(_shown, (v_i_mps, start.v_r_mps, severity_of(outcome, start.v_r_mps))),
                     *map(_shown, (outcome.response_s, outcome.unled_s)),
                     str(outcome.starved).lower(),
-                    needless,
+                    _short(needless),
                 ]
             )
     return rows
@@ -257,7 +291,7 @@ def _run(
     start: Start, driver: CampaignDriver, latency_s: float, *, event: bool
 ) -> tuple[Any, Record]:
     """Drive once, and again while our side failed (METHOD 8.7)."""
-    for _ in range(_HARNESS_REPEATS):
+    for _ in range(1 + _HARNESS_REPEATS):
         outcome, record = _driven(start, driver, latency_s, event=event)
         if outcome.kind != "harness":
             break
@@ -296,14 +330,29 @@ def _rows_there(path: Path) -> list[Row]:
 def _check_rows(path: Path, rows: Sequence[Row], todo: Sequence[Job], per_job: int) -> None:
     for i, row in enumerate(rows):
         job = todo[i // per_job] if i // per_job < len(todo) else None
-        wanted = None if job is None else (json.loads(job.start)["hash"], job.driver.shown)
-        if len(row) != len(_HEADER) or (row[2], row[4]) != wanted:
+        wanted = [] if job is None else _identity(job)[i % per_job]
+        if len(row) != len(_HEADER) or row[: len(wanted)] != wanted or row[7] not in OUTCOMES:
             raise InputError(
                 "holds another campaign's run",
                 file=path,
                 line=i + 2,
                 remedy="name a new folder with --out",
             )
+
+
+def _identity(job: Job) -> list[Row]:
+    """Return the columns of each of a job's rows that say which run it is."""
+    facts = json.loads(job.start)
+    of_start = [str(facts[name]) for name in ("event", "seed", "hash", "kind")]
+    return [
+        [*of_start, job.driver.shown, f"{latency_s:g}", str(repeat)]
+        for latency_s, repeat in product(job.latencies_s, range(job.repeats))
+    ]
+
+
+def _short(text: str) -> str:
+    """Return a text as one line of bounded length: a driver's error may be anything."""
+    return " ".join(text.split())[:_MOST_WHY]
 
 
 def _lines(rows: Sequence[Row]) -> str:
@@ -321,6 +370,7 @@ def _read(row: Row) -> RunRow:
     one = dict(zip(_HEADER, row, strict=True))
     return RunRow(
         one["event"],
+        one["start"],
         one["driver"],
         float(one["latency_s"]),
         one["kind"],
@@ -330,11 +380,11 @@ def _read(row: Row) -> RunRow:
     )
 
 
-def _table_row(one: Rates) -> Row:
+def _table_row(one: Rates, is_privileged: bool) -> Row:
     return [
         one.event,
         one.driver,
-        str(one.driver in PRIVILEGED).lower(),
+        str(is_privileged).lower(),
         f"{one.latency_s:g}",
         str(one.planned),
         str(one.driven),

@@ -12,19 +12,22 @@ from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
 from ssp_scenario_manager.run.in_process import Record
 
 
-def needless_in(run: RunSpec, driven: Driven, record: Record, built_in: Record) -> str:
+def needless_in(
+    run: RunSpec, driven: Driven, record: Record, built_in: Record, decided_s: float
+) -> str:
     """Say why a driver is needless in an event-free twin; empty: it isn't.
 
-    A run that ended before T_end, as after a contact, is held against the built-in driver's way up
-    to there.
+    A run that was decided before T_end, as by a contact, is judged up to there: the session brakes
+    by itself afterwards.
 
     Args:
         run: the event-free one, as it was driven.
         driven: its driver.
         record: of the run.
         built_in: of the same run under the built-in driver.
+        decided_s: time of the run's deciding fact, or T_end.
     """
-    led = until(record.reports, driven.hand_over_s, driven.end_s)
+    led = until(record.reports, driven.hand_over_s, min(driven.end_s, decided_s))
     since_s: float | None = None
     for report in led:
         at_s = ns_to_seconds(report.now_ns)

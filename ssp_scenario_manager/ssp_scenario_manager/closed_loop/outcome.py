@@ -198,7 +198,7 @@ def left_road(run: RunSpec, led: Sequence[StepReport]) -> Fact | None:
         depth_m = max(way.depth_m(offset) for offset in offsets)
         if depth_m > LIMITS.opposite_m:
             wrong_since_s = at_s if wrong_since_s is None else wrong_since_s
-            if at_s - wrong_since_s > LIMITS.opposite_s:
+            if at_s - wrong_since_s > LIMITS.opposite_s + EPSILON_S:
                 return at_s, "left_road", f"{depth_m:.2f} m in a lane of opposite direction"
         else:
             wrong_since_s = None
@@ -223,7 +223,7 @@ def _states(reports: Sequence[StepReport], vut_id: str) -> Iterator[tuple[float,
 def first_response_s(run: RunSpec, driven: Driven, record: Record, twin: Twin) -> float | None:
     """Return the first step after T_obs from which the VUT departs from its twin for 0.3 s.
 
-    It is looked for as long as the twin drove.
+    It is looked for up to the twin's contact or resolution.
     """
     if driven.observable_s is None:
         return None
@@ -232,6 +232,9 @@ def first_response_s(run: RunSpec, driven: Driven, record: Record, twin: Twin) -
         at_s, meant = ns_to_seconds(vut.stamp_ns), twin.get(vut.stamp_ns)
         if at_s <= driven.observable_s + EPSILON_S or meant is None:
             continue
+        # Behind its contact or resolution the twin is braked by its session.
+        if at_s > driven.end_s - LIMITS.after_s + EPSILON_S:
+            break
         if not _departs(path, vut, meant):
             since_s = None
             continue

@@ -42,6 +42,11 @@ class CampaignDriver(Strict):
         """Name in tables."""
         return self.label or self.driver
 
+    @property
+    def is_privileged(self) -> bool:
+        """Tell whether it knows the truth, whatever its label says."""
+        return self.driver in PRIVILEGED
+
 
 class LoopPlan(Strict):
     """A campaign of driven runs."""

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from scipy.stats import binomtest  # type: ignore[import-untyped] # has no types
+from statsmodels.stats.proportion import (  # type: ignore[import-untyped] # has no types
+    proportion_confint,
+)
 
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.values import LIMITS
@@ -18,11 +20,13 @@ class RunRow:
     """The part of one run's row that rates are made of.
 
     Args:
+        start: its hash.
         kind: of its start: critical, harmless or unavoidable.
         needless: why it is in the event-free twin; empty: it isn't.
     """
 
     event: str
+    start: str
     driver: str
     latency_s: float
     kind: str
@@ -43,8 +47,9 @@ class Rates:
     Args:
         planned: all runs.
         driven: without those that stayed ``harness``.
-        headline: share of ``driven``; None where too many are ``harness``.
-        low: end of Wilson's interval of 95 %; None where there is none.
+        headline: mean over the starts of the share of their ``driven`` runs that succeed; None
+            where too many are ``harness``.
+        low: end of Wilson's interval of 95 % over the starts; None where there is none.
         high: the other end.
         worst: share with each ``harness`` a failure.
         outcomes: how many of each kind, in the order of OUTCOMES.
@@ -78,13 +83,17 @@ def rates_of(rows: Sequence[RunRow]) -> list[Rates]:
 def _rates(event: str, driver: str, latency_s: float, rows: Sequence[RunRow]) -> Rates:
     driven = [row for row in rows if row.outcome != "harness"]
     successes = sum(row.succeeds for row in driven)
+    # Repeats of one start aren't independent: the unit of the interval is the start.
+    by_start: dict[str, list[bool]] = {}
+    for row in driven:
+        by_start.setdefault(row.start, []).append(row.succeeds)
     lost = len(rows) - len(driven)
     counts = Counter(row.outcome for row in rows)
     headline = low = high = None
     if driven and lost <= LIMITS.harness_share * len(rows):
-        headline = successes / len(driven)
-        interval = binomtest(successes, len(driven)).proportion_ci(method="wilson")
-        low, high = float(interval.low), float(interval.high)
+        count = sum(sum(found) / len(found) for found in by_start.values())
+        headline = count / len(by_start)
+        low, high = map(float, proportion_confint(count, len(by_start), method="wilson"))
     return Rates(
         event,
         driver,

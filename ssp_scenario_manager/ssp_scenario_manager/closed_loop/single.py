@@ -13,7 +13,7 @@ from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import BUILT_IN, make_driver
 from ssp_scenario_manager.closed_loop.needless import needless_in
-from ssp_scenario_manager.closed_loop.outcome import outcome_of, told_of
+from ssp_scenario_manager.closed_loop.outcome import Twin, outcome_of, told_of
 from ssp_scenario_manager.closed_loop.start import (
     OffSpec,
     Start,
@@ -165,15 +165,15 @@ def told_of_run(run: RunSpec, result: InProcessResult, record: Record) -> dict[s
     outcome = outcome_of(run, driven, result, record, twin)
     v_r_mps = None if contact is None else contact.relative_mps
     told = told_of(driven, record, outcome, v_r_mps)
-    return {"driven": told | {"needless": _needless(run, driven)}}
+    return {"driven": told | {"needless": _needless(run, driven, twin)}}
 
 
-def _needless(run: RunSpec, driven: Driven) -> str:
+def _needless(run: RunSpec, driven: Driven, twin: Twin) -> str:
     """Say why the driver is needless in the event-free twin of its run; empty: it isn't."""
     free = without_event(run, driven.end_s)
-    records = []
-    for changes in ({}, {"driver": BUILT_IN, "options": {}, "latency_s": 0.0}):
-        led = driven.model_copy(update={"observable_s": None, **changes})
-        records.append(run_in_process(free.model_copy(update={"driven": led}))[1])
-    own, built_in = records
-    return needless_in(free, driven, own, built_in)
+    own = driven.model_copy(update={"observable_s": None})
+    result, record = run_in_process(free.model_copy(update={"driven": own}))
+    decided_s = outcome_of(free, own, result, record, twin).at_s
+    led = own.model_copy(update={"driver": BUILT_IN, "options": {}, "latency_s": 0.0})
+    _, built_in = run_in_process(free.model_copy(update={"driven": led}))
+    return needless_in(free, driven, record, built_in, decided_s)
