@@ -20,7 +20,7 @@ OBJECT_TARGET = (
         "bodies",
         "",
         "where the bodies of a live run's objects are",
-        text="<object>=udp://<host>:<port>, <object>=iso22133://<host>[:<port>][?report=<file>] or "
+        text="<object>=udp://<host>:<port>, <object>=iso22133://<host>:<port>?report=<file> or "
         "<object>=mirror for each object, separated by commas; empty in a simulated run",
     ),
     Parameter("autostart", True, "configure and activate at once; false: wait for commands"),
