@@ -18,11 +18,13 @@ from click.testing import CliRunner
 
 from ssp_core.errors import InputError
 from ssp_scenario_manager.cli.loop import loop
-from ssp_scenario_manager.closed_loop import campaign
-from ssp_scenario_manager.closed_loop.campaign import Job, draw_starts, run_campaign
+from ssp_scenario_manager.closed_loop import campaign, seal
+from ssp_scenario_manager.closed_loop.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES, ZERO, LoopPlan, load_plan
 from ssp_scenario_manager.closed_loop.rates import RunRow, rates_of, refused_for, rising
+from ssp_scenario_manager.closed_loop.runs import Job
+from ssp_scenario_manager.closed_loop.seal import draw_starts
 
 PLAN = {
     "schema": "ssp.loop/1",
@@ -100,7 +102,7 @@ def test_a_campaign_that_was_killed_goes_on_to_the_same_table(
         again.append(job.driver.shown)
         return [row for row in kept if row[4] == job.driver.shown]
 
-    monkeypatch.setattr(campaign, "_rows_of", known)
+    monkeypatch.setattr(campaign, "rows_of", known)
     whole = (done / "runs.csv").read_bytes()
     chosen = random.Random(8)
     for moment in range(15):
@@ -173,8 +175,8 @@ def test_seeds_are_tried_in_order_however_many_processes_share_them(
     def in_order(_jobs: int) -> Iterator[Any]:
         yield map
 
-    monkeypatch.setattr(campaign, "_drawn", judge)
-    monkeypatch.setattr(campaign, "ordered_map", in_order)
+    monkeypatch.setattr(seal, "_drawn", judge)
+    monkeypatch.setattr(seal, "ordered_map", in_order)
     for jobs in (1, 2, 5):
         (tmp_path / str(jobs)).mkdir()
         found = draw_starts(plan_of(starts=4), tmp_path / str(jobs), jobs, lambda _: None)

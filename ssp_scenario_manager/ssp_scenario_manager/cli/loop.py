@@ -11,9 +11,10 @@ import click
 from ssp_core import console
 from ssp_core.files import make_folder, taken_folder
 from ssp_core.options import WholeNumber
-from ssp_scenario_manager.closed_loop.campaign import TABLE_FILE, run_campaign
+from ssp_scenario_manager.closed_loop.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.plan_file import load_plan
 from ssp_scenario_manager.closed_loop.rates import Rates
+from ssp_scenario_manager.closed_loop.tables import TABLE_FILE
 
 
 @click.command()

@@ -1,0 +1,147 @@
+"""The starts of a campaign, drawn and sealed before a driver runs (METHOD 8.1, 8.7)."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from ssp_core import __version__
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder, parse_model, write_json
+from ssp_core.hashing import sha256_json
+from ssp_core.run_file.model import RunSpec
+from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, LoopPlan
+from ssp_scenario_manager.closed_loop.runs import drive_start
+from ssp_scenario_manager.closed_loop.single import MOST_SEEDS
+from ssp_scenario_manager.closed_loop.start import OffSpec, make_start
+from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.run.sweep import ordered_map
+
+PLAN_FILE, TASKS_FOLDER, STARTS_FILE = "plan.json", "tasks", "starts.json"
+STARTS_SCHEMA = "ssp.loop_starts/1"
+KINDS = ("critical", "harmless", "unavoidable")
+
+
+def draw_starts(
+    plan: LoopPlan, folder: Path, jobs: int, say: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    """Return the sealed starts of a campaign, drawn unless they are there.
+
+    Args:
+        plan: the campaign.
+        folder: of it.
+        jobs: processes that share the work.
+        say: takes the shares of starts, for people.
+
+    Raises:
+        InputError: the folder holds another campaign, or an event has too few critical starts.
+    """
+    sealed = {
+        "version": __version__,
+        "plan": sha256_json(plan.model_dump(mode="json", by_alias=True)),
+    }
+    _claim(folder, sealed)
+    path = folder / STARTS_FILE
+    if path.is_file():
+        there = json.loads(path.read_text())
+        if there.get("hash") != sha256_json(there.get("starts")):
+            raise InputError(
+                "was changed after it was sealed", file=path, remedy="name a new folder with --out"
+            )
+        return list(there["starts"])
+    # Tasks of a call that was cut off before the seal may be half written.
+    shutil.rmtree(folder / TASKS_FOLDER, ignore_errors=True)
+    starts = []
+    for number, event in enumerate(plan.events):
+        draft = folder / TASKS_FOLDER / str(number)
+        starts += _starts_of(plan, event, draft, jobs, say)
+    kept = {"schema": STARTS_SCHEMA, "starts": starts}
+    write_json(path, {**kept, "hash": sha256_json(starts)})
+    return starts
+
+
+def _claim(folder: Path, sealed: Mapping[str, str]) -> None:
+    """Take a new folder for a campaign, or find that it is this campaign's.
+
+    Raises:
+        InputError: it is another campaign's, or holds something else.
+    """
+    path = folder / PLAN_FILE
+    if path.is_file():
+        if json.loads(path.read_text()) != sealed:
+            raise InputError(
+                "is of another campaign, or of another version of this software",
+                file=path,
+                remedy="name a new folder with --out",
+            )
+        return
+    if any(not entry.name.startswith(".") for entry in folder.iterdir()):
+        raise InputError(
+            "holds something else than a campaign",
+            file=folder,
+            remedy="name a new folder with --out",
+        )
+    write_json(path, dict(sealed))
+
+
+def _starts_of(
+    plan: LoopPlan, event: str, draft: Path, jobs: int, say: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    prepare_run(event, plan.site, make_folder(draft), seed=plan.seed, mode="lockstep")
+    run = parse_model(
+        RunSpec, json.loads((draft / TASK_FOLDER / "task.json").read_text())["run"], draft
+    )
+    event_file = str(draft / TASK_FOLDER / EVENT_FILE)
+    judge = partial(_drawn, run.model_dump_json(by_alias=True), event_file, max(plan.latencies_s))
+    kept: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
+    seen = dict.fromkeys((*KINDS, "off_spec"), 0)
+    most = {"critical": plan.starts, "harmless": plan.others, "unavoidable": plan.others}
+    seeds = iter(range(plan.seed, plan.seed + MOST_SEEDS * plan.starts))
+    with ordered_map(jobs) as run_all:
+        while len(kept["critical"]) < plan.starts:
+            batch = list(islice(seeds, max(jobs, 1)))
+            if not batch:
+                break
+            for kind, facts in run_all(judge, batch):
+                if len(kept["critical"]) >= plan.starts:
+                    break
+                seen[kind] += 1
+                if kind in kept and len(kept[kind]) < most[kind]:
+                    kept[kind].append({"event": event, "kind": kind, **facts})
+    shares = ", ".join(f"{count} {kind}" for kind, count in seen.items())
+    say(f"starts of {event}, by seed from {plan.seed} on: {shares}")
+    if len(kept["critical"]) < plan.starts:
+        raise InputError(
+            f"has {len(kept['critical'])} critical starts among {sum(seen.values())} seeds",
+            field="starts",
+            value=plan.starts,
+            remedy="ask for fewer, for smaller latencies, or for a place with a longer run-up",
+        )
+    return [start for kind in KINDS for start in kept[kind]]
+
+
+def _drawn(
+    run_json: str, event_file: str, latency_max_s: float, seed: int
+) -> tuple[str, dict[str, Any]]:
+    """Return the kind of a seed's start (METHOD 8.1) and its facts; ``off_spec`` with a reason."""
+    run = RunSpec.model_validate_json(run_json)
+    try:
+        start = make_start(run, load_event(event_file)[0], seed, latency_max_s)
+    except OffSpec as error:
+        return "off_spec", {"seed": seed, "why": str(error)}
+    facts = {
+        **start.facts(),
+        "hash": start.hash,
+        "run": start.run.model_dump(mode="json", by_alias=True),
+    }
+    if start.contact is None:
+        return "harmless", facts
+    outcome, _ = drive_start(start, CampaignDriver(driver="oracle"), 0.0)
+    return ("unavoidable" if outcome.contact is not None else "critical"), facts

@@ -1,0 +1,83 @@
+"""The tables of a campaign: a row per run, and one per event, driver and latency."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
+from ssp_scenario_manager.closed_loop.rates import Rates, RunRow
+from ssp_scenario_manager.run.result import rounded
+
+RUNS_FILE, TABLE_FILE = "runs.csv", "table.csv"
+_MOST_WHY = 300  # characters of a row's reason
+Row = list[str]
+
+RUN_COLUMNS = [
+    *("event", "seed", "start", "kind", "driver", "latency_s", "repeat"),
+    *("outcome", "outcome_s", "why", "v_i_mps", "v_r_mps", "severity"),
+    *("response_s", "unled_s", "starved", "needless"),
+]
+RATE_COLUMNS = [
+    *("event", "driver", "privileged", "latency_s", "planned", "driven"),
+    *("headline", "low", "high", "worst"),
+    *OUTCOMES,
+    *("needless", "starved"),
+]
+
+
+def rows_there(path: Path) -> list[Row]:
+    """Return the rows that an earlier call left, without one that was cut off."""
+    if not path.is_file():
+        return []
+    text = path.read_bytes().decode(errors="replace")
+    return list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1])))[1:]
+
+
+def one_line(text: str) -> str:
+    """Return a text as one line of bounded length: a driver's error may be anything."""
+    return " ".join(text.split())[:_MOST_WHY]
+
+
+def lines_of(rows: Sequence[Row]) -> str:
+    """Return rows as CSV."""
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(rows)
+    return stream.getvalue()
+
+
+def shown(value: float | None) -> str:
+    """Return a number as a cell, empty where there is none."""
+    kept = rounded(value)
+    return "" if kept is None else str(kept)
+
+
+def read_row(row: Row) -> RunRow:
+    """Return the part of a run's row that rates are made of."""
+    one = dict(zip(RUN_COLUMNS, row, strict=True))
+    return RunRow(
+        one["event"],
+        one["start"],
+        one["driver"],
+        float(one["latency_s"]),
+        one["kind"],
+        one["outcome"],
+        one["needless"],
+        one["starved"] == "true",
+    )
+
+
+def rates_row(one: Rates, is_privileged: bool) -> Row:
+    """Return one row of the table of rates."""
+    return [
+        one.event,
+        one.driver,
+        str(is_privileged).lower(),
+        f"{one.latency_s:g}",
+        str(one.planned),
+        str(one.driven),
+        *map(shown, (one.headline, one.low, one.high, one.worst)),
+        *map(str, (*one.outcomes, one.needless, one.starved)),
+    ]
