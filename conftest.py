@@ -19,6 +19,7 @@ from hypothesis import settings
 
 import ssp_core
 from ssp_core.processes import session_environment
+from tests.support.order import spread
 
 # The same examples in every run, so that a change is judged by what it changed. To look for new
 # ones: SSP_EXPLORE=1 ./ssp test. How long an example takes says more of the machine than of us.
@@ -59,13 +60,18 @@ def pytest_report_header() -> str | None:
     return f"CARLA's client has no wheel for Python {version}: the tests marked carla are left out"
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the tests of CARLA out where its client can't be."""
-    if _HAS_CARLA:
-        return
-    left_out = [item for item in items if item.get_closest_marker("carla")]
-    items[:] = [item for item in items if item not in left_out]
-    config.hook.pytest_deselected(items=left_out)
+    """Leave the tests of CARLA out where its client can't be, and order what several workers take.
+
+    Each worker collects all tests, and knows how many workers there are.
+    """
+    if not _HAS_CARLA:
+        left_out = [item for item in items if item.get_closest_marker("carla")]
+        items[:] = [item for item in items if not item.get_closest_marker("carla")]
+        config.hook.pytest_deselected(items=left_out)
+    if worker := getattr(config, "workerinput", None):
+        items[:] = spread(items, worker["workercount"])
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -51,8 +51,6 @@ from ssp_vla_bridge.ros.vla_bridge import VlaBridge
 from tests.support.runs import cut_in_run
 from tests.support.states import object_state
 
-pytestmark = pytest.mark.ros
-
 # States of this test move at will, and no wall's clock ends its sessions.
 RUN: dict[str, Any] = {
     **cut_in_run(),

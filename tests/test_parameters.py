@@ -20,7 +20,6 @@ from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.ros import parameters as scenario_manager_params
 from ssp_vla_bridge.ros import parameters as vla_bridge_params
 
-pytestmark = pytest.mark.ros
 TABLES: dict[str, tuple[Parameter, ...]] = {
     **ot_controller_params.NODES,
     **ssp_monitor.ros.parameters.NODES,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 import time
@@ -26,9 +25,8 @@ PACKAGES = (
     "ssp_eval/ssp_eval",
 )
 
-QUICK = "ros and not system"
-SESSIONS = "ros or system"
-_HOLDS_NODES = re.compile(r"\bmark\.(ros|system)\b")
+# Leaves out the tests that run whole sessions, browsers or clusters.
+QUICK = ("-m", "not system and not programs")
 # Where the language model of --real-model lies, and the variable that tells its tests so.
 MODEL_FOLDER = ".venv/real-model"
 MODEL_VARIABLE = "SSP_REAL_MODEL"
@@ -40,23 +38,8 @@ DOCS_TOOLS = [sys.executable, "bootstrap/bootstrap.py", "--docs-tools"]
 TOOLS = [sys.executable, "bootstrap/bootstrap.py", "--test-tools"]
 
 
-def files_of_nodes(root: Path) -> list[str]:
-    """List the test files that mark a test of nodes or of sessions.
-
-    To import all other test files costs each process of pytest twelve seconds.
-
-    Args:
-        root: folder of the checkout.
-    """
-    folders = [*root.glob("ssp_*/test"), root / "tests"]
-    files = (file for folder in folders for file in folder.rglob("test_*.py"))
-    return sorted(
-        str(file.relative_to(root)) for file in files if _HOLDS_NODES.search(file.read_text())
-    )
-
-
 def _checks(
-    root: Path, arguments: tuple[str, ...], quick: bool, real_model: bool
+    arguments: tuple[str, ...], quick: bool, real_model: bool
 ) -> list[tuple[str, list[str]]]:
     tools = ("tools", TOOLS)
     pytest = [*PYTEST, "--durations=50", "--durations-min=0.5"]
@@ -73,20 +56,17 @@ def _checks(
         ("lint", ["ruff", "check", "."]),
         ("types", ["mypy", *PACKAGES]),
     ]
+    chosen = [*pytest, *(QUICK if quick else ())]
     if arguments:
-        chosen = ["-m", "not system"] if quick else []
-        return [*checks, ("tests", [*pytest, *chosen, *arguments])]
-    # Who has done its share takes of another's. A test of nodes waits for processes more than it
-    # works: one more at once than there are processors.
-    stealing = ["--dist", "worksteal", "-n"]
+        return [*checks, ("tests", [*chosen, *arguments])]
+    # A worker that has done its share takes of another's. Tests of nodes wait for processes more than
+    # they work: one worker more than there are processors.
     at_once = str((os.cpu_count() or 1) + 1)
-    of_nodes = ("tests of nodes", QUICK) if quick else ("tests of nodes and sessions", SESSIONS)
     return [
         *checks,
         ("tools of the site", DOCS_TOOLS),
         ("site", [*MKDOCS, "build", "--strict", "--site-dir", "log/site"]),
-        ("tests of cores", [*pytest, *stealing, "auto", "-m", "not ros and not system"]),
-        (of_nodes[0], [*pytest, *stealing, at_once, "-m", of_nodes[1], *files_of_nodes(root)]),
+        ("tests", [*chosen, "--dist", "worksteal", "-n", at_once]),
     ]
 
 
@@ -171,7 +151,7 @@ def _test_changes(root: Path, since: str | None, within_s: int, arguments: Seque
     status = 0
     while waiting and (left_s := end - time.monotonic()) > 0:
         batch, waiting = waiting[:FILES_AT_ONCE], waiting[FILES_AT_ONCE:]
-        command = [*PYTEST, "-q", "-m", "not system", "--within", f"{left_s:.0f}"]
+        command = [*PYTEST, "-q", *QUICK, "--within", f"{left_s:.0f}"]
         command += [*arguments, *batch]
         status |= _run_all(root, [(f"tests of {len(batch)} files", command)], nothing=(5,))
     if waiting:
@@ -240,7 +220,7 @@ def test(
     """
     root = _root("the tests need")
     if not changed:
-        return _run_all(root, _checks(root, pytest_arguments, quick, real_model))
+        return _run_all(root, _checks(pytest_arguments, quick, real_model))
     return _test_changes(root, since, within_s, pytest_arguments)
 
 

@@ -39,7 +39,7 @@ def test_who_listens_is_asked_by_ray_itself() -> None:
         look_for(f"ray://127.0.0.1:{server.getsockname()[1]}")
 
 
-@pytest.mark.system
+@pytest.mark.programs
 def test_a_cluster_is_joined_and_one_that_fails_is_one_line() -> None:
     ray = import_ray()
     with joined(ray, 1):

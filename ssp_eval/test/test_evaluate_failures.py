@@ -77,13 +77,43 @@ def run_attached(bag: Path, folder: Path, script: tuple[str, ...], *options: str
     return Campaign(out, run.stdout)
 
 
-@pytest.fixture(scope="module")
-def troubled(bag_writer: BagWriter, tmp_path_factory: pytest.TempPathFactory) -> Campaign:
-    folder = tmp_path_factory.mktemp("troubled")
-    return run_attached(bag_writer(folder / "bag"), folder, SCRIPT)
+# What each trouble costs: the kind of the loss and a part of its reason.
+LOSSES = {
+    "hang": ("no answer in time", "no answer within 2 s"),
+    "other": ("no answer in time", "no answer within 2 s"),
+    "garbage": ("unusable answer", "the answer can't be read"),
+    "huge": ("unusable answer", "the answer has 20000"),
+}
 
 
-def test_every_label_time_counts_and_every_loss_has_its_reason(troubled: Campaign) -> None:
+def test_each_trouble_of_a_bridge_costs_its_own_record_and_has_its_reason(
+    bag_writer: BagWriter, tmp_path: Path
+) -> None:
+    troubled = run_attached(bag_writer(tmp_path / "bag"), tmp_path, SCRIPT)
+    every_label_time_counts(troubled)
+    for word, (kind, reason) in LOSSES.items():
+        asked, record = troubled.at(word)
+        assert record is None, word
+        assert asked["kind"] == kind
+        assert reason in asked["missing"]
+    asked, record = troubled.at("die")
+    assert record is None
+    # Nobody tells a client that a process of somebody else's died: it leaves the topics, or is
+    # replaced there before that is noticed.
+    assert asked["kind"] in ("bridge died", "no answer in time")
+    odd_answers_are_kept_for_what_they_say(troubled)
+    ignored = troubled.cell["answers"]["ignored"]
+    # A flood hides no answer; a late one is counted, and hurts no later question.
+    assert ignored["duplicate"] == 1
+    assert ignored["unknown"] > 1
+    assert ignored["late"] >= 1
+    ids = {one["request_id"] for one in troubled.raw}
+    assert troubled.at("hang")[0]["request_id"] not in ids
+    # What is too large isn't stored.
+    assert sum(file.stat().st_size for file in troubled.folder.iterdir()) < 1_000_000
+
+
+def every_label_time_counts(troubled: Campaign) -> None:
     score, answers = troubled.line["score"], troubled.cell["answers"]
     assert (troubled.cell["status"], score["n"], score["matched"]) == ("ok", 9, 4)
     assert [one["label_t_s"] for one in troubled.requests] == [
@@ -97,73 +127,23 @@ def test_every_label_time_counts_and_every_loss_has_its_reason(troubled: Campaig
     assert score["jovr"] == pytest.approx(2 / 9)
 
 
-@pytest.mark.parametrize(
-    ("word", "kind", "reason"),
-    [
-        ("hang", "no answer in time", "no answer within 2 s"),
-        ("other", "no answer in time", "no answer within 2 s"),
-        ("garbage", "unusable answer", "the answer can't be read"),
-        ("huge", "unusable answer", "the answer has 20000"),
-    ],
-)
-def test_a_bridge_in_trouble_costs_that_record(
-    troubled: Campaign, word: str, kind: str, reason: str
-) -> None:
-    asked, record = troubled.at(word)
-    assert record is None
-    assert asked["kind"] == kind
-    assert reason in asked["missing"]
-
-
-def test_a_bridge_that_dies_costs_that_record(troubled: Campaign) -> None:
-    asked, record = troubled.at("die")
-    assert record is None
-    # Nobody tells a client that a process of somebody else's died: it leaves the topics, or is
-    # replaced there before that is noticed.
-    assert asked["kind"] in ("bridge died", "no answer in time")
-    assert troubled.at("nan")[1] is not None
-
-
-def test_the_first_of_two_answers_counts(troubled: Campaign) -> None:
-    _, record = troubled.at("twice")
-    assert record is not None
-    assert record["text"] == "A car is ahead. I keep my speed."
-    assert troubled.cell["answers"]["ignored"]["duplicate"] == 1
-
-
-def test_arrays_of_nan_are_an_invalid_trajectory(troubled: Campaign) -> None:
-    _, record = troubled.at("nan")
-    assert record is not None
-    assert (record["trajectory"], record["invalid"]) == (None, ["non_finite"])
-    stored = next(
-        one for one in troubled.raw if one["stamp_ns"] == troubled.at("nan")[0]["stamp_ns"]
-    )
+def odd_answers_are_kept_for_what_they_say(troubled: Campaign) -> None:
+    """The first of two; arrays of NaN; a page of HTML; the one in a flood."""
+    records = {word: troubled.at(word)[1] for word in ("twice", "nan", "html", "flood")}
+    twice, nan, html, flood = records.values()
+    assert twice is not None
+    assert twice["text"] == "A car is ahead. I keep my speed."
+    assert nan is not None
+    assert (nan["trajectory"], nan["invalid"]) == (None, ["non_finite"])
+    stamp_ns = troubled.at("nan")[0]["stamp_ns"]
+    stored = next(one for one in troubled.raw if one["stamp_ns"] == stamp_ns)
     assert stored["arrays"][0]["data"] == ["nan"] * 10
-
-
-def test_html_is_an_answer_that_says_nothing(troubled: Campaign) -> None:
-    _, record = troubled.at("html")
-    assert record is not None
-    assert record["text"].startswith("<html>")
-    assert (record["trajectory"], record["invalid"]) == (None, ["missing"])
-    assert not any(record["slots"].values())
-
-
-def test_a_flood_hides_no_answer(troubled: Campaign) -> None:
-    _, record = troubled.at("flood")
-    assert record is not None
-    assert record["trajectory"] is not None
-    assert troubled.cell["answers"]["ignored"]["unknown"] > 1
-
-
-def test_a_late_answer_is_counted_and_hurts_no_later_question(troubled: Campaign) -> None:
-    assert troubled.cell["answers"]["ignored"]["late"] >= 1
-    ids = {one["request_id"] for one in troubled.raw}
-    assert troubled.at("hang")[0]["request_id"] not in ids
-
-
-def test_what_is_too_large_is_not_stored(troubled: Campaign) -> None:
-    assert sum(file.stat().st_size for file in troubled.folder.iterdir()) < 1_000_000
+    assert html is not None
+    assert html["text"].startswith("<html>")
+    assert (html["trajectory"], html["invalid"]) == (None, ["missing"])
+    assert not any(html["slots"].values())
+    assert flood is not None
+    assert flood["trajectory"] is not None
 
 
 def test_what_may_pass_is_asked_again_and_what_can_t_be_read_is_not(

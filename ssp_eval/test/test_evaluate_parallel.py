@@ -62,7 +62,7 @@ def cluster() -> Iterator[None]:
     ray.shutdown()
 
 
-@pytest.fixture(params=["processes", pytest.param("ray", marks=pytest.mark.system)])
+@pytest.fixture(params=["processes", pytest.param("ray", marks=pytest.mark.programs)])
 def engine(request: pytest.FixtureRequest) -> str:
     """What runs the workers, ready to."""
     if request.param == "ray":
@@ -225,7 +225,7 @@ def test_each_worker_has_bridges_of_its_own(
     assert logs == {"worker_0", "worker_1"}
 
 
-@pytest.mark.system
+@pytest.mark.programs
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_the_terminal_ends_every_worker_in_order(
     number: signal.Signals, bags: list[tuple[Path, Path | None]], tmp_path: Path
@@ -312,7 +312,7 @@ def test_a_worker_takes_only_the_files_that_the_campaign_began_with(
             runner.run(replace(job, **{changed: "sha256:other"}))
 
 
-@pytest.mark.system
+@pytest.mark.programs
 @pytest.mark.usefixtures("cluster")
 def test_a_cluster_with_room_for_fewer_workers_does_all_cells(
     bags: list[tuple[Path, Path | None]], tmp_path: Path

@@ -114,7 +114,7 @@ def test_a_text_cannot_leave_the_form() -> None:
     assert "half ? a pair" in page
 
 
-@pytest.mark.system
+@pytest.mark.programs
 def test_the_form_is_answered_by_keys_and_exports_what_is_read_back(
     review: Path, tmp_path: Path
 ) -> None:

@@ -124,7 +124,7 @@ def test_a_text_can_t_break_the_details(source: Path) -> None:
     assert "\u2028" not in text
 
 
-@pytest.mark.system
+@pytest.mark.programs
 def test_in_a_browser(source: Path, tmp_path: Path) -> None:
     out = tmp_path / "campaign"
     clone_campaign(source, out, CELLS)

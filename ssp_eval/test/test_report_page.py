@@ -378,7 +378,7 @@ def test_a_control_by_another_name_is_one_still(make_bag: BagMaker, tmp_path: Pa
     assert controls == {"best"}
 
 
-@pytest.mark.system
+@pytest.mark.programs
 def test_from_a_score_back_by_clicking(campaign: Path) -> None:
     """In a browser: matrix → cell → label time → evidence, and each step's file; on a phone too."""
     page = write_report(campaign)

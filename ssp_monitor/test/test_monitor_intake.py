@@ -48,7 +48,6 @@ from ssp_msgs import msg
 from support.bags import text
 from support.waiting import DEADLINE_S, until
 
-pytestmark = pytest.mark.ros
 STRING = "std_msgs/msg/String"
 BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT
 

@@ -33,8 +33,6 @@ from ssp_core.cli import main
 from support.processes import end
 from tests.support.waiting import DEADLINE_S
 
-pytestmark = pytest.mark.ros
-
 
 @pytest.fixture
 def talker(domain):
@@ -96,6 +94,7 @@ def ended(process: subprocess.Popen[str]) -> tuple[dict[str, Any], str]:
     return json.loads(shown), told
 
 
+@pytest.mark.ros
 def test_topics_are_found_late_and_heard_as_their_publishers_offer_them(talker, recorder, tmp_path):
     early = talker.create_publisher(String, "/lab/early", qos(RELIABLE, LATCHED))
     early.publish(String(data="before anybody listened"))
@@ -140,6 +139,7 @@ def test_topics_are_found_late_and_heard_as_their_publishers_offer_them(talker, 
     assert {t["name"]: t["received"] for t in report["topics"]} == counts
 
 
+@pytest.mark.ros
 def test_named_topics_are_recorded_for_a_time(talker, recorder, tmp_path):
     hidden = talker.create_publisher(String, "/lab/_hidden", 10)
     talker.create_publisher(String, "/lab/other", 10)
@@ -156,6 +156,7 @@ def test_named_topics_are_recorded_for_a_time(talker, recorder, tmp_path):
         assert {name: info.count for name, info in bag.topics.items()} == {"/lab/_hidden": 1}
 
 
+@pytest.mark.ros
 def test_a_second_type_on_a_topic_is_lost_and_said(talker, recorder, tmp_path):
     first = talker.create_publisher(String, "/lab/thing", 10)
     process = recorder("--include", "^/lab", "-o", tmp_path / "bag", "--json", "--reserve-mb", 0)
@@ -180,6 +181,7 @@ def test_a_second_type_on_a_topic_is_lost_and_said(talker, recorder, tmp_path):
     assert warning in told
 
 
+@pytest.mark.ros
 def test_a_named_topic_of_two_types_is_a_problem(talker, recorder, tmp_path):
     context = Context()
     rclpy.init(context=context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
@@ -205,6 +207,7 @@ def test_a_named_topic_of_two_types_is_a_problem(talker, recorder, tmp_path):
         assert (result["lost"], "is also of type" in told) == (1, True)
 
 
+@pytest.mark.ros
 def test_a_late_publisher_that_offers_less_is_said(talker, recorder, tmp_path):
     first = talker.create_publisher(String, "/lab/thing", qos(RELIABLE, VOLATILE))
     process = recorder("--include", "^/lab", "-o", tmp_path / "bag", "--json", "--reserve-mb", 0)
@@ -216,6 +219,7 @@ def test_a_late_publisher_that_offers_less_is_said(talker, recorder, tmp_path):
     assert (process.returncode, result["lost"]) == (1, 1)
 
 
+@pytest.mark.ros
 def test_images_become_video_and_what_is_no_image_stays(talker, recorder, tmp_path):
     import cv2
     import numpy as np

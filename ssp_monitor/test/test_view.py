@@ -58,7 +58,6 @@ def _colour(mark: Marker) -> Any:
     return pytest.approx((mark.color.r, mark.color.g, mark.color.b, mark.color.a))
 
 
-@pytest.mark.ros
 def test_standing_marks_have_names_of_their_own_and_two_points_a_line(run_mapping):
     marks = [*standing_marks(drawing_of(RunSpec.model_validate(run_mapping)))]
     assert len({(mark.ns, mark.id) for mark in marks}) == len(marks)
@@ -71,7 +70,6 @@ def test_standing_marks_have_names_of_their_own_and_two_points_a_line(run_mappin
         assert mark.scale.x > 0.0
 
 
-@pytest.mark.ros
 def test_a_box_stands_about_the_middle_of_its_object():
     marks, _ = _moving(_state(x_m=5.0, y_m=1.0, yaw_rad=math.pi / 2))
     box = marks["object", 0]
@@ -84,7 +82,6 @@ def test_a_box_stands_about_the_middle_of_its_object():
     assert marks["name", 0].text == "vut  10.0 m/s"
 
 
-@pytest.mark.ros
 def test_every_class_has_a_colour_and_the_vut_its_own():
     assert set(COLOURS) == set(ObjectClass)
     walker = _state("walker", object_class=ObjectClass.PEDESTRIAN)
@@ -93,7 +90,6 @@ def test_every_class_has_a_colour_and_the_vut_its_own():
     assert _colour(marks["object", 1]) == COLOURS[ObjectClass.PEDESTRIAN]
 
 
-@pytest.mark.ros
 def test_a_silent_object_turns_grey_says_so_and_disappears_at_last():
     moving = ObjectMarkers()
     assert _colour(_moving(_state(), over=moving)[0]["object", 0]) == VUT
@@ -104,12 +100,10 @@ def test_a_silent_object_turns_grey_says_so_and_disappears_at_last():
         assert _moving(_state(), age_s=FORGOTTEN_S + 1, over=moving) == ({}, gone)
 
 
-@pytest.mark.ros
 def test_an_object_whose_state_is_no_number_is_not_drawn_somewhere():
     assert _moving(_state(x_m=math.nan)) == ({}, set())
 
 
-@pytest.mark.ros
 def test_numbers_of_marks_stay_with_their_objects():
     moving = ObjectMarkers()
     _moving(_state("b"), _state("a"), over=moving)
@@ -118,7 +112,6 @@ def test_numbers_of_marks_stay_with_their_objects():
     assert again["name", 1].text.startswith("a")
 
 
-@pytest.mark.ros
 def test_trails_have_steps_an_end_and_no_jumps():
     trail = Trail()
     for k in range(10 * TRAIL_POINTS):
@@ -133,7 +126,6 @@ def test_trails_have_steps_an_end_and_no_jumps():
     assert list(trail.points) == [(5002.0, 0.0)]
 
 
-@pytest.mark.ros
 def test_the_gap_is_drawn_to_whom_the_vut_is_about_to_meet():
     moving = ObjectMarkers(Polyline([(0.0, 0.0), (200.0, 0.0)]))
     crossing = _state(
@@ -267,7 +259,6 @@ def test_slow_links_and_wrong_clocks_are_warned_of(run_mapping):
     assert dict(found["object walker"].values)["link there and back, s"] == "unknown"
 
 
-@pytest.mark.ros
 def test_links_of_a_manager_that_tells_nothing_any_more_are_not_known(run_mapping):
     links = {"ot1": LinkFact(0.0, 0.6)}
     old = NOW_NS - round(3.1 * NS_PER_S)

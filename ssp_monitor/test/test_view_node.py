@@ -23,8 +23,6 @@ from ssp_msgs.msg import ObjectState as ObjectStateMsg
 from ssp_msgs.msg import RecorderStatus, SessionState
 from tests.support.waiting import DEADLINE_S
 
-pytestmark = pytest.mark.ros
-
 
 def _state(x_m: float) -> bytes:
     size = DEFAULT_SIZES[ObjectClass.CAR]

@@ -162,7 +162,6 @@ def test_what_is_written_is_read_again(transforms: list[Transform]) -> None:
     assert decode_transforms(encode_transforms(transforms)) == tuple(transforms)
 
 
-@pytest.mark.ros
 def test_the_installed_type_is_ros_own() -> None:
     """tf2_msgs of the pip environment is built here; rosbags knows the type of Jazzy."""
     from tf2_msgs.msg import TFMessage

@@ -120,7 +120,6 @@ def backend_of(name, sidecar, **options):
     return make_backend(name, {"url": sidecar.url, "start_s": 20.0, "timeout_s": 20.0, **options})
 
 
-@pytest.mark.system
 def test_alpamayo_of_the_real_shapes_becomes_a_trajectory(start, drive_request):
     sidecar = start("alpamayo_sidecar.py", "--loader", "sidecar_models:alpamayo", "--samples", "3")
     response = respond(backend_of("alpamayo", sidecar), "alpamayo", drive_request).response
@@ -140,7 +139,6 @@ def test_alpamayo_of_the_real_shapes_becomes_a_trajectory(start, drive_request):
     assert sidecar.stop() == 0
 
 
-@pytest.mark.system
 def test_alpamayo_fills_nothing_in(start, drive_request, straight_history):
     sidecar = start("alpamayo_sidecar.py", "--loader", "sidecar_models:alpamayo")
     backend = backend_of("alpamayo", sidecar)
@@ -162,7 +160,6 @@ def test_alpamayo_fills_nothing_in(start, drive_request, straight_history):
     assert respond(backend, "m", drive_request).response.error_code == 0
 
 
-@pytest.mark.system
 def test_a_model_that_gives_nan_or_raises_costs_its_answer(start, drive_request):
     arguments = ("alpamayo_sidecar.py", "--loader", "sidecar_models:alpamayo")
     response = respond(
@@ -178,7 +175,6 @@ def test_a_model_that_gives_nan_or_raises_costs_its_answer(start, drive_request)
     assert sidecar.stop() == 0
 
 
-@pytest.mark.system
 def test_llavida_is_asked_in_words_and_its_text_becomes_a_trajectory(
     start, drive_request, tmp_path
 ):
@@ -203,7 +199,6 @@ def test_llavida_is_asked_in_words_and_its_text_becomes_a_trajectory(
     assert other.decoding["prompt_sha256"] != response.decoding["prompt_sha256"]
 
 
-@pytest.mark.system
 def test_a_model_that_loads_says_so_and_is_waited_for(start, drive_request, tmp_path):
     gate = tmp_path / "loaded"
     sidecar = start("alpamayo_sidecar.py", "--loader", "sidecar_models:alpamayo", LOADING=str(gate))
@@ -266,7 +261,6 @@ def taken(sidecar, request_id, replies):
     return threads[-1]
 
 
-@pytest.mark.system
 def test_one_works_one_waits_and_a_third_is_told_when_to_come_back(counting):
     sidecar, gate, replies = counting
     second = taken(sidecar, "second", replies)
@@ -282,7 +276,6 @@ def test_one_works_one_waits_and_a_third_is_told_when_to_come_back(counting):
     assert replies["second"][2]["text"] == "first second"
 
 
-@pytest.mark.system
 def test_a_request_whose_sender_has_gone_is_dropped(counting):
     sidecar, gate, replies = counting
     post_in_thread(sidecar, "gone", replies, timeout_s=0.3).join(DEADLINE_S)
@@ -293,7 +286,6 @@ def test_a_request_whose_sender_has_gone_is_dropped(counting):
     assert replies["next"][2]["text"] == "first next"
 
 
-@pytest.mark.system
 def test_sigterm_lets_the_answer_in_the_works_go_out(counting):
     sidecar, gate, replies = counting
     sidecar.process.send_signal(signal.SIGTERM)
@@ -303,7 +295,6 @@ def test_sigterm_lets_the_answer_in_the_works_go_out(counting):
     assert replies["first"][2]["text"] == "first"
 
 
-@pytest.mark.system
 def test_sigterm_ends_what_loads_and_what_is_idle(start, tmp_path, drive_request):
     arguments = ("alpamayo_sidecar.py", "--loader", "sidecar_models:alpamayo", "--stop-s", "600")
     assert start(*arguments, LOADING=str(tmp_path / "never")).stop() == 0
@@ -314,7 +305,6 @@ def test_sigterm_ends_what_loads_and_what_is_idle(start, tmp_path, drive_request
         assert sidecar.stop() == 0
 
 
-@pytest.mark.system
 def test_sigterm_ends_a_model_that_hangs(start, tmp_path):
     begun = tmp_path / "begun"
     sidecar = start(
@@ -333,7 +323,6 @@ def test_sigterm_ends_a_model_that_hangs(start, tmp_path):
     assert isinstance(replies["first"], OSError | http.client.HTTPException)
 
 
-@pytest.mark.system
 def test_a_token_is_asked_for(start, drive_request, monkeypatch):
     monkeypatch.setenv("SIDECAR_TOKEN", "a-long-token")
     monkeypatch.setenv("OTHER_TOKEN", "another-token")
@@ -348,7 +337,6 @@ def test_a_token_is_asked_for(start, drive_request, monkeypatch):
             backend_of("alpamayo", sidecar, start_s=1.0, **options).answer(drive_request)
 
 
-@pytest.mark.system
 def test_what_is_no_request_is_refused(start):
     sidecar = start(
         "sidecar_service.py",
@@ -368,7 +356,6 @@ def test_what_is_no_request_is_refused(start):
     assert sidecar.call("GET", "/health")[2]["ready"]
 
 
-@pytest.mark.system
 @pytest.mark.parametrize(
     ("script", "arguments", "status", "words"),
     [

@@ -13,7 +13,7 @@ from ssp_eval.labels.sheet import Picture, Rows, html_sheet
 from tests.system.browser import Browser
 from tests.system.recordings import Recordings
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.programs
 
 # What is wider than the window, or scrolls by itself.
 TOO_WIDE = """[...document.querySelectorAll('html, body, body *')].filter(e => {

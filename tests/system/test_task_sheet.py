@@ -12,7 +12,7 @@ import pytest
 from ssp_core.cli import main
 from tests.system.browser import Browser
 
-pytestmark = pytest.mark.system
+pytestmark = pytest.mark.programs
 
 MOST_PAGES = 3
 

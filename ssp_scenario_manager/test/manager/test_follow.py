@@ -13,7 +13,6 @@ from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run import follow
 from ssp_scenario_manager.session.run_script import RunOutcome
 
-pytestmark = pytest.mark.ros
 SPINS = 300
 
 

@@ -25,8 +25,6 @@ from ssp_monitor.recorder.topics import Profile, TopicSpec
 from .checks import held
 from .load import IMAGE, LoadTopic, encode
 
-pytestmark = pytest.mark.system
-
 TOPIC = LoadTopic("/load/frame", size_bytes=5_000)
 SPEC = TopicSpec(TOPIC.name, IMAGE, Profile.SENSOR)
 HOUR_NS = 3_600 * 10**9

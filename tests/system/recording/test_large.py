@@ -18,13 +18,14 @@ from .checks import held, missing
 from .conftest import Field, wait_for
 from .load import IMAGE, TEXT, LoadTopic, encode
 
-pytestmark = [pytest.mark.ros, pytest.mark.system]
 HUGE_BYTES = 100_000_000
 HUGE = LoadTopic("/load/cloud", rate_hz=0, size_bytes=HUGE_BYTES, latched=True, depth=1)
 # So seldom that whoever is kept from reading for long finds it still kept, at both ends.
 SMALL = LoadTopic("/load/state", rate_hz=10, size_bytes=20_000, depth=500)
 
 
+@pytest.mark.ros
+@pytest.mark.system
 def test_a_message_of_100_mb_through_the_middleware(field_: Field) -> None:
     """It is larger than the segment of shared memory, and than a file of this split bag."""
     load = field_.load(SMALL, HUGE)
@@ -73,6 +74,8 @@ def test_a_message_that_is_larger_than_the_queue_is_counted(tmp_path: Path) -> N
     assert (state.messages, state.dropped, state.failure) == (2, 1, None)
 
 
+@pytest.mark.ros
+@pytest.mark.system
 def test_a_graph_with_more_topics_than_the_limit(field_: Field) -> None:
     """The first by name are recorded, the rest is named in a warning, and named topics come
     first."""

@@ -30,13 +30,14 @@ from .conftest import Field, wait_for
 from .disks import may_mount, mounted
 from .load import IMAGE, LoadTopic, encode
 
-pytestmark = [pytest.mark.ros, pytest.mark.system]
 TOPICS = (
     LoadTopic("/load/state", rate_hz=200),
     LoadTopic("/load/frame", rate_hz=20, size_bytes=60_000),
 )
 
 
+@pytest.mark.ros
+@pytest.mark.system
 def test_power_loss_costs_at_most_a_second(
     field_: Field, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -19,8 +19,6 @@ from ssp_monitor.recorder.topics import Importance, Profile, TopicSpec, importan
 from .checks import held
 from .load import IMAGE, TEXT, LoadTopic, encode
 
-pytestmark = pytest.mark.system
-
 FRAMES = LoadTopic("/ssp/camera", size_bytes=500_000)
 OTHERS = LoadTopic("/other/camera", size_bytes=500_000)
 EVENTS = LoadTopic("/ssp/notes", size_bytes=300, msgtype=TEXT)
