@@ -59,8 +59,8 @@ def _checks(
     chosen = [*pytest, *(QUICK if quick else ())]
     if arguments:
         return [*checks, ("tests", [*chosen, *arguments])]
-    # A worker that has done its share takes of another's. Tests of nodes wait for processes more than
-    # they work: one worker more than there are processors.
+    # A worker that has done its share takes of another's. Tests of nodes wait for processes more
+    # than they work: one worker more than there are processors.
     at_once = str((os.cpu_count() or 1) + 1)
     return [
         *checks,
