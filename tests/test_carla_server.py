@@ -129,7 +129,7 @@ print(world.get_map().name)
 
 
 def test_a_world_that_carla_makes_of_our_exported_map_is_accepted_for_it(tmp_path: Path) -> None:
-    """Of docs/carla.md, *A site in CARLA*: what CARLA's config.py -x does, by the real client."""
+    """`docs/carla.md`, *A site in CARLA*: what CARLA's config.py -x does, by the real client."""
     exported, chart = tmp_path / "exported", tmp_path / "exported" / "boulevard.xodr"
     compiling = ("compile", "vru_crossing", "--site", "boulevard", "--target", "carla")
     assert main([*compiling, "--out", str(exported)]) == 0

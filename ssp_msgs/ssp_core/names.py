@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
+from contextlib import suppress
+from urllib.parse import parse_qsl
 
 NAMESPACE = "/ssp"
 VUT_ID = "vut"
@@ -81,6 +84,12 @@ def iso_frames_topic(object_id: str) -> str:
     return f"{object_id}/iso_frames"
 
 
+# How a body is addressed, for error messages.
+BODY_ADDRESSES = "udp://HOST:PORT, iso22133://HOST[:PORT][?report=FILE] or mirror"
+ISO_LEVER = ("forward_m", "left_m")  # options: where the point lies that the object reports
+_ISO_BODY = re.compile(
+    r"iso22133://(?P<host>[^:/?\[\]\s]+|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?(\?(?P<query>.*))?"
+)
 _UDP_BODY = re.compile(r"udp://(?P<host>[^:/\[\]\s]+|\[[0-9a-fA-F:]+\]):(?P<port>[0-9]{1,5})")
 
 
@@ -94,6 +103,25 @@ def udp_body(address: str) -> tuple[str, int] | None:
     if found is None or not 0 < int(found["port"]) < 65536:
         return None
     return found["host"].strip("[]"), int(found["port"])
+
+
+def iso_body(address: str) -> tuple[str, int | None, dict[str, str]] | None:
+    """Return host, port and options of an ISO 22133 object; None for another address.
+
+    Args:
+        address: ``iso22133://HOST[:PORT][?NAME=VALUE&…]``; without a port it is None. Process data
+            go by UDP to the port below.
+    """
+    found = _ISO_BODY.fullmatch(address)
+    if found is None or not 1 < int(found["port"] or 2) < 65536:
+        return None
+    options = dict(parse_qsl(found["query"] or "", keep_blank_values=True))
+    if not {"report", "waive", *ISO_LEVER} >= set(options):
+        return None
+    with suppress(ValueError):
+        if all(math.isfinite(float(options.get(name, "0"))) for name in ISO_LEVER):
+            return found["host"].strip("[]"), int(found["port"] or 0) or None, options
+    return None
 
 
 def command_service(object_id: str) -> str:

@@ -30,7 +30,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 )
 from ssp_ot_controller.bodies.iso22133.trajectories import read_trajectory
 from ssp_ot_controller.bodies.iso22133.units import to_gps
-from ssp_ot_controller.objects.target import STANDSTILL_MPS
+from ssp_ot_controller.objects.target import OWN_STANDSTILL_MPS
 from ssp_ot_controller.rehearsal.iso_object import IsoObject
 from ssp_ot_controller.rehearsal.iso_server import IsoServer, serve
 from ssp_ot_controller.rehearsal.played import StateLog
@@ -121,7 +121,7 @@ def test_a_run_over_sockets_and_a_connection_that_breaks(served: Served) -> None
     served.status = None
     played = served.server.played
     served.until(lambda: played.state is ControlState.INIT, "INIT")
-    assert played.body.speed_mps <= STANDSTILL_MPS
+    assert played.body.speed_mps <= OWN_STANDSTILL_MPS
     rows = served.log.read_text().splitlines()
     assert rows[0].startswith("time_ns,object,x_m")
     assert max(float(row.split(",")[5]) for row in rows[1:]) > 2.0

@@ -146,6 +146,8 @@ def test_a_body_is_reached_over_ipv6_too() -> None:
         ("live", {"bodies": ("ot1=mirror,ot2=mirror",)}, "write ID="),
         ("live", {"bodies": ("ot1=udp://a:70000",)}, "is no body"),
         ("live", {"bodies": ("ot1=udp://fe80::1:9001",)}, "is no body"),
+        ("live", {"bodies": ("ot1=iso22133://h?unknown=1",)}, "is no body"),
+        ("live", {"bodies": ("ot1=iso22133://h:1",)}, "is no body"),
         ("live", {"bodies": ("ot1=mirror", "ot1=udp://a:1")}, "has a body already"),
         ("live", {"remappings": ("a:b",)}, "OURS:=THEIRS"),
         ("live", {"remappings": ("__node:=b",)}, "OURS:=THEIRS"),

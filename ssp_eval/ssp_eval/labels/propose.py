@@ -20,7 +20,7 @@ from ssp_eval.labels.plan import USUAL_LABELS, NoPlan, Plan, Timeline, plan_labe
 from ssp_eval.labels.truth import Truth
 from ssp_eval.recordings.event import Crop, crop_of
 from ssp_eval.recordings.geometry import (
-    STANDSTILL_MPS,
+    STATIONARY_MPS,
     in_view,
     is_hidden,
     motion_word,
@@ -334,7 +334,7 @@ def _standing(
         state.object_id
         for _, states in series
         for state in states.values()
-        if abs(state.speed_mps) >= STANDSTILL_MPS
+        if abs(state.speed_mps) >= STATIONARY_MPS
     }
     return frozenset(truth.target_ids) - moving - {event.object_id}
 

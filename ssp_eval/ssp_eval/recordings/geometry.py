@@ -27,8 +27,8 @@ _EYE_HEIGHT_M = 1.45
 # Seen from the VUT's front, an object this far to the side is beside it rather than ahead.
 _BESIDE_RAD = math.radians(60.0)
 # Below this speed an object is stationary.
-STANDSTILL_MPS = 0.3
-_WALKER_STANDSTILL_MPS = 0.15
+STATIONARY_MPS = 0.3
+_WALKER_STATIONARY_MPS = 0.15
 # An object this near the middle of the VUT's path isn't leaving it yet.
 _LEAVING_M = 0.5
 # An object ahead that opens the gap faster pulls away from the VUT.
@@ -65,7 +65,7 @@ def motion_word(corridor: Corridor, vut: ObjectState, other: ObjectState) -> str
     reached into a cut-out; an object ahead in the corridor that opens the gap fast is receding.
     """
     walker = other.object_class is ObjectClass.PEDESTRIAN
-    standstill = _WALKER_STANDSTILL_MPS if walker else STANDSTILL_MPS
+    standstill = _WALKER_STATIONARY_MPS if walker else STATIONARY_MPS
     if abs(other.speed_mps) < standstill:
         return "stationary"
     along_mps, left_mps = corridor.velocity(other)

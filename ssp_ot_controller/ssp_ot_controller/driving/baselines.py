@@ -25,7 +25,7 @@ from ssp_ot_controller.bodies.dynamics import LIMITS
 
 HORIZON_S = 5.0
 _POINT_S = 0.1
-_STANDSTILL_MPS = 0.05
+_LEAST_CLOSING_MPS = 0.05
 
 
 def lane_plan(
@@ -184,7 +184,7 @@ class Aeb(_Keeping):
             closing_mps = question.speed_mps - along_mps
             ahead = max(stations) > 0.0 and gap_m <= self._options.range_m
             soon = max(gap_m, 0.0) <= self._options.ttc_s * closing_mps
-            if ahead and soon and closing_mps > _STANDSTILL_MPS:
+            if ahead and soon and closing_mps > _LEAST_CLOSING_MPS:
                 return True
         return False
 

@@ -10,12 +10,12 @@ from ssp_core.cdr.steps import WorldTick
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.leap_seconds import leap_seconds
-from ssp_core.names import udp_body
+from ssp_core.names import BODY_ADDRESSES, udp_body
 from ssp_core.run_file.model import LinkDisturbance, RunSpec
 from ssp_core.safety.body_status import BodyStatus
 from ssp_ot_controller.bodies.body import Body, BodyCheck, BodyReading, MirrorBody, state_of
 from ssp_ot_controller.bodies.dynamics import Command
-from ssp_ot_controller.bodies.iso22133.gateway import SCHEME, IsoAddress, IsoBody
+from ssp_ot_controller.bodies.iso22133.gateway import IsoAddress, IsoBody
 from ssp_ot_controller.bodies.protocol import UdpBody
 from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
 
@@ -33,10 +33,7 @@ _SILENT_STEPS = 1.25
 _QUIET_S = 0.5
 # A clock that is as many seconds ahead as GPS time, to this, was not given the leap seconds.
 _NEAR_S = 0.5
-_REMEDY = (
-    f"write <object>=udp://<host>:<port>, <object>={SCHEME}://<host>[:<port>][?report=<file>] or "
-    "<object>=mirror, separated by commas"
-)
+_REMEDY = f"write ID=ADDRESS, separated by commas, each {BODY_ADDRESSES}"
 
 
 def parse_bodies(

@@ -50,7 +50,8 @@ from ssp_ot_controller.objects.state_machine import (
     transition,
 )
 
-STANDSTILL_MPS = 0.02
+# An object that knows its own motion has stopped below this speed.
+OWN_STANDSTILL_MPS = 0.02
 # Limits that an object exceeds by standing still when it should drive.
 _WHERE_IT_STANDS = (SafetyCode.STATE_FROZEN, SafetyCode.ERROR_LONGITUDINAL)
 _NO_STATE = "the object has no state of its own yet"
@@ -421,7 +422,7 @@ class Target:
 
     def _stands(self) -> bool:
         own = self._own
-        stands = own is not None and abs(own.speed_mps) <= STANDSTILL_MPS
+        stands = own is not None and abs(own.speed_mps) <= OWN_STANDSTILL_MPS
         return stands and net_way_m(self._motion) is None
 
     def _drop_references(self) -> None:

@@ -56,7 +56,7 @@ from ssp_ot_controller.bodies.iso22133.trajectories import points_of
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns, to_gps
 from ssp_ot_controller.objects.rules import ObjectRules
 from ssp_ot_controller.objects.state_machine import ObjectEvent
-from ssp_ot_controller.objects.target import STANDSTILL_MPS, Target
+from ssp_ot_controller.objects.target import OWN_STANDSTILL_MPS, Target
 from ssp_ot_controller.rehearsal.centre_link import CentreLink, Sent
 from ssp_ot_controller.rehearsal.iso_settings import (
     Refused,
@@ -426,7 +426,7 @@ class IsoObject:
         """Do what has to wait until the object stands."""
         if self.body.speed_mps > 0.0:
             self._moved_ns = self._now_ns
-        if self.body.speed_mps > STANDSTILL_MPS:
+        if self.body.speed_mps > OWN_STANDSTILL_MPS:
             return
         stood = self._now_ns - self._moved_ns >= _STOOD_NS
         resting = self._target.state in _RESTING
@@ -484,7 +484,7 @@ class IsoObject:
             errors |= ObjectError.BAD_POSITIONING_ACCURACY
         ready = (
             self.state is ControlState.DISARMED
-            and b.speed_mps <= STANDSTILL_MPS
+            and b.speed_mps <= OWN_STANDSTILL_MPS
             and self.link.silence_s(self._now_ns) <= self._tight.limits.heartbeat_s
             and not self._plan_refused
             and not errors

@@ -181,7 +181,7 @@ FILTER_S = 0.15
 # The VUT's acceleration counts for so long ahead; then its speed is taken to stay.
 HOLD_S = 1.0
 # Below this speed a VUT doesn't arrive.
-STANDSTILL_MPS = 0.5
+_LEAST_ARRIVAL_MPS = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,10 +232,10 @@ def arrival_ns(track: VutTrack, station_m: float) -> float:
     """
     left, v, a = station_m - track.front_m, track.speed_mps, track.acceleration_mps2
     if left <= 0.0:
-        return track.stamp_ns + NS_PER_S * left / max(v, STANDSTILL_MPS)
+        return track.stamp_ns + NS_PER_S * left / max(v, _LEAST_ARRIVAL_MPS)
     held = v * HOLD_S + 0.5 * a * HOLD_S * HOLD_S
     later = v + a * HOLD_S
-    if min(v, later) < STANDSTILL_MPS:
+    if min(v, later) < _LEAST_ARRIVAL_MPS:
         return math.inf
     if left >= held:
         seconds = HOLD_S + (left - held) / later

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import shlex
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -88,15 +87,6 @@ _OPTIONS = (
 )
 
 
-_ADDRESSES = "udp://HOST:PORT, iso22133://HOST[:PORT][?report=FILE] or mirror"
-
-
-def _is_address(text: str) -> bool:
-    """Tell whether this looks like the address of a body; object_target reads it in full."""
-    is_iso = re.fullmatch(r"iso22133://[^/\s]+", text.partition("?")[0]) is not None
-    return text == "mirror" or is_iso or names.udp_body(text) is not None
-
-
 def live_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of a live session; each comes as one more argument."""
     for option in reversed(_OPTIONS):
@@ -153,9 +143,9 @@ class LiveSetup:
         for entry in options["bodies"]:
             object_id, equals, address = entry.partition("=")
             if not (object_id and equals and address) or "," in entry:
-                raise click.UsageError(f"--body {entry}: write ID={_ADDRESSES}")
-            if not _is_address(address):
-                raise click.UsageError(f"--body {entry}: is no body; write {_ADDRESSES}")
+                raise click.UsageError(f"--body {entry}: write ID={names.BODY_ADDRESSES}")
+            if address != "mirror" and not (names.udp_body(address) or names.iso_body(address)):
+                raise click.UsageError(f"--body {entry}: is no body; write {names.BODY_ADDRESSES}")
             if object_id in bodies:
                 raise click.UsageError(f"--body {object_id}: it has a body already")
             bodies[object_id] = address

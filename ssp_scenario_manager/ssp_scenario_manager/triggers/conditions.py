@@ -32,7 +32,7 @@ from ssp_core.vocabulary import Phase
 
 # Below this speed a time to arrival or a headway is infinite rather than an amplified noise of the
 # speed.
-STANDSTILL_MPS = 0.1
+_LEAST_ARRIVAL_MPS = 0.1
 
 
 class Snapshot:
@@ -112,7 +112,7 @@ class Snapshot:
         gap_m, speed_mps = self.gap_m(object_id), self.vut.speed_mps
         if math.isnan(gap_m):
             return math.nan
-        return gap_m / speed_mps if speed_mps >= STANDSTILL_MPS else math.inf
+        return gap_m / speed_mps if speed_mps >= _LEAST_ARRIVAL_MPS else math.inf
 
     def ttc_s(self, object_id: str) -> float:
         meeting = self.meeting(object_id)
@@ -125,7 +125,7 @@ class Snapshot:
             return math.nan
         if self._front_m is None:
             self._front_m = self.path.project_beyond(vut.x_m, vut.y_m)[0] + vut.size.front_m
-        if station_m < self._front_m or vut.speed_mps < STANDSTILL_MPS:
+        if station_m < self._front_m or vut.speed_mps < _LEAST_ARRIVAL_MPS:
             return math.inf
         return (station_m - self._front_m) / vut.speed_mps
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import re
 import socket
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from urllib.parse import parse_qsl
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from ssp_core.errors import InputError
 from ssp_core.geodesy import Datum
 from ssp_core.motion.approach import approach_points
 from ssp_core.motion.reference import Reference
+from ssp_core.names import ISO_LEVER, iso_body
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_ot_controller.bodies.body import BodyCheck, BodyReading, Decided
@@ -42,12 +41,6 @@ from ssp_ot_controller.bodies.iso22133.probe_report import (
 from ssp_ot_controller.bodies.iso22133.reports import MonrReadings
 from ssp_ot_controller.bodies.odometry import LeverArm
 
-SCHEME = "iso22133"
-_ADDRESS = re.compile(
-    rf"{SCHEME}://(?P<host>[^:/?\[\]]+|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{{1,5}}))?"
-    r"(\?(?P<query>.*))?"
-)
-_METRES = ("forward_m", "left_m")
 # A lost connection is tried again so often.
 _RETRY_NS = NS_PER_S
 # Intervals and ages are kept of the newest MONR, for a minute of them.
@@ -74,24 +67,14 @@ class IsoAddress:
     @staticmethod
     def parse(text: str) -> IsoAddress | None:
         """Parse an address; None for any other text."""
-        match = _ADDRESS.fullmatch(text)
-        if match is None:
+        found = iso_body(text)
+        if found is None:
             return None
-        options = dict(parse_qsl(match["query"] or "", keep_blank_values=True))
-        port = int(match["port"] or TCP_PORT)
-        if not 1 < port < 65536 or set(options) - {"report", "waive", *_METRES}:
-            return None
-        try:
-            metres = [float(options.get(name, "0")) for name in _METRES]
-        except ValueError:
-            return None
-        if not np.all(np.isfinite(metres)):
-            return None
+        host, port, options = found
+        metres = [float(options.get(name, "0")) for name in ISO_LEVER]
         lever = LeverArm(*metres) if any(metres) else None
         report = Path(options["report"]) if options.get("report") else None
-        return IsoAddress(
-            match["host"].strip("[]"), port, report, options.get("waive", "").strip(), lever
-        )
+        return IsoAddress(host, port or TCP_PORT, report, options.get("waive", "").strip(), lever)
 
 
 class MonrStatistics:
