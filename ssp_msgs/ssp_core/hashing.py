@@ -46,3 +46,12 @@ def sha256_file(path: str | Path, on_block: Callable[[], None] = lambda: None) -
             on_block()
             digest.update(block)
     return "sha256:" + digest.hexdigest()
+
+
+def sha256_sources(folder: Path) -> str:
+    """Hash of the names and contents of the Python files below a folder."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        content = path.read_bytes()
+        digest.update(f"{path.relative_to(folder)} {len(content)}\n".encode() + content)
+    return "sha256:" + digest.hexdigest()

@@ -18,12 +18,12 @@ from click.testing import CliRunner
 
 from ssp_core.errors import InputError
 from ssp_scenario_manager.cli.loop import loop
-from ssp_scenario_manager.closed_loop import campaign, seal
+from ssp_scenario_manager.closed_loop import campaign, runs, seal
 from ssp_scenario_manager.closed_loop.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES, ZERO, LoopPlan, load_plan
 from ssp_scenario_manager.closed_loop.rates import RunRow, rates_of, refused_for, rising
-from ssp_scenario_manager.closed_loop.runs import Job
+from ssp_scenario_manager.closed_loop.runs import Job, jobs_of
 from ssp_scenario_manager.closed_loop.seal import draw_starts
 
 PLAN = {
@@ -34,7 +34,7 @@ PLAN = {
     "others": 0,
 }
 NUMBERS = itertools.count()
-FILES = ("plan.json", "starts.json", "runs.csv", "table.csv")
+FILES = ("plan.json", "starts.json", "cards.json", "runs.csv", "table.csv")
 
 
 def plan_of(**changes: Any) -> LoopPlan:
@@ -154,6 +154,65 @@ def test_starts_that_were_changed_after_their_seal_are_refused(done: Path, tmp_p
         run(plan_of(), folder)
 
 
+def test_a_campaign_goes_on_by_the_sources_that_it_began_with_alone(
+    done: Path, tmp_path: Path
+) -> None:
+    """The version alone stays the same over every edit of a working copy."""
+    folder = shutil.copytree(done, tmp_path / "edited")
+    sealed = json.loads((folder / "plan.json").read_text())
+    assert set(sealed["sources"]) >= {"ssp_core", "ssp_ot_controller", "ssp_scenario_manager"}
+    sealed["sources"]["ssp_core"] = "sha256:" + 64 * "0"
+    (folder / "plan.json").write_text(json.dumps(sealed))
+    with pytest.raises(InputError, match="other sources of this software"):
+        run(plan_of(), folder)
+
+
+def test_each_driver_has_a_card_that_binds_it(done: Path, tmp_path: Path) -> None:
+    cards = json.loads((done / "cards.json").read_text())["cards"]
+    assert [one["driver"] for one in cards] == list(BASELINES)
+    oracle = next(one for one in cards if one["driver"] == "oracle")
+    assert oracle["d_max_mps2"] == 7.0
+    assert oracle["limits"]["plan"]["least_end_s"] == 2.0
+    assert [one["p99_s"] for one in oracle["latencies"]] == [0.0, 1.0]
+    folder = shutil.copytree(done, tmp_path / "cards")
+    text = (folder / "cards.json").read_text()
+    (folder / "cards.json").write_text(text.replace('"d_max_mps2": 7.0', '"d_max_mps2": 8.0'))
+    with pytest.raises(InputError, match="was changed after it was sealed"):
+        run(plan_of(), folder)
+    # Where latencies are fixed, another machine gives the same bytes.
+    for one in cards:
+        one["hardware"]["cores"] = 4096
+    (folder / "cards.json").write_text(json.dumps({"cards": cards}))
+    run(plan_of(), folder)
+
+
+def test_the_careful_driver_of_r157_stands_where_it_is_defined(
+    done: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = [one for one in rows(done) if one["driver"] == "careful"]
+    assert [one["latency_s"] for one in found] == ["0", "1"]
+    assert found[0]["outcome"] == found[1]["outcome"] == "avoided"
+    # It perceives no earlier than T_obs, and brakes 1.15 s later.
+    assert float(found[0]["response_s"]) >= float(found[0]["observable_s"]) + 1.15
+    starts = json.loads((done / "starts.json").read_text())["starts"]
+    monkeypatch.setattr(runs, "is_defined", lambda _run: False)
+    drivers = [job.driver.driver for job in jobs_of(plan_of(), starts)]
+    assert "careful" not in drivers
+    assert len(drivers) == len(BASELINES) - 1
+
+
+def test_rows_tell_how_near_a_run_came_to_harm(done: Path) -> None:
+    found = {(one["driver"], one["latency_s"]): one for one in rows(done)}
+    hit, missed = found["no_response", "0"], found["oracle", "0"]
+    assert (hit["distance_m"], hit["needed_mps2"], hit["pet_s"]) == ("0.0", "", "")
+    assert float(hit["ttc_s"]) < 0.1
+    assert float(missed["distance_m"]) > 5.0
+    assert float(missed["ttc_s"]) > 2.0
+    assert float(missed["needed_mps2"]) > 0.0
+    # A driver that re-plans from where it is changes its mind less the sooner it is heard.
+    assert float(missed["replan_m"]) < float(found["oracle", "1"]["replan_m"])
+
+
 def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match="holds something else"):
@@ -245,6 +304,14 @@ def test_repeats_of_one_start_are_one_unit_of_the_interval() -> None:
     (single,) = rates_of([row(start="s1"), row("collision", start="s2")])
     assert (one.headline, one.low, one.high) == (single.headline, single.low, single.high)
     assert (one.planned, one.headline) == (40, 0.5)
+
+
+def test_repeats_have_a_spread_within_and_between_starts() -> None:
+    (one,) = rates_of([row(start="s1"), row("died", start="s1"), *[row(start="s2")] * 2])
+    # Pooled variance within: (1/2 + 0) / 2; between: of 0.5 and 1.
+    assert (one.within_sd, one.between_sd) == (0.5, pytest.approx(0.125**0.5))
+    (one,) = rates_of([row(start="s1")])
+    assert (one.within_sd, one.between_sd) == (None, None)
 
 
 def test_too_many_runs_that_our_side_failed_leave_no_rate() -> None:

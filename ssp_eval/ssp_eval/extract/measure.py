@@ -21,6 +21,7 @@ from pydantic import model_validator
 
 from ssp_core.errors import InputError
 from ssp_core.files import read_text
+from ssp_core.proportion import wilson_interval
 from ssp_core.run_file.values import Strict
 from ssp_core.vocabulary import OBJECTS
 from ssp_eval.data.labels import Name, Text
@@ -102,12 +103,9 @@ class Estimate(NamedTuple):
 
 def share(part: int, whole: int) -> Estimate:
     """So many of so many, with Wilson's score interval."""
-    from scipy.stats import binomtest  # type: ignore[import-untyped]  # slow to import, no types
-
     if whole == 0:
         return Estimate(None, None)
-    interval = binomtest(part, whole).proportion_ci(method="wilson")
-    return Estimate(part / whole, (float(interval.low), float(interval.high)))
+    return Estimate(part / whole, wilson_interval(part / whole, whole))
 
 
 @dataclass(frozen=True)

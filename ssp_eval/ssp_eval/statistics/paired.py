@@ -14,6 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ssp_core.proportion import wilson_interval
 from ssp_eval.score.aggregate import EQUAL
 from ssp_eval.statistics.resampling import (
     LEVEL,
@@ -174,12 +175,7 @@ def rate_interval(rate: float, n: int) -> Interval:
     """Wilson's interval of a share of n units, 95 %; a single unit has none."""
     if n < 2:
         return NO_INTERVAL
-    from statsmodels.stats.proportion import (  # type: ignore[import-untyped]  # no types
-        proportion_confint,
-    )
-
-    low, high = proportion_confint(rate * n, n, alpha=1.0 - LEVEL, method="wilson")
-    return Interval(float(low), float(high))
+    return Interval(*wilson_interval(rate, n, LEVEL))
 
 
 def paired_difference(shares: Shares, n: int) -> Interval:

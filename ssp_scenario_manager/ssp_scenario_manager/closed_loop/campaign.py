@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
+from ssp_scenario_manager.closed_loop.cards import seal_cards
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.plan_file import ZERO, LoopPlan
 from ssp_scenario_manager.closed_loop.rates import Rates, rates_of, refused_for, rising
@@ -46,6 +47,7 @@ def run_campaign(
         InputError: as ``draw_starts``, or ``runs.csv`` is of another campaign.
     """
     starts = draw_starts(plan, folder, jobs, say)
+    seal_cards(folder, plan, starts)
     todo = list(jobs_of(plan, starts))
     per_job = len(plan.latencies) * plan.repeats
     path = folder / RUNS_FILE

@@ -29,6 +29,8 @@ from ssp_scenario_manager.run.result import rounded
 DECIDED = ("harness", "died", "collision", "struck", "left_road", "fence")
 AT_THE_END = ("fallback", "evaded", "avoided")
 OUTCOMES = (*DECIDED, *AT_THE_END)
+# Instants of a run, in session time: T_obs, the first frame after it, its answer, the response.
+CHAIN = ("observable_s", "frame_s", "effective_s", "response_s")
 _UNLED = (DriveMode.FALLBACK, DriveMode.STALE)
 
 Twin = Mapping[int, ObjectState]
@@ -343,12 +345,8 @@ def chain_of(driven: Driven, record: Record, outcome: Outcome) -> dict[str, floa
         answered = drive.answered
         if effective_s is None and number and answered is not None and answered.number == number:
             effective_s = at_s
-    return {
-        "observable_s": driven.observable_s,
-        "frame_s": rounded(frame_s),
-        "effective_s": rounded(effective_s),
-        "response_s": rounded(outcome.response_s),
-    }
+    found = (driven.observable_s, frame_s, effective_s, outcome.response_s)
+    return dict(zip(CHAIN, map(rounded, found), strict=True))
 
 
 def severity_of(outcome: Outcome, v_r_mps: float | None) -> float | None:

@@ -23,9 +23,10 @@ BASELINES = (
     "always_brake",
     "aeb",
     "oracle",
+    "careful",
     "built_in",
 )
-PRIVILEGED = ("aeb", "oracle", "built_in")
+PRIVILEGED = ("aeb", "oracle", "careful", "built_in")
 # Their headline is 0 by definition; a campaign in which it isn't measures something else.
 ZERO = ("no_response", "stop_at_once", "always_brake")
 

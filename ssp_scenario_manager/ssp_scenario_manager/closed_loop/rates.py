@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import stdev
 
-from statsmodels.stats.proportion import (  # type: ignore[import-untyped] # has no types
-    proportion_confint,
-)
-
+from ssp_core.proportion import wilson_interval
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.values import LIMITS
 
@@ -52,6 +51,8 @@ class Rates:
         low: end of Wilson's interval of 95 % over the starts; None where there is none.
         high: the other end.
         worst: share with each ``harness`` a failure.
+        within_sd: standard deviation of a run within its start, from 0 to 1; None without repeats.
+        between_sd: standard deviation of the starts' shares; None of fewer than two starts.
         outcomes: how many of each kind, in the order of OUTCOMES.
         needless: how many are needless in the event-free twin.
         starved: how many.
@@ -66,6 +67,8 @@ class Rates:
     low: float | None
     high: float | None
     worst: float
+    within_sd: float | None
+    between_sd: float | None
     outcomes: tuple[int, ...]
     needless: int
     starved: int
@@ -93,7 +96,7 @@ def _rates(event: str, driver: str, latency_s: float, rows: Sequence[RunRow]) ->
     if driven and lost <= LIMITS.harness_share * len(rows):
         count = sum(sum(found) / len(found) for found in by_start.values())
         headline = count / len(by_start)
-        low, high = map(float, proportion_confint(count, len(by_start), method="wilson"))
+        low, high = wilson_interval(headline, len(by_start))
     return Rates(
         event,
         driver,
@@ -104,10 +107,25 @@ def _rates(event: str, driver: str, latency_s: float, rows: Sequence[RunRow]) ->
         low,
         high,
         successes / len(rows),
+        *_spread(list(by_start.values())),
         tuple(counts[kind] for kind in OUTCOMES),
         sum(bool(row.needless) for row in rows),
         sum(row.starved for row in rows),
     )
+
+
+def _spread(starts: Sequence[Sequence[bool]]) -> tuple[float | None, float | None]:
+    """Return the standard deviations of runs within their starts, and of the starts' shares."""
+    shares = [sum(found) / len(found) for found in starts]
+    repeated = [(p, len(found)) for p, found in zip(shares, starts, strict=True) if len(found) > 1]
+    within = between = None
+    if repeated:
+        # Pooled over the starts: each gives its n - 1 degrees of freedom.
+        squares = math.fsum(n * p * (1.0 - p) for p, n in repeated)
+        within = math.sqrt(squares / sum(n - 1 for _, n in repeated))
+    if len(shares) > 1:
+        between = stdev(shares)
+    return within, between
 
 
 def refused_for(rates: Sequence[Rates], zero: Sequence[str]) -> list[str]:

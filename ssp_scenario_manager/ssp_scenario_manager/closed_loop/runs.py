@@ -5,18 +5,27 @@ from __future__ import annotations
 import json
 import random
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import lru_cache
 from itertools import product
 from typing import Any
 
+from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import BUILT_IN
+from ssp_scenario_manager.closed_loop.careful import CAREFUL, careful_motion, is_defined
 from ssp_scenario_manager.closed_loop.needless import needless_in
-from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of, severity_of
+from ssp_scenario_manager.closed_loop.outcome import (
+    Outcome,
+    chain_of,
+    outcome_of,
+    severity_of,
+)
 from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, LoopPlan
+from ssp_scenario_manager.closed_loop.severity import Severity, severity_facts
 from ssp_scenario_manager.closed_loop.start import Start, from_facts
 from ssp_scenario_manager.closed_loop.tables import Row, one_line, shown
-from ssp_scenario_manager.run.in_process import Record, run_in_process
+from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
 
 # A run that our side failed is repeated at most so often.
 _HARNESS_REPEATS = 2
@@ -41,8 +50,21 @@ def jobs_of(plan: LoopPlan, starts: Sequence[Mapping[str, Any]]) -> Iterator[Job
     """Yield the jobs of a campaign in the order of its table."""
     for start in starts:
         text = json.dumps(start, sort_keys=True)
+        drives_carefully = is_defined(RunSpec.model_validate(start["run"]))
         for driver in plan.everybody:
+            if driver.driver == CAREFUL and not drives_carefully:
+                continue
             yield Job(text, driver, tuple(plan.latencies_s), plan.repeats, plan.seed)
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """The findings on one run, as its row has them."""
+
+    outcome: Outcome
+    chain: Mapping[str, float | None]
+    severity: Severity
+    needless: str
 
 
 def rows_of(job: Job) -> list[Row]:
@@ -52,31 +74,61 @@ def rows_of(job: Job) -> list[Row]:
     rows: list[Row] = []
     for latency_s in job.latencies_s:
         for repeat in range(job.repeats):
-            # In seeded random order: a driver can't tell from it which is the event.
-            order = [True, False]
-            name = f"{job.seed} {start.hash} {job.driver.shown} {latency_s:g} {repeat}"
-            random.Random(name).shuffle(order)
-            found = {event: _run(start, job.driver, latency_s, event=event) for event in order}
-            outcome = found[True][0]
-            free_outcome, free_record = found[False]
-            if free_outcome.kind == "harness":
-                outcome = free_outcome
-            free = start.driven_by(job.driver.driver, job.driver.options, latency_s, event=False)
-            if free.driven is None:
-                raise ValueError("a driven run is driven by somebody")
-            needless = needless_in(free, free.driven, free_record, built_in, free_outcome.at_s)
-            v_i_mps = None if outcome.contact is None else outcome.contact.relative_mps
-            rows.append(
-                [
-                    *identity[len(rows)],
-                    *(outcome.kind, shown(outcome.at_s), one_line(outcome.why)),
-                    *map(shown, (v_i_mps, start.v_r_mps, severity_of(outcome, start.v_r_mps))),
-                    *map(shown, (outcome.response_s, outcome.unled_s)),
-                    str(outcome.starved).lower(),
-                    one_line(needless),
-                ]
-            )
+            if job.driver.driver == CAREFUL:
+                found = _careful(job.start)
+            else:
+                found = _both(job, start, built_in, latency_s, repeat)
+            rows.append([*identity[len(rows)], *_cells(start, found)])
     return rows
+
+
+def _cells(start: Start, found: _Found) -> Row:
+    outcome, severity = found.outcome, found.severity
+    v_i_mps = None if outcome.contact is None else outcome.contact.relative_mps
+    return [
+        *(outcome.kind, shown(outcome.at_s), one_line(outcome.why)),
+        *map(shown, (v_i_mps, start.v_r_mps, severity_of(outcome, start.v_r_mps))),
+        *map(shown, found.chain.values()),
+        shown(outcome.unled_s),
+        str(outcome.starved).lower(),
+        one_line(found.needless),
+        *map(shown, astuple(severity)),
+    ]
+
+
+def _both(job: Job, start: Start, built_in: Record, latency_s: float, repeat: int) -> _Found:
+    # In seeded random order: a driver can't tell from it which is the event.
+    order = [True, False]
+    name = f"{job.seed} {start.hash} {job.driver.shown} {latency_s:g} {repeat}"
+    random.Random(name).shuffle(order)
+    drives = {event: _run(start, job.driver, latency_s, event=event) for event in order}
+    driven, free = drives[True], drives[False]
+    outcome = free.outcome if free.outcome.kind == "harness" else driven.outcome
+    return _Found(
+        outcome,
+        chain_of(driven.driven, driven.record, driven.outcome),
+        severity_facts(
+            driven.run,
+            driven.driven,
+            driven.record.reports,
+            driven.result,
+            driven.outcome.contact,
+            driven.outcome.at_s,
+        ),
+        needless_in(free.run, free.driven, free.record, built_in, free.outcome.at_s),
+    )
+
+
+@lru_cache(maxsize=2)
+def _careful(text: str) -> _Found:
+    """Return the careful driver's run, which has no latency, on the objects of the oracle's."""
+    start, _ = _start(text)
+    oracle = drive_start(start, CampaignDriver(driver="oracle"), 0.0)
+    outcome, reports = careful_motion(start, oracle.record)
+    severity = severity_facts(
+        oracle.run, oracle.driven, reports, None, outcome.contact, outcome.at_s
+    )
+    return _Found(outcome, chain_of(oracle.driven, Record(reports), outcome), severity, "")
 
 
 def identity_of(job: Job) -> list[Row]:
@@ -89,20 +141,29 @@ def identity_of(job: Job) -> list[Row]:
     ]
 
 
-def _run(
-    start: Start, driver: CampaignDriver, latency_s: float, *, event: bool
-) -> tuple[Outcome, Record]:
+@dataclass(frozen=True, slots=True)
+class Drove:
+    """One drive of a driver on a start."""
+
+    run: RunSpec
+    driven: Driven
+    result: InProcessResult
+    record: Record
+    outcome: Outcome
+
+
+def _run(start: Start, driver: CampaignDriver, latency_s: float, *, event: bool) -> Drove:
     """Drive once, and again while our side failed (METHOD 8.7)."""
     for _ in range(1 + _HARNESS_REPEATS):
-        outcome, record = drive_start(start, driver, latency_s, event=event)
-        if outcome.kind != "harness":
+        drove = drive_start(start, driver, latency_s, event=event)
+        if drove.outcome.kind != "harness":
             break
-    return outcome, record
+    return drove
 
 
 def drive_start(
     start: Start, driver: CampaignDriver, latency_s: float, *, event: bool = True
-) -> tuple[Outcome, Record]:
+) -> Drove:
     """Drive one driver on a start once.
 
     Args:
@@ -115,12 +176,13 @@ def drive_start(
     if run.driven is None:
         raise ValueError("a driven run is driven by somebody")
     result, record = run_in_process(run)
-    return outcome_of(run, run.driven, result, record, start.twin), record
+    outcome = outcome_of(run, run.driven, result, record, start.twin)
+    return Drove(run, run.driven, result, record, outcome)
 
 
 @lru_cache(maxsize=2)
 def _start(text: str) -> tuple[Start, Record]:
     """Return a sealed start with its twin, and the built-in driver's event-free run."""
     start = from_facts(json.loads(text))
-    _, record = drive_start(start, CampaignDriver(driver=BUILT_IN), 0.0, event=False)
-    return start, record
+    drove = drive_start(start, CampaignDriver(driver=BUILT_IN), 0.0, event=False)
+    return start, drove.record

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import shutil
 from collections.abc import Callable, Mapping
@@ -13,7 +14,7 @@ from typing import Any
 from ssp_core import __version__
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, parse_model, write_json
-from ssp_core.hashing import sha256_json
+from ssp_core.hashing import sha256_json, sha256_sources
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, LoopPlan
 from ssp_scenario_manager.closed_loop.runs import drive_start
@@ -26,6 +27,13 @@ from ssp_scenario_manager.run.sweep import ordered_map
 
 PLAN_FILE, TASKS_FOLDER, STARTS_FILE = "plan.json", "tasks", "starts.json"
 STARTS_SCHEMA = "ssp.loop_starts/1"
+# Their sources decide how a run goes and what it is rated.
+_PACKAGES = ("ssp_core", "ssp_ot_controller", "ssp_scenario_manager", "ssp_vla_bridge")
+_OTHER = {
+    "version": "is of another version of this software",
+    "sources": "is of other sources of this software, under the same version",
+    "plan": "is of another campaign",
+}
 KINDS = ("critical", "harmless", "unavoidable")
 
 
@@ -45,7 +53,8 @@ def draw_starts(
     """
     sealed = {
         "version": __version__,
-        "plan": sha256_json(plan.model_dump(mode="json", by_alias=True)),
+        "sources": _sources(),
+        "plan": plan.model_dump(mode="json", by_alias=True),
     }
     _claim(folder, sealed)
     path = folder / STARTS_FILE
@@ -67,7 +76,17 @@ def draw_starts(
     return starts
 
 
-def _claim(folder: Path, sealed: Mapping[str, str]) -> None:
+def _sources() -> dict[str, str]:
+    """Return the hash of the sources of each package that decides how a run goes."""
+    found = {}
+    for name in _PACKAGES:
+        spec = importlib.util.find_spec(name)
+        for place in () if spec is None else spec.submodule_search_locations or ():
+            found[name] = sha256_sources(Path(place))
+    return found
+
+
+def _claim(folder: Path, sealed: Mapping[str, Any]) -> None:
     """Take a new folder for a campaign, or find that it is this campaign's.
 
     Raises:
@@ -75,12 +94,10 @@ def _claim(folder: Path, sealed: Mapping[str, str]) -> None:
     """
     path = folder / PLAN_FILE
     if path.is_file():
-        if json.loads(path.read_text()) != sealed:
-            raise InputError(
-                "is of another campaign, or of another version of this software",
-                file=path,
-                remedy="name a new folder with --out",
-            )
+        there = json.loads(path.read_text())
+        changed = [name for name in sealed if there.get(name) != sealed[name]]
+        if changed:
+            raise InputError(_OTHER[changed[0]], file=path, remedy="name a new folder with --out")
         return
     if any(not entry.name.startswith(".") for entry in folder.iterdir()):
         raise InputError(
@@ -143,5 +160,5 @@ def _drawn(
     }
     if start.contact is None:
         return "harmless", facts
-    outcome, _ = drive_start(start, CampaignDriver(driver="oracle"), 0.0)
+    outcome = drive_start(start, CampaignDriver(driver="oracle"), 0.0).outcome
     return ("unavoidable" if outcome.contact is not None else "critical"), facts

@@ -5,10 +5,12 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
-from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
+from ssp_scenario_manager.closed_loop.outcome import CHAIN, OUTCOMES
 from ssp_scenario_manager.closed_loop.rates import Rates, RunRow
+from ssp_scenario_manager.closed_loop.severity import Severity
 from ssp_scenario_manager.run.result import rounded
 
 RUNS_FILE, TABLE_FILE = "runs.csv", "table.csv"
@@ -18,11 +20,13 @@ Row = list[str]
 RUN_COLUMNS = [
     *("event", "seed", "start", "kind", "driver", "latency_s", "repeat"),
     *("outcome", "outcome_s", "why", "v_i_mps", "v_r_mps", "severity"),
-    *("response_s", "unled_s", "starved", "needless"),
+    *CHAIN,
+    *("unled_s", "starved", "needless"),
+    *(field.name for field in fields(Severity)),
 ]
 RATE_COLUMNS = [
     *("event", "driver", "privileged", "latency_s", "planned", "driven"),
-    *("headline", "low", "high", "worst"),
+    *("headline", "low", "high", "worst", "within_sd", "between_sd"),
     *OUTCOMES,
     *("needless", "starved"),
 ]
@@ -79,5 +83,6 @@ def rates_row(one: Rates, is_privileged: bool) -> Row:
         str(one.planned),
         str(one.driven),
         *map(shown, (one.headline, one.low, one.high, one.worst)),
+        *map(shown, (one.within_sd, one.between_sd)),
         *map(str, (*one.outcomes, one.needless, one.starved)),
     ]

@@ -7,7 +7,6 @@ sources of the camera, so that no change is ever answered with old machine code.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 from collections.abc import Callable
@@ -16,6 +15,8 @@ from typing import Any
 
 import numba
 from numpy.typing import NDArray
+
+from ssp_core.hashing import sha256_sources
 
 Array = NDArray[Any]
 
@@ -26,11 +27,7 @@ _SETTINGS: Any = numba.config  # its attributes are made at run time
 
 def digest(folder: Path) -> str:
     """Return a short hash of the names and contents of the Python files below a folder."""
-    total = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
-        content = path.read_bytes()
-        total.update(f"{path.relative_to(folder)} {len(content)}\n".encode() + content)
-    return total.hexdigest()[:16]
+    return sha256_sources(folder).removeprefix("sha256:")[:16]
 
 
 def cache_folder(sources: Path, places: list[Path]) -> Path | None:
