@@ -198,7 +198,10 @@ class InProcessRecorder(Closing):
         if self._camera is None or self._run.camera is None or report.step == self._drawn_step:
             return
         self._drawn_step = report.step
-        picture = self._camera.picture(report.step, report.now_ns, report.truths)
+        asked = None if report.drive is None else report.drive.asked
+        # What the driver of a driven run was shown is what is recorded.
+        drawn = asked.frames[-1].jpeg if asked is not None and asked.frames else None
+        picture = self._camera.picture(report.step, report.now_ns, report.truths, drawn)
         if picture is not None:
             info = encode_camera_info(report.now_ns, intrinsics(self._run.camera))
             self.take(names.CAMERA_INFO, info, report.now_ns)

@@ -20,12 +20,14 @@ from ssp_core.cdr.steps import Heartbeat, WorldTick
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
-from ssp_core.world.driver import DriveReport, PlanDriver, make_driver
+from ssp_core.world.driver import DriveReport, PlanDriver, SeeingDriver, make_driver
 from ssp_core.world.plant import LimitFact, LinkFact, ManagerUpdate, OnServer, StepReport
 from ssp_ot_controller.bodies.dynamics import Command
+from ssp_ot_controller.driving.frames import QuestionFrames
 from ssp_ot_controller.driving.pilot import Pilot
 from ssp_ot_controller.objects.pool import ObjectPool
 from ssp_ot_controller.objects.state_machine import ObjectEvent
@@ -68,7 +70,7 @@ class InProcessPlant:
         bodies: BodyPlant | None = None,
         driver: PlanDriver | None = None,
     ) -> None:
-        self._pilot = None if run.driven is None else Pilot(run, run.driven, driver)
+        self._pilot = None if run.driven is None else _pilot_of(run, run.driven, driver)
         self._run = run
         self._resources = resources
         self._world = World(run, scene, bodies)
@@ -236,7 +238,27 @@ def make_plant(run: RunSpec, work_dir: Path | None) -> InProcessPlant:
             scene = resources.enter_context(SumoWorld(run, folder))
         driven = run.driven
         driver = None if driven is None else make_driver(driven.driver, driven.options)
+        if isinstance(driver, SeeingDriver):
+            resources.callback(driver.close)
         return InProcessPlant(run, scene, resources.pop_all(), driver=driver)
+
+
+def _pilot_of(run: RunSpec, driven: Driven, driver: PlanDriver | None) -> Pilot:
+    """Return the pilot of a driven run, with the frames of a driver that sees.
+
+    Raises:
+        InputError: the driver sees, and the run has no camera, or one that a server draws.
+    """
+    if not isinstance(driver, SeeingDriver):
+        return Pilot(run, driven, driver)
+    if run.camera is None or run.camera.renderer != "raster":
+        raise InputError(
+            "its driver sees, and gets the frames of our own renderer",
+            field="camera",
+            value=None if run.camera is None else run.camera.renderer,
+            remedy="give --camera raster, and not --no-camera",
+        )
+    return Pilot(run, driven, driver, QuestionFrames(run, driver.frame_span_s))
 
 
 class InProcessCamera:
@@ -253,10 +275,16 @@ class InProcessCamera:
         self._drawing, self._connect = Redrawing(run), connect
         self._painter: Painter | None = None
 
-    def picture(self, step: int, stamp_ns: int, truths: Sequence[ObjectState]) -> bytes | None:
+    def picture(
+        self,
+        step: int,
+        stamp_ns: int,
+        truths: Sequence[ObjectState],
+        drawn: bytes | None = None,
+    ) -> bytes | None:
         scene = self._drawing.see(step, stamp_ns, truths)
-        if scene is None:
-            return None
+        if scene is None or drawn is not None:
+            return drawn
         if self._painter is None and self._connect is not None:
             self._painter = self._connect()
         return self._drawing.draw(scene, step, stamp_ns, self._painter).jpeg

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +13,7 @@ from ssp_core.errors import InputError
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
-from ssp_core.world.driver import Answer, DriveMode, DriveReport, Question
+from ssp_core.world.driver import Answer, DriveMode, DriveReport, Question, history_of
 from ssp_ot_controller.driving.baselines import BASELINES, lane_plan, make_driver
 from ssp_ot_controller.driving.pilot import Pilot
 from tests.support.runs import cut_in_run
@@ -164,8 +165,15 @@ def test_a_question_holds_motion_and_lane_and_no_truth() -> None:
     assert question.history[0].x_m == pytest.approx(-17.0)
     assert question.route_m[0] == pytest.approx((0.0, 0.0))
     assert question.route_m[-1] == pytest.approx((80.0, 0.0))
-    fields = {"number", "stamp_ns", "history", "route_m", "privileged"}
+    fields = {"number", "stamp_ns", "history", "route_m", "privileged", "frames", "camera"}
     assert set(type(question).__slots__) == fields
+
+
+def test_a_history_turns_by_the_smaller_angle_where_the_heading_wraps() -> None:
+    before = object_state("vut", yaw_rad=math.pi - 0.01, stamp_ns=0)
+    now = object_state("vut", yaw_rad=-math.pi + 0.01, stamp_ns=STEP_NS)
+    first, _ = history_of([before, now])
+    assert first.yaw_rad == pytest.approx(-0.02)
 
 
 def test_an_unknown_driver_and_a_wrong_option_are_refused_with_what_there_is() -> None:

@@ -286,9 +286,14 @@ def bridge_spec(text: str) -> ModelSpec:
         InputError: what follows the name is no JSON object, or a value in it is wrong.
     """
     name, value = _parts("--bridge", text, '{"backend": "python", …}')
+    return entry_spec(name, beside_options(value))
+
+
+def beside_options(value: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what stands behind ``NAME=`` as an entry of a models file."""
     options = {key: inner for key, inner in value.items() if key not in _BESIDE}
     entry = {key: value[key] for key in _BESIDE if key in value}
-    return _from_command(name, {**entry, "options": options})
+    return {**entry, "options": options}
 
 
 def attached_spec(text: str) -> ModelSpec:
@@ -298,7 +303,7 @@ def attached_spec(text: str) -> ModelSpec:
         InputError: what follows the name is no JSON object of keys of a model.
     """
     name, value = _parts("--attach", text, '{"interface": "waypoints"}')
-    return _from_command(name, {**value, "attached": True})
+    return entry_spec(name, {**value, "attached": True})
 
 
 def _parts(option: str, text: str, example: str) -> tuple[str, dict[str, Any]]:
@@ -308,7 +313,12 @@ def _parts(option: str, text: str, example: str) -> tuple[str, dict[str, Any]]:
     return name, parse_options(given, f"{option} {name}", remedy)
 
 
-def _from_command(name: str, value: dict[str, Any]) -> ModelSpec:
+def entry_spec(name: str, value: dict[str, Any]) -> ModelSpec:
+    """Return the model of an entry of a models file that stands in no file.
+
+    Raises:
+        InputError: a key or a value is wrong.
+    """
     refuse_secrets(value, field=name)
     _check_keys(value, None, name)
     try:

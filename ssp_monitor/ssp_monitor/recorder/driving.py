@@ -11,9 +11,11 @@ from ssp_core import names
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.cdr.references import Acknowledgement, encode_ack, encode_reference
 from ssp_core.clock import NS_PER_S
+from ssp_core.hashing import sha256_bytes
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.driven import Driven
-from ssp_core.world.driver import Answered, DriveReport, EgoSample, Question
+from ssp_core.world.camera import intrinsics
+from ssp_core.world.driver import Answered, DriveReport, EgoSample, Question, Raw, RawArray
 
 # REFUSED_LIMIT of ReferenceAck.msg: a plan that passes a limit of METHOD 8.4.
 _REFUSED = 6
@@ -41,9 +43,10 @@ def drive_messages(
 
 
 def _request(question: Question) -> bytes:
-    """Return the VlaRequest of a question without frames."""
+    """Return the VlaRequest of a question; its frames' pixels are those of the camera's topic."""
     types = typestore().types
-    task = types["ssp_msgs/msg/VlaTask"]
+    task, picture = types["ssp_msgs/msg/VlaTask"], types["sensor_msgs/msg/CompressedImage"]
+    camera = question.camera
     message = types["ssp_msgs/msg/VlaRequest"](
         header=_header(question.stamp_ns),
         request_id=str(question.number),
@@ -58,10 +61,17 @@ def _request(question: Question) -> bytes:
             trajectory_step=0.0,
             trajectory_horizon=0.0,
         ),
-        frames=[],
-        camera_info=_no_camera(),
-        camera_height=0.0,
-        camera_pitch=0.0,
+        frames=[
+            picture(
+                header=_header(frame.stamp_ns),
+                format=f"jpeg; {sha256_bytes(frame.jpeg)}",
+                data=np.zeros(0, dtype=np.uint8),
+            )
+            for frame in question.frames
+        ],
+        camera_info=_camera(question),
+        camera_height=0.0 if camera is None else camera.height_m,
+        camera_pitch=0.0 if camera is None else camera.pitch_down_rad,
         history=[_sample(one) for one in question.history],
         ego_provenance="measured",
         previous=[],
@@ -71,18 +81,23 @@ def _request(question: Question) -> bytes:
 
 def _response(driven: Driven, answered: Answered) -> bytes:
     types = typestore().types
-    trajectory = answered.answer.trajectory
+    trajectory, raw = answered.answer.trajectory, answered.answer.raw
+    if raw is None:
+        arrays = [] if trajectory is None else list(_arrays(trajectory))
+        raw = Raw(driven.driver)
+    else:
+        arrays = [_native(array) for array in raw.arrays]
     message = types["ssp_msgs/msg/VlaResponse"](
         header=_header(answered.stamp_ns),
         request_id=str(answered.number),
         model=driven.driver,
-        model_id=driven.driver,
+        model_id=raw.model_id,
         text=answered.answer.text,
-        arrays=[] if trajectory is None else list(_arrays(trajectory)),
-        decoding="{}",
+        arrays=arrays,
+        decoding=raw.decoding,
         latency=answered.latency_s,
-        error_code=0,
-        error_msg="",
+        error_code=raw.error_code,
+        error_msg=raw.error_msg,
     )
     return serialize(message)
 
@@ -95,13 +110,21 @@ def _ack(answered: Answered, vut_id: str, now_ns: int) -> Acknowledgement:
 
 def _arrays(trajectory: Trajectory) -> Iterator[Any]:
     """Yield the trajectory's columns as they came: they may be of unequal lengths."""
-    native = typestore().types["ssp_msgs/msg/NativeArray"]
     for name, unit in (("t_s", "s"), ("x_m", "m"), ("y_m", "m")):
-        data = np.array(getattr(trajectory, name), dtype=np.float64)
-        shape = np.array([len(data)], dtype=np.uint32)
-        yield native(
-            name=name, shape=shape, data=data, frame="ego_xy", unit=unit, step=0.0, first_time=0.0
-        )
+        data = tuple(getattr(trajectory, name))
+        yield _native(RawArray(name, (len(data),), data, "ego_xy", unit, 0.0, 0.0))
+
+
+def _native(array: RawArray) -> Any:
+    return typestore().types["ssp_msgs/msg/NativeArray"](
+        name=array.name,
+        shape=np.array(array.shape, dtype=np.uint32),
+        data=np.array(array.data, dtype=np.float64),
+        frame=array.frame,
+        unit=array.unit,
+        step=array.step_s,
+        first_time=array.first_time_s,
+    )
 
 
 def _sample(sample: EgoSample) -> Any:
@@ -122,21 +145,22 @@ def _header(stamp_ns: int) -> Any:
     return types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
 
 
-def _no_camera() -> Any:
-    """Return a CameraInfo that says nothing: the driver got no frames."""
+def _camera(question: Question) -> Any:
+    """Return the CameraInfo of a question; one that says nothing where the driver got no frames."""
     types = typestore().types
     region = types["sensor_msgs/msg/RegionOfInterest"](
         x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
     )
+    lens = None if question.camera is None else intrinsics(question.camera)
     return types["sensor_msgs/msg/CameraInfo"](
-        header=_header(0),
-        height=0,
-        width=0,
+        header=_header(0 if lens is None else question.stamp_ns),
+        height=0 if lens is None else lens.height_px,
+        width=0 if lens is None else lens.width_px,
         distortion_model="",
         d=np.zeros(0),
-        k=np.zeros(9),
+        k=np.zeros(9) if lens is None else np.array(lens.k()),
         r=np.zeros(9),
-        p=np.zeros(12),
+        p=np.zeros(12) if lens is None else np.array(lens.p()),
         binning_x=0,
         binning_y=0,
         roi=region,

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
 from ssp_core.run_file.values import Finite, NonNegative, Positive, Strict
 
-DriverName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
+# A part of topics, as a model's name is.
+_NAME = r"^[A-Za-z][A-Za-z0-9_]{0,63}$"
+DriverName = Annotated[str, Field(pattern=_NAME)]
+
+
+def is_driver_name(text: str) -> bool:
+    """Tell whether a driver can have this name."""
+    return re.fullmatch(_NAME, text) is not None
 
 
 class Driven(Strict):

@@ -10,13 +10,20 @@ import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
 
+from ssp_core.errors import InputError, SspError
+from ssp_core.geometry import wrap_angle
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.trajectory import Trajectory
+from ssp_core.run_file.model import Camera
 
-DRIVER_MODULE = "ssp_ot_controller.driving.baselines"
+# Drivers of ours, and models behind bridges; each side is named by its module, since neither
+# imports the other.
+BASELINE_MODULE = "ssp_ot_controller.driving.baselines"
+BRIDGE_MODULE = "ssp_eval.evaluate.driving"
 # They command the VUT without plans: as the twin is led, and as an open-loop session is.
 NO_RESPONSE, BUILT_IN = "no_response", "built_in"
 COMMANDED = (NO_RESPONSE, BUILT_IN)
@@ -48,6 +55,18 @@ class Privileged:
 
 
 @dataclass(frozen=True, slots=True)
+class SeenFrame:
+    """One frame of the forward camera, as it is recorded.
+
+    Args:
+        stamp_ns: session time of its step.
+    """
+
+    stamp_ns: int
+    jpeg: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class Question:
     """The content of one request to a driver.
 
@@ -57,6 +76,8 @@ class Question:
         history: of the VUT, oldest first, the last one at the stamp.
         route_m: centre line of the lane ahead, ego frame, x forward and y left.
         privileged: None for all but privileged drivers.
+        frames: oldest first, the last one at the stamp; empty for a driver that sees none.
+        camera: of the frames; None for a driver that sees none.
     """
 
     number: int
@@ -64,6 +85,8 @@ class Question:
     history: tuple[EgoSample, ...]
     route_m: tuple[tuple[float, float], ...]
     privileged: Privileged | None = None
+    frames: tuple[SeenFrame, ...] = ()
+    camera: Camera | None = None
 
     @property
     def speed_mps(self) -> float:
@@ -72,11 +95,63 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True)
+class RawArray:
+    """A numeric output of a model as it came (NativeArray.msg)."""
+
+    name: str
+    shape: tuple[int, ...]
+    data: tuple[float, ...]
+    frame: str
+    unit: str
+    step_s: float
+    first_time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Raw:
+    """A model's answer before an adapter read it.
+
+    Args:
+        model_id: exact model and version.
+        decoding: JSON object of its decoding parameters.
+        error_code: of VlaResponse.msg, 0 without an error.
+        error_msg: one line.
+    """
+
+    model_id: str
+    arrays: tuple[RawArray, ...] = ()
+    decoding: str = "{}"
+    error_code: int = 0
+    error_msg: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Answer:
-    """An answer: a trajectory in the frame of METHOD 5.4, or none while there is nothing to say."""
+    """An answer: a trajectory in the frame of METHOD 5.4, or none while there is nothing to say.
+
+    Args:
+        trajectory: None: there is none, for the reason in ``refused``.
+        refused: why it has no plan; empty where it has one, or says nothing.
+        raw: of a model; None: the trajectory is all that there is.
+    """
 
     trajectory: Trajectory | None
     text: str = ""
+    refused: str = ""
+    raw: Raw | None = None
+
+
+class DriverEnded(SspError):
+    """The driver ended, or gave no answer in time: the reason of ``died``.
+
+    Args:
+        reason: in words.
+        after_s: from the complete request until it was known.
+    """
+
+    def __init__(self, reason: str, after_s: float = 0.0) -> None:
+        self.after_s = after_s
+        super().__init__(reason)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,21 +214,98 @@ class PlanDriver(Protocol):
         ...
 
 
-def make_driver(
-    name: str, options: Mapping[str, Any], module: str = DRIVER_MODULE
-) -> PlanDriver | None:
-    """Return a fresh driver; None for one of COMMANDED, which the session leads itself.
+@runtime_checkable
+class SeeingDriver(PlanDriver, Protocol):
+    """A driver whose questions hold frames, and that ends with its run."""
+
+    @property
+    def frame_span_s(self) -> float:
+        """Greatest age of a frame that its questions hold."""
+        ...
+
+    @property
+    def history_s(self) -> float:
+        """Length of the motion of its own that its questions hold."""
+        ...
+
+    def choose(self, stamps_ns: Sequence[int]) -> Sequence[int]:
+        """Return the indices of the frames of a question about the last stamp, rising."""
+        ...
+
+    @property
+    def problem(self) -> str:
+        """Reason why it can't be loaded; empty: it is ready to answer."""
+        ...
+
+    def close(self) -> None:
+        """End it."""
+        ...
+
+
+def driver_options(
+    name: str, given: Mapping[str, Any], models_file: Path | None = None
+) -> dict[str, Any]:
+    """Return the options of a driver as a run file keeps them.
 
     Args:
-        name: of the driver.
-        options: of it, as a person gave them.
-        module: that has ``make_driver(name, options)``.
+        name: of a baseline, of a model of the models file, or of a bridge.
+        given: as a person gave them.
+        models_file: of ssp.models/1; None: none is given.
 
     Raises:
         InputError: no such driver, or no such option.
     """
+    baselines = importlib.import_module(BASELINE_MODULE)
+    if baselines.is_known(name):
+        baselines.make_driver(name, given)
+        return dict(given)
+    bridges = importlib.import_module(BRIDGE_MODULE)
+    options: dict[str, Any] = bridges.driver_options(
+        name, given, models_file, baselines.known_names()
+    )
+    return options
+
+
+def sees_frames(name: str) -> bool:
+    """Tell whether a driver's questions hold frames: those of all models do."""
+    known: bool = importlib.import_module(BASELINE_MODULE).is_known(name)
+    return not known
+
+
+def history_s_of(name: str, options: Mapping[str, Any]) -> float:
+    """Return how long the history is that a model's questions hold; 0 for a baseline."""
+    if not sees_frames(name):
+        return 0.0
+    length_s: float = importlib.import_module(BRIDGE_MODULE).history_s(name, options)
+    return length_s
+
+
+def make_driver(name: str, options: Mapping[str, Any]) -> PlanDriver | None:
+    """Return a fresh driver; None for one of COMMANDED, which the session leads itself.
+
+    Args:
+        name: of the driver.
+        options: of it, as ``driver_options`` returned them.
+
+    Raises:
+        InputError: no such driver, or no such option.
+    """
+    module = BRIDGE_MODULE if sees_frames(name) else BASELINE_MODULE
     driver: PlanDriver | None = importlib.import_module(module).make_driver(name, options)
     return driver
+
+
+def try_driver(name: str, options: Mapping[str, Any]) -> None:
+    """Make a driver once and end it, before a run is begun.
+
+    Raises:
+        InputError: it can't be loaded.
+    """
+    driver = make_driver(name, options)
+    if isinstance(driver, SeeingDriver):
+        driver.close()
+        if driver.problem:
+            raise InputError(f"can't be loaded: {driver.problem}", field=f"driver {name}")
 
 
 def history_of(states: Sequence[ObjectState]) -> tuple[EgoSample, ...]:
@@ -167,6 +319,6 @@ def history_of(states: Sequence[ObjectState]) -> tuple[EgoSample, ...]:
     for state in states:
         x, y = now.pose.to_local(state.x_m, state.y_m)
         t_s = (state.stamp_ns - now.stamp_ns) / 1e9
-        turned = state.yaw_rad - now.yaw_rad
+        turned = wrap_angle(state.yaw_rad - now.yaw_rad)
         found.append(EgoSample(t_s, x, y, turned, state.speed_mps, state.yaw_rate_radps))
     return tuple(found)

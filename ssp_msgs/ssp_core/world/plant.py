@@ -126,13 +126,20 @@ class Plant(Protocol):
 class SessionCamera(Protocol):
     """The front camera of one run."""
 
-    def picture(self, step: int, stamp_ns: int, truths: Sequence[ObjectState]) -> bytes | None:
+    def picture(
+        self,
+        step: int,
+        stamp_ns: int,
+        truths: Sequence[ObjectState],
+        drawn: bytes | None = None,
+    ) -> bytes | None:
         """Return the JPEG of a step; None: the step has no frame.
 
         Args:
             step: each step of the world once, in their order.
             stamp_ns: session time of the step.
             truths: true states of everything.
+            drawn: the JPEG of the step, where it was drawn already.
 
         Raises:
             PeerError: the server that draws it refused, or failed.

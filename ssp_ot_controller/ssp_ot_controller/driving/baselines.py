@@ -198,11 +198,21 @@ BASELINES: dict[str, Any] = {
 }
 
 
+def known_names() -> list[str]:
+    """Return the names of all drivers of ours."""
+    return sorted([*BASELINES, *COMMANDED])
+
+
+def is_known(name: str) -> bool:
+    """Tell whether a name is that of a driver of ours."""
+    return name in BASELINES or name in COMMANDED
+
+
 def make_driver(name: str, options: Mapping[str, Any]) -> PlanDriver | None:
     """Return a baseline, see ssp_core.world.driver.make_driver."""
     kind: Any = BASELINES.get(name)
-    if kind is None and name not in COMMANDED:
-        known = ", ".join(sorted([*BASELINES, *COMMANDED]))
+    if not is_known(name):
+        known = ", ".join(known_names())
         raise InputError("is no driver", field="driver", value=name, remedy=f"there is {known}")
     if kind is None:
         if options:

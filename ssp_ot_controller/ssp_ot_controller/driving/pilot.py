@@ -10,6 +10,7 @@ nears its speed so slowly that no run-up would be long enough for it.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,10 +32,13 @@ from ssp_core.world.driver import (
     PlanDriver,
     Privileged,
     Question,
+    SeeingDriver,
+    SeenFrame,
     history_of,
 )
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command
 from ssp_ot_controller.control.tracker import Tracker
+from ssp_ot_controller.driving.frames import FreshFrames, QuestionFrames
 from ssp_ot_controller.driving.plan import MapPlan, fallback_of, plan_of
 from ssp_ot_controller.sil.vut_driver import steer
 
@@ -55,9 +59,16 @@ class Pilot:
     Args:
         run: with its ``driven``.
         driver: that answers; None for a driver that is commanded without plans.
+        frames: of a driver that sees; None: it sees nothing.
     """
 
-    def __init__(self, run: RunSpec, driven: Driven, driver: PlanDriver | None) -> None:
+    def __init__(
+        self,
+        run: RunSpec,
+        driven: Driven,
+        driver: PlanDriver | None,
+        frames: QuestionFrames | None = None,
+    ) -> None:
         if run.vut.approach is None:
             raise ValueError("a driven run without a path for the VUT passed the checks")
         self._run = run
@@ -75,8 +86,13 @@ class Pilot:
         self._first_ns = seconds_to_ns(driven.first_request_s)
         self._hand_over_ns = seconds_to_ns(driven.hand_over_s)
         self._latency_ns = seconds_to_ns(driven.latency_s)
+        self._frames, self._fresh = frames, FreshFrames()
+        self._seeing = driver if isinstance(driver, SeeingDriver) else None
+        kept_s = HISTORY_S
+        if self._seeing is not None:
+            kept_s = max(kept_s, self._seeing.history_s, self._seeing.frame_span_s)
         self._seen: deque[ObjectState] = deque(
-            maxlen=1 + round(HISTORY_S / (self._frame_steps * run.step_s))
+            maxlen=1 + math.ceil(kept_s / (self._frame_steps * run.step_s) - 1e-6)
         )
         self._asked = 0
         self._open: tuple[Question, Answer, ObjectState] | None = None
@@ -100,9 +116,13 @@ class Pilot:
         """
         if self._driver is None:
             return self._commanded(now_ns, vut)
+        if self._frames is not None:
+            self._frames.see(step, now_ns, truths)
         answered, asked = self._due(now_ns), None
         if step % self._frame_steps == 0:
-            self._seen.append(vut)
+            # The world repeats its first step while it holds.
+            if not self._seen or self._seen[-1].stamp_ns < vut.stamp_ns:
+                self._seen.append(vut)
             if self._open is None and now_ns >= self._first_ns and not self._died:
                 asked = self._ask(self._driver, now_ns, vut, truths)
                 # Without latency it is effective in the step of its frame.
@@ -135,7 +155,11 @@ class Pilot:
         self, driver: PlanDriver, now_ns: int, vut: ObjectState, truths: Sequence[ObjectState]
     ) -> Question:
         self._asked += 1
-        question = Question(self._asked, now_ns, history_of(self._seen), self._route(vut))
+        question = Question(
+            self._asked, now_ns, history_of(self._seen), self._route(vut), None, self._shown(now_ns)
+        )
+        if question.frames:
+            question = replace(question, camera=self._run.camera)
         shown = question
         if driver.privileged:
             observable_s = self._driven.observable_s
@@ -148,6 +172,14 @@ class Pilot:
         else:
             self._open = question, answer, vut
         return question
+
+    def _shown(self, now_ns: int) -> tuple[SeenFrame, ...]:
+        """Return the frames of a question, which are held against the VUT's way."""
+        if self._seeing is None or self._frames is None:
+            return ()
+        frames = self._frames.show(self._seeing.choose(self._frames.stamps_ns))
+        self._fresh.check(frames, now_ns, self._seen)
+        return frames
 
     def _due(self, now_ns: int) -> Answered | None:
         """Take the open answer if it is effective now."""
@@ -168,8 +200,8 @@ class Pilot:
 
     def _read(self, question: Question, answer: Answer, vut: ObjectState) -> MapPlan | str:
         """Return the plan of an answer in the map frame, or why it is refused."""
-        if answer.trajectory is None:
-            return "not_ready"
+        if answer.trajectory is None or answer.refused:
+            return answer.refused or "not_ready"
         return plan_of(
             answer.trajectory,
             vut.pose,

@@ -22,6 +22,7 @@ from ssp_core.processes import check_shared_memory
 from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
+from ssp_core.world.driver import sees_frames
 from ssp_scenario_manager.closed_loop.single import Drive, driven_run, parse_drive, told_of_run
 from ssp_scenario_manager.compile.changes import differences, with_value
 from ssp_scenario_manager.compile.targets.folder import (
@@ -144,8 +145,15 @@ DEFAULT_SITE = "boulevard"
     "--drive",
     "drive_text",
     metavar="NAME[=JSON]",
-    help="With --in-process: have a driver lead the VUT by its plans (docs/closed-loop.md), such "
-    'as constant_velocity, oracle or aeb={"ttc_s": 1.4}.',
+    help="With --in-process: have a driver lead the VUT by its plans (docs/closed-loop.md): a "
+    'baseline, such as oracle or aeb={"ttc_s": 1.4}, or a model, named as with `ssp evaluate`: '
+    'NAME={"backend": …, …options}, or NAME of the --models file.',
+)
+@click.option(
+    "--models",
+    "models_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="With --drive: file (ssp.models/1) whose models it may name.",
 )
 @click.option(
     "--latency",
@@ -174,6 +182,7 @@ def run(
     page_port: int | None,
     shadow_texts: tuple[str, ...],
     drive_text: str | None,
+    models_file: Path | None,
     latency: str | None,
     as_json: bool,
     **live_given: Any,
@@ -196,7 +205,9 @@ def run(
       ssp run out/task --mode live --body ot1=udp://10.0.0.21:9001 --odometry /ins/odom --wait
     """
     mode = mode or ("lockstep" if in_process else mode_of(what))
-    drive = _drive(drive_text, latency, mode, in_process=in_process, swept=bool(runs or vary))
+    drive = _drive(
+        drive_text, latency, models_file, mode, in_process=in_process, swept=bool(runs or vary)
+    )
     live = LiveSetup.of_options(mode, live_given)
     shadows = [shadow_model(text) for text in shadow_texts]
     swept = runs is not None or bool(vary)
@@ -246,11 +257,18 @@ def run(
         if swept:
             return run_many(spec, folder, vary, runs, jobs or 1, as_json)
         spec = driven_run(spec, draft / TASK_FOLDER / EVENT_FILE, drive, console.note)
-        if no_camera or (in_process and not record):
+        # A driver that sees has its frames drawn whether they are recorded or not.
+        seeing = spec.driven is not None and sees_frames(spec.driven.driver)
+        if no_camera or (in_process and not record and not seeing):
             spec = spec.model_copy(update={"camera": None})
+        if seeing and (no_camera or camera_text not in (None, "raster")):
+            raise click.UsageError(
+                "a model drives by the frames of our own renderer; leave out --no-camera and "
+                "--camera"
+            )
         spec, servers = _with_carla(spec, camera_text, plant_text, draft / TASK_FOLDER, folder)
         if in_process:
-            spec = for_one_process(spec, camera=record)
+            spec = for_one_process(spec, camera=record or seeing)
         else:
             faults.check(spec, _nodes(spec))
             check_shared_memory()
@@ -290,12 +308,20 @@ def run(
 
 
 def _drive(
-    text: str | None, latency: str | None, mode: Mode, *, in_process: bool, swept: bool
+    text: str | None,
+    latency: str | None,
+    models_file: Path | None,
+    mode: Mode,
+    *,
+    in_process: bool,
+    swept: bool,
 ) -> Drive | None:
     """Return the driver that is asked for; refuse one where it may not drive."""
     if text is None:
         if latency is not None:
             raise click.UsageError("--latency is that of a driver: it needs --drive")
+        if models_file is not None:
+            raise click.UsageError("--models holds drivers: it needs --drive")
         return None
     if mode != "lockstep":
         raise click.UsageError(
@@ -304,7 +330,7 @@ def _drive(
         )
     if not in_process or swept:
         raise click.UsageError("--drive needs --in-process, and goes with one run")
-    return parse_drive(text, latency or "zero")
+    return parse_drive(text, latency or "zero", models_file)
 
 
 def _check_driven(spec: RunSpec, what: str, *, in_process: bool, swept: bool) -> None:

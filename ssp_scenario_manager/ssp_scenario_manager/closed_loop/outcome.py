@@ -16,7 +16,7 @@ from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import Verdict
-from ssp_core.world.driver import DriveMode
+from ssp_core.world.driver import DriveMode, sees_frames
 from ssp_core.world.plant import StepReport
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_scenario_manager.closed_loop.contact import Contact, first_contact, until
@@ -371,7 +371,7 @@ def told_of(
         "driver": driven.driver,
         "options": driven.options,
         "latency_s": driven.latency_s,
-        "frames": False,
+        "frames": sees_frames(driven.driver),
         "start": driven.start,
         "hand_over_s": driven.hand_over_s,
         "end_s": driven.end_s,

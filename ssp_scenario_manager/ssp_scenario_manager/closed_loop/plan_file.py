@@ -11,7 +11,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import load_model
 from ssp_core.run_file.driven import DriverName
 from ssp_core.run_file.values import Strict
-from ssp_core.world.driver import make_driver
+from ssp_core.world.driver import driver_options, history_s_of, try_driver
 from ssp_scenario_manager.closed_loop.single import parse_latency
 
 LOOP_SCHEMA: Literal["ssp.loop/1"] = "ssp.loop/1"
@@ -56,6 +56,9 @@ class LoopPlan(Strict):
     events: Annotated[list[str], Field(min_length=1)]
     site: str = "boulevard"
     drivers: list[CampaignDriver] = Field([], description="beside the baselines")
+    models: str | None = Field(
+        None, description="ssp.models/1, by its path from the plan; drivers may name its models"
+    )
     latencies: Annotated[list[str], Field(min_length=1)] = ["zero"]
     starts: Annotated[int, Field(ge=1, le=1000)] = Field(20, description="critical ones, per event")
     others: Annotated[int, Field(ge=0, le=1000)] = Field(
@@ -78,9 +81,21 @@ class LoopPlan(Strict):
         return [*(CampaignDriver(driver=name) for name in BASELINES), *self.drivers]
 
     @property
+    def history_s(self) -> float:
+        """Longest history of a driver."""
+        return max(history_s_of(one.driver, one.options) for one in self.everybody)
+
+    @property
     def latencies_s(self) -> list[float]:
         """L in s, in the order of the file."""
         return [parse_latency(text) for text in self.latencies]
+
+
+def _resolved(one: CampaignDriver, models: Path | None) -> CampaignDriver:
+    """Return a driver with the options that its runs have; it is made once, and ended."""
+    options = driver_options(one.driver, one.options, models)
+    try_driver(one.driver, options)
+    return one.model_copy(update={"options": options})
 
 
 def load_plan(path: str | Path) -> LoopPlan:
@@ -90,11 +105,12 @@ def load_plan(path: str | Path) -> LoopPlan:
         InputError: it isn't valid, names no driver, or one twice.
     """
     plan = load_model(LoopPlan, path)
+    models = None if plan.models is None else Path(path).parent / plan.models
+    plan = plan.model_copy(update={"drivers": [_resolved(one, models) for one in plan.drivers]})
     if len(set(plan.latencies_s)) < len(plan.latencies):
         raise InputError("two latencies are the same", file=path, field="latencies")
     shown = [one.shown for one in plan.everybody]
     for i, one in enumerate(plan.drivers):
-        make_driver(one.driver, one.options)
         if shown.count(one.shown) > 1:
             raise InputError(
                 "stands twice, or is the name of a baseline",

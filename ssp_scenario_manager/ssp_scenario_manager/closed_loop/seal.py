@@ -116,7 +116,8 @@ def _starts_of(
         RunSpec, json.loads((draft / TASK_FOLDER / "task.json").read_text())["run"], draft
     )
     event_file = str(draft / TASK_FOLDER / EVENT_FILE)
-    judge = partial(_drawn, run.model_dump_json(by_alias=True), event_file, max(plan.latencies_s))
+    room_s = max(plan.latencies_s), plan.history_s
+    judge = partial(_drawn, run.model_dump_json(by_alias=True), event_file, room_s)
     kept: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
     seen = dict.fromkeys((*KINDS, "off_spec"), 0)
     most = {"critical": plan.starts, "harmless": plan.others, "unavoidable": plan.others}
@@ -145,12 +146,19 @@ def _starts_of(
 
 
 def _drawn(
-    run_json: str, event_file: str, latency_max_s: float, seed: int
+    run_json: str, event_file: str, room_s: tuple[float, float], seed: int
 ) -> tuple[str, dict[str, Any]]:
-    """Return the kind of a seed's start (METHOD 8.1) and its facts; ``off_spec`` with a reason."""
+    """Return the kind of a seed's start (METHOD 8.1) and its facts; ``off_spec`` with a reason.
+
+    Args:
+        run_json: as it was compiled.
+        event_file: K*.
+        room_s: the largest latency and the longest history, for which the hand-over leaves time.
+        seed: of the start.
+    """
     run = RunSpec.model_validate_json(run_json)
     try:
-        start = make_start(run, load_event(event_file)[0], seed, latency_max_s)
+        start = make_start(run, load_event(event_file)[0], seed, *room_s)
     except OffSpec as error:
         return "off_spec", {"seed": seed, "why": str(error)}
     facts = {

@@ -9,9 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.run_file.driven import Driven
+from ssp_core.files import parse_model
+from ssp_core.run_file.driven import Driven, is_driver_name
 from ssp_core.run_file.model import RunSpec
-from ssp_core.world.driver import BUILT_IN, make_driver
+from ssp_core.world.driver import (
+    BUILT_IN,
+    driver_options,
+    history_s_of,
+    sees_frames,
+    try_driver,
+)
 from ssp_scenario_manager.closed_loop.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcome import Twin, outcome_of, told_of
 from ssp_scenario_manager.closed_loop.start import (
@@ -21,6 +28,7 @@ from ssp_scenario_manager.closed_loop.start import (
     twin_of,
     without_event,
 )
+from ssp_scenario_manager.compile.task import TASK_FILE
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
@@ -45,8 +53,13 @@ class Drive:
     latency_s: float
 
 
-def parse_drive(text: str, latency: str) -> Drive:
+def parse_drive(text: str, latency: str, models_file: Path | None = None) -> Drive:
     """Read ``NAME`` or ``NAME={…options}``, and a latency.
+
+    Args:
+        text: as it was typed.
+        latency: likewise.
+        models_file: of ssp.models/1, whose models may be named; None: none is given.
 
     Raises:
         InputError: no such driver, option or latency.
@@ -55,11 +68,19 @@ def parse_drive(text: str, latency: str) -> Drive:
     try:
         options: Any = json.loads(given) if given.strip() else {}
     except (ValueError, RecursionError) as error:
-        raise InputError(f"is not valid JSON: {error}", field="--drive", value=given) from None
+        raise InputError(f"is not valid JSON: {error}", field=f"--drive {name}") from None
     if not isinstance(options, dict):
-        raise InputError("must be a JSON object", field="--drive", value=given)
-    make_driver(name, options)
-    return Drive(name, options, parse_latency(latency))
+        raise InputError("must be a JSON object", field=f"--drive {name}")
+    if not is_driver_name(name):
+        raise InputError(
+            "is no name for a topic",
+            field="--drive",
+            value=name,
+            remedy="use letters, digits and underscores, a letter first, 64 at most",
+        )
+    drive = Drive(name, driver_options(name, options, models_file), parse_latency(latency))
+    try_driver(drive.driver, drive.options)
+    return drive
 
 
 def parse_latency(text: str) -> float:
@@ -105,15 +126,30 @@ def driven_run(
     if drive is None:
         return run
     if run.driven is not None:
-        return _with_driver(run, drive)
-    start = next_start(run, load_event(str(event_file))[0], run.seed, drive.latency_s, say)
+        return _with_driver(run, drive, event_file.parent / TASK_FILE)
+    history_s = history_s_of(drive.driver, drive.options)
+    event = load_event(str(event_file))[0]
+    start = next_start(run, event, run.seed, drive.latency_s, say, history_s)
     return start.driven_by(drive.driver, drive.options, drive.latency_s)
 
 
 def next_start(
-    run: RunSpec, event: Event, seed: int, latency_max_s: float, say: Callable[[str], None]
+    run: RunSpec,
+    event: Event,
+    seed: int,
+    latency_max_s: float,
+    say: Callable[[str], None],
+    history_s: float = 0.0,
 ) -> Start:
     """Return the start of the first seed from one on whose event is K*'s (METHOD 8.1).
+
+    Args:
+        run: as it was compiled.
+        event: K*.
+        seed: the first one.
+        latency_max_s: largest latency.
+        say: takes what becomes of seeds, for people.
+        history_s: longest history of a driver.
 
     Raises:
         InputError: none of MOST_SEEDS gives one.
@@ -121,7 +157,7 @@ def next_start(
     why = ""
     for tried in range(seed, seed + MOST_SEEDS):
         try:
-            return make_start(run, event, tried, latency_max_s)
+            return make_start(run, event, tried, latency_max_s, history_s)
         except OffSpec as error:
             why = why or str(error)
             say(f"seed {tried} gives no start of {run.scenario}: {error}")
@@ -133,7 +169,7 @@ def next_start(
     )
 
 
-def _with_driver(run: RunSpec, drive: Drive) -> RunSpec:
+def _with_driver(run: RunSpec, drive: Drive, task_file: Path) -> RunSpec:
     driven = run.driven
     if driven is None:
         raise ValueError("the run is driven by nobody")
@@ -150,7 +186,12 @@ def _with_driver(run: RunSpec, drive: Drive) -> RunSpec:
         "options": dict(drive.options),
         "latency_s": drive.latency_s,
     }
-    return run.model_copy(update={"driven": driven.model_copy(update=changes)})
+    camera = None
+    if sees_frames(drive.driver):
+        # The start has a camera even where its first driver saw nothing.
+        task = parse_model(RunSpec, json.loads(task_file.read_text())["run"], task_file)
+        camera = task.camera if run.camera is None else run.camera
+    return run.model_copy(update={"driven": driven.model_copy(update=changes), "camera": camera})
 
 
 def told_of_run(run: RunSpec, result: InProcessResult, record: Record) -> dict[str, Any]:
@@ -175,5 +216,5 @@ def _needless(run: RunSpec, driven: Driven, twin: Twin) -> str:
     result, record = run_in_process(free.model_copy(update={"driven": own}))
     decided_s = outcome_of(free, own, result, record, twin).at_s
     led = own.model_copy(update={"driver": BUILT_IN, "options": {}, "latency_s": 0.0})
-    _, built_in = run_in_process(free.model_copy(update={"driven": led}))
+    _, built_in = run_in_process(free.model_copy(update={"driven": led, "camera": None}))
     return needless_in(free, driven, record, built_in, decided_s)

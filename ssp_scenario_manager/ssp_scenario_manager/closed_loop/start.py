@@ -14,10 +14,10 @@ from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.driven import Driven
-from ssp_core.run_file.model import EndCondition, RunSpec
+from ssp_core.run_file.model import Camera, EndCondition, RunSpec
 from ssp_core.run_file.participants import ElapsedTime, TriggerSpec
 from ssp_core.vocabulary import Phase
-from ssp_core.world.driver import BUILT_IN, NO_RESPONSE
+from ssp_core.world.driver import BUILT_IN, NO_RESPONSE, sees_frames
 from ssp_scenario_manager.closed_loop.box import drawn_run
 from ssp_scenario_manager.closed_loop.contact import Contact, first_contact
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
@@ -49,6 +49,7 @@ class Start:
         frame_period_s: between the frames that are asked about.
         contact: of the twin; None: it has none.
         twin: true states of its VUT by stamp, ns.
+        camera: of drivers that see; None: there is none.
     """
 
     run: RunSpec
@@ -60,6 +61,7 @@ class Start:
     frame_period_s: float
     contact: Contact | None
     twin: Mapping[int, ObjectState]
+    camera: Camera | None = None
 
     @property
     def v_r_mps(self) -> float | None:
@@ -79,6 +81,7 @@ class Start:
             "frame_period_s": self.frame_period_s,
             "v_r_mps": self.v_r_mps,
             "contact_s": None if self.contact is None else self.contact.at_s,
+            "camera": None if self.camera is None else self.camera.model_dump(mode="json"),
         }
 
     @property
@@ -110,17 +113,26 @@ class Start:
             start=self.hash,
         )
         run = self.run if event else without_event(self.run, self.end_s)
-        return run.model_copy(update={"driven": driven})
+        camera = self.camera if sees_frames(driver) else None
+        return run.model_copy(update={"driven": driven, "camera": camera})
 
 
-def make_start(run: RunSpec, event: Event, seed: int, latency_max_s: float) -> Start:
+def make_start(
+    run: RunSpec,
+    event: Event,
+    seed: int,
+    latency_max_s: float,
+    history_s: float = LIMITS.history_s,
+) -> Start:
     """Return the start of a seed.
 
     Args:
-        run: as it was compiled; traffic, adaptation and camera are left out.
+        run: as it was compiled; traffic and adaptation are left out, the camera is that of
+            drivers that see.
         event: K*.
         seed: of the start.
         latency_max_s: largest latency of the campaign, for which the hand-over leaves time.
+        history_s: longest history of a driver, for which it does so too.
 
     Raises:
         OffSpec: the event of this seed isn't K*'s, or begins before the hand-over.
@@ -128,7 +140,8 @@ def make_start(run: RunSpec, event: Event, seed: int, latency_max_s: float) -> S
     """
     frame_s = _frame_period_s(run)
     bare, values = drawn_run(prepared(run), event, seed)
-    hand_over_s, fires_s = _hand_over_s(bare, latency_max_s, frame_s)
+    history_s = max(history_s, LIMITS.history_s)
+    hand_over_s, fires_s = _hand_over_s(bare, latency_max_s, frame_s, history_s)
     first_s = _floor(hand_over_s - latency_max_s - frame_s, frame_s)
     twin = bare.model_copy(
         update={
@@ -163,6 +176,7 @@ def make_start(run: RunSpec, event: Event, seed: int, latency_max_s: float) -> S
         frame_period_s=frame_s,
         contact=contact,
         twin=vut_states(record, run.vut.id),
+        camera=run.camera,
     )
 
 
@@ -171,7 +185,7 @@ def twin_of(run: RunSpec) -> tuple[Mapping[int, ObjectState], Contact | None]:
     if run.driven is None:
         raise InputError("is no driven run", field="driven")
     driven = run.driven.model_copy(update={"driver": NO_RESPONSE, "options": {}, "latency_s": 0.0})
-    _, record = run_in_process(run.model_copy(update={"driven": driven}))
+    _, record = run_in_process(run.model_copy(update={"driven": driven, "camera": None}))
     return vut_states(record, run.vut.id), first_contact(record.reports, run.vut.id)
 
 
@@ -195,6 +209,7 @@ def from_facts(kept: Mapping[str, Any]) -> Start:
         frame_period_s=kept["frame_period_s"],
         contact=None,
         twin={},
+        camera=None if kept["camera"] is None else parse_model(Camera, kept["camera"], "camera"),
     )
     twin, contact = twin_of(start.driven_by(NO_RESPONSE, {}, 0.0))
     start = replace(start, twin=twin, contact=contact)
@@ -236,7 +251,9 @@ def _frame_period_s(run: RunSpec) -> float:
     return round(max(1, round(wanted_s / run.step_s)) * run.step_s, 9)
 
 
-def _hand_over_s(run: RunSpec, latency_max_s: float, frame_s: float) -> tuple[float, float]:
+def _hand_over_s(
+    run: RunSpec, latency_max_s: float, frame_s: float, history_s: float
+) -> tuple[float, float]:
     """Return t_h, and when the first trigger fires while the VUT keeps to its approach.
 
     No frame that a driver is asked about lies before the VUT holds its speed: its plan would be of
@@ -261,7 +278,7 @@ def _hand_over_s(run: RunSpec, latency_max_s: float, frame_s: float) -> tuple[fl
         since_ns = state.stamp_ns
     asked_s = latency_max_s + frame_s
     steady_s = ns_to_seconds(since_ns) + max(LIMITS.steady_s, asked_s)
-    asked_s += LIMITS.history_s
+    asked_s += history_s
     hand_over_s = _ceil(max(steady_s, asked_s), frame_s)
     fires_s = ns_to_seconds(fires_ns)
     if hand_over_s > fires_s - LIMITS.before_trigger_s + EPSILON_S:

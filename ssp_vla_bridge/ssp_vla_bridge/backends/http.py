@@ -45,6 +45,7 @@ from ssp_vla_bridge.http_messages import (
 )
 from ssp_vla_bridge.messages import Answer, Request
 from ssp_vla_bridge.prompts import native_prompt
+from ssp_vla_bridge.stopwatch import ENCODING, PARSING, part
 from ssp_vla_bridge.window import find_interface
 
 _BUSY = (429, 503)
@@ -132,9 +133,12 @@ class HttpService:
         try:
             if not self._ready:
                 self._require_ready(min(_HEALTH_S, _left_s(deadline_s)))
-            value = request_to_json(request, native_prompt(self.interface, request))
-            reply = self._ask(json.dumps(value, allow_nan=False).encode(), deadline_s)
-            answer = self._answer(reply, request.request_id)
+            with part(ENCODING):
+                value = request_to_json(request, native_prompt(self.interface, request))
+                body = json.dumps(value, allow_nan=False).encode()
+            reply = self._ask(body, deadline_s)
+            with part(PARSING):
+                answer = self._answer(reply, request.request_id)
         finally:
             self._one_at_a_time.release()
         self.model_id = answer.model_id

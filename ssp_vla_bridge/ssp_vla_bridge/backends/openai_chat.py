@@ -49,6 +49,7 @@ from ssp_vla_bridge.backends.given_back import (
 from ssp_vla_bridge.messages import Answer, Frame, Request
 from ssp_vla_bridge.native_history import previous_stage
 from ssp_vla_bridge.prompts import Prompt, find_stages, shown
+from ssp_vla_bridge.stopwatch import ENCODING, part
 
 _TYPES: dict[str, type] = {
     "base_url": str,
@@ -256,7 +257,8 @@ class OpenAIBackend:
 
     def _answer(self, request: Request, end_s: float) -> Answer:
         request = shown(request, blind=self._options.blind)
-        pictures = [self._picture(frame) for frame in request.frames]
+        with part(ENCODING):
+            pictures = [self._picture(frame) for frame in request.frames]
         before: dict[str, str] = {}
         said = []
         for stage in self._stages:

@@ -1,0 +1,112 @@
+"""The models of ``ssp evaluate`` as drivers: one way to name a model, whatever it is to do.
+
+Its functions are those that ssp_core.world.driver asks a module of drivers for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ssp_core.errors import InputError
+from ssp_core.files import read_mapping
+from ssp_eval.evaluate.models import (
+    CONTROLS,
+    ModelSpec,
+    beside_options,
+    check_bridge,
+    entry_spec,
+    load_models,
+)
+from ssp_vla_bridge.backend import BACKENDS
+from ssp_vla_bridge.driving.driver import BridgeDriver, DriverModel
+
+# The entry of a models file, in the options of a driver.
+MODEL = "model"
+
+
+def driver_options(
+    name: str, given: Mapping[str, Any], models_file: Path | None, others: Sequence[str]
+) -> dict[str, Any]:
+    """Return the options of a model as a run file keeps them: its entry of a models file.
+
+    Args:
+        name: of a model of the models file, or of a bridge.
+        given: what stands behind ``NAME=``, as with ``ssp evaluate --bridge``.
+        models_file: of ssp.models/1; None: none is given.
+        others: names of drivers that are no models, for the message.
+
+    Raises:
+        InputError: there is no such model or bridge, or it may not drive.
+    """
+    if set(given) == {MODEL} and isinstance(given[MODEL], dict):
+        entry = dict(given[MODEL])
+    elif models_file is not None and not given:
+        entry = _entry(name, models_file)
+    else:
+        entry = beside_options(given)
+    spec = entry_spec(name, entry)
+    if spec.attached:
+        raise InputError(
+            "an attached bridge doesn't drive in one process",
+            field=f"driver {name}",
+            remedy="name its backend",
+        )
+    if CONTROLS.get(spec.backend_name):
+        raise InputError(
+            "answers from labels, and a driver gets none",
+            field=f"driver {name}",
+            value=spec.backend_name,
+        )
+    if spec.backend_name not in BACKENDS and ":" not in spec.backend_name:
+        raise InputError(
+            "is no driver",
+            field="driver",
+            value=name,
+            remedy=f"there is {', '.join(others)}; a model of yours is named as with ssp evaluate, "
+            'NAME={"backend": …}, with one of the backends ' + ", ".join(sorted(BACKENDS)),
+        )
+    check_bridge(spec)
+    return {MODEL: entry}
+
+
+def _entry(name: str, models_file: Path) -> dict[str, Any]:
+    known = [spec.name for spec in load_models(models_file)]
+    if name not in known:
+        raise InputError(
+            "holds no such model",
+            file=models_file,
+            field="models",
+            value=name,
+            remedy=f"there is {', '.join(known)}",
+        )
+    return dict(read_mapping(models_file)["models"][name] or {})
+
+
+def history_s(name: str, options: Mapping[str, Any]) -> float:
+    """Return how long the history is that a model's requests hold."""
+    return _spec(name, options).rules.history_s
+
+
+def make_driver(name: str, options: Mapping[str, Any]) -> BridgeDriver:
+    """Return a fresh driver, which is ready to answer.
+
+    Raises:
+        InputError, PeerError: the model can't be made.
+    """
+    spec = _spec(name, options)
+    model = DriverModel(
+        name=name,
+        backend=spec.backend_name,
+        options=spec.options,
+        interface=spec.spoken,
+        adapter=spec.read_by(),
+        rules=spec.rules,
+        timeout_s=spec.timeout_s,
+    )
+    return BridgeDriver(model)
+
+
+def _spec(name: str, options: Mapping[str, Any]) -> ModelSpec:
+    return entry_spec(name, dict(options.get(MODEL, {})))

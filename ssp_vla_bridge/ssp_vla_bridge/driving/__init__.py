@@ -1,0 +1,1 @@
+"""Models as drivers of the VUT in a session of one process."""

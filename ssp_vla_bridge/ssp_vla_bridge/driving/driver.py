@@ -1,0 +1,203 @@
+"""A model as the driver of the VUT: question, request, answer, plan (ssp_core.world.driver)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass, replace
+from typing import Any
+
+from ssp_core.errors import SspError
+from ssp_core.run_file.model import Camera
+from ssp_core.world import driver as core
+from ssp_core.world.camera import intrinsics
+from ssp_vla_bridge.backend import OPTION_TIMEOUT
+from ssp_vla_bridge.driving.process import Measured, ModelProcess, no_answer_within
+from ssp_vla_bridge.messages import (
+    TASK,
+    CameraGeometry,
+    DrivingTask,
+    EgoSample,
+    ErrorCode,
+    Frame,
+    Request,
+    Response,
+)
+from ssp_vla_bridge.window import Interface, Preprocessing, choose
+
+TIMEOUT_S = 60.0
+# What a driver of this interface is asked for lies beyond two large latencies; the prompts of the
+# others ask for what their models were trained on.
+_HORIZON_S = 5.0
+_SLACK_S = 1e-6
+
+
+@dataclass(frozen=True)
+class DriverModel:
+    """A model, as it is to drive.
+
+    Args:
+        name: on topics.
+        backend: name of a backend, or ``module:factory``.
+        options: of the backend.
+        interface: that it speaks.
+        adapter: that reads its answers, ``name`` or ``name:mode``.
+        rules: its frames and its history.
+        timeout_s: for one answer; None: that of the backend's options, or 60 s.
+    """
+
+    name: str
+    backend: str
+    options: Mapping[str, Any]
+    interface: Interface
+    adapter: str
+    rules: Preprocessing
+    timeout_s: float | None = None
+
+    @property
+    def limit_s(self) -> float:
+        """Time after which no answer is waited for."""
+        own = self.options.get("timeout_s") if self.backend in OPTION_TIMEOUT else None
+        given = [t for t in (self.timeout_s, own) if t is not None]
+        return min(given) if given else TIMEOUT_S
+
+    @property
+    def task(self) -> DrivingTask:
+        """The question, which is the same in all runs."""
+        if self.interface.name == "waypoints":
+            return replace(TASK, trajectory_horizon_s=_HORIZON_S)
+        return TASK
+
+
+class BridgeDriver:
+    """A model in a process of its own, which drives one run.
+
+    A model that can't be loaded has died at its first question, so that it ends one run only.
+
+    Args:
+        model: as it is to drive.
+    """
+
+    privileged = False
+
+    def __init__(self, model: DriverModel) -> None:
+        self._model = model
+        self._previous: Response | None = None
+        self._process: ModelProcess | None = None
+        self.problem = ""
+        options = dict(model.options)
+        if model.backend in OPTION_TIMEOUT:
+            options["timeout_s"] = model.limit_s
+        try:
+            self._process = ModelProcess(model.name, model.backend, options, model.adapter)
+        except SspError as error:
+            self.problem = str(error)
+
+    @property
+    def frame_span_s(self) -> float:
+        """Greatest age of a frame in a request."""
+        return self._model.rules.frame_span_s if self._model.rules.frames > 1 else 0.0
+
+    @property
+    def history_s(self) -> float:
+        """Length of the history in a request."""
+        return self._model.rules.history_s
+
+    def choose(self, stamps_ns: Sequence[int]) -> list[int]:
+        """Return the indices of the frames of a request about the last stamp, rising."""
+        return choose(stamps_ns, len(stamps_ns) - 1, self._model.rules)
+
+    def answer(self, question: core.Question) -> core.Answer:
+        """Answer one question.
+
+        Raises:
+            DriverEnded: the model's process ended, raised, can't be reached, or gave no answer in
+                time.
+        """
+        if self._process is None:
+            raise core.DriverEnded(f"it can't be loaded: {self.problem}")
+        request = request_of(question, self._model, self._previous)
+        limit_s = self._model.limit_s
+        got = self._process.ask(request, limit_s)
+        response = got.response
+        if got.raised:
+            raise core.DriverEnded(response.error_msg, got.total_s)
+        if response.error_code == ErrorCode.TIMEOUT or got.total_s > limit_s:
+            raise core.DriverEnded(no_answer_within(limit_s), limit_s)
+        if response.error_code == ErrorCode.OVERLOAD:
+            raise core.DriverEnded(f"took no request: {response.error_msg}", got.total_s)
+        if self._model.interface.carries_previous:
+            self._previous = None if response.error_code else response
+        return answer_of(got)
+
+    def close(self) -> None:
+        """End the model's process."""
+        if self._process is not None:
+            self._process.close()
+
+
+def request_of(
+    question: core.Question, model: DriverModel, previous: Response | None = None
+) -> Request:
+    """Return the request of a question; all that the model gets is in it.
+
+    Args:
+        question: of the session.
+        model: that is asked.
+        previous: its own last answer, where its interface carries one.
+    """
+    return Request(
+        request_id=str(question.number),
+        stamp_ns=question.stamp_ns,
+        frames=tuple(Frame(one.stamp_ns, one.jpeg) for one in question.frames),
+        camera=None if question.camera is None else geometry_of_run(question.camera),
+        history=_history(question.history, model.rules),
+        ego_provenance="measured",
+        task=model.task,
+        previous=previous,
+    )
+
+
+def geometry_of_run(camera: Camera) -> CameraGeometry:
+    """Return the geometry of a run's camera, as a recording's CameraInfo and mounting give it."""
+    lens = intrinsics(camera)
+    return CameraGeometry(
+        fx_px=lens.fx_px,
+        fy_px=lens.fy_px,
+        cx_px=lens.cx_px,
+        cy_px=lens.cy_px,
+        width_px=lens.width_px,
+        height_px=lens.height_px,
+        height_m=camera.height_m,
+        pitch_down_rad=camera.pitch_down_rad,
+    )
+
+
+def _history(samples: Sequence[core.EgoSample], rules: Preprocessing) -> tuple[EgoSample, ...]:
+    """Return the newest sample at or before each time of the history, oldest first."""
+    chosen: list[core.EgoSample] = [samples[-1]]
+    for k in range(1, round(rules.history_s / rules.history_spacing_s) + 1):
+        wanted_s = -k * rules.history_spacing_s + _SLACK_S
+        before = [sample for sample in samples if sample.t_s <= wanted_s]
+        if not before:
+            break
+        if before[-1].t_s < chosen[-1].t_s:
+            chosen.append(before[-1])
+    return tuple(EgoSample(*astuple(sample)) for sample in reversed(chosen))
+
+
+def answer_of(got: Measured) -> core.Answer:
+    """Return what a model's answer says, and how it came."""
+    response = got.response
+    arrays = tuple(core.RawArray(**asdict(array)) for array in response.arrays)
+    raw = core.Raw(
+        model_id=response.model_id,
+        arrays=arrays,
+        decoding=json.dumps(dict(response.decoding), sort_keys=True),
+        error_code=int(response.error_code),
+        error_msg=response.error_msg,
+    )
+    refused = got.invalid
+    if response.error_code:
+        refused = f"error instead of an answer: {response.error_msg}"
+    return core.Answer(got.trajectory, response.text, refused, raw)

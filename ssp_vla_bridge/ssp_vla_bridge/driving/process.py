@@ -1,0 +1,239 @@
+"""A model in a process of its own, which answers one request after the other.
+
+Whatever the model does there ends its process at most: it may hang, leave, crash or take all of
+its memory. A process serves one run, so that the next run's model remembers nothing.
+
+The process is forked from a server that has imported what bridges need and nothing else; a model's
+own modules are imported in its process.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from typing import Any
+
+from ssp_core.errors import InputError, PeerError, SspError
+from ssp_core.motion.trajectory import Trajectory
+from ssp_core.processes import die_with_parent
+from ssp_core.world.driver import DriverEnded
+from ssp_vla_bridge.adapters.registry import adapt
+from ssp_vla_bridge.backend import Backend, failure, make_backend, respond
+from ssp_vla_bridge.messages import ErrorCode, Request, Response
+from ssp_vla_bridge.stopwatch import ENCODING, PARSING, measuring, part
+
+# A model may take this long to load.
+START_S = 600.0
+# A backend that keeps its own time limit says so itself within this time behind it.
+_GRACE_S = 1.0
+_END_S = 2.0
+_MOST_CHARACTERS = 1 << 20
+_MOST_NUMBERS = 1 << 18
+_READY, _REFUSED = "ready", "refused"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One answer, read, and the time from the complete request to the parsed trajectory.
+
+    Args:
+        trajectory: None: there is none that can be driven.
+        invalid: why not, for people.
+        raised: the backend raised something that isn't an answer's error.
+    """
+
+    response: Response
+    trajectory: Trajectory | None
+    invalid: str
+    raised: bool
+    total_s: float
+    encoding_s: float
+    parsing_s: float
+
+
+def measured_answer(backend: Backend, model: str, adapter: str, request: Request) -> Measured:
+    """Ask a backend, and read its answer.
+
+    Args:
+        backend: the model.
+        model: its name.
+        adapter: that reads it, ``name`` or ``name:mode``.
+        request: complete, with the frames as they are recorded.
+    """
+    with measuring() as parts:
+        begin_s = time.perf_counter()
+        result = respond(backend, model, request)
+        response = _bounded(result.response)
+        with part(PARSING):
+            read = adapt(adapter, response, request)
+        total_s = time.perf_counter() - begin_s
+    invalid = ""
+    if read.trajectory is None:
+        said = bool(response.text.strip() or response.arrays)
+        invalid = "; ".join([*read.invalid, *read.info.notes]) if said else "not_ready"
+    return Measured(
+        response=response,
+        trajectory=read.trajectory,
+        invalid=invalid,
+        raised=bool(result.traceback),
+        total_s=total_s,
+        encoding_s=parts.get(ENCODING, 0.0),
+        parsing_s=parts.get(PARSING, 0.0),
+    )
+
+
+def _bounded(response: Response) -> Response:
+    numbers = sum(len(array.data) for array in response.arrays)
+    if len(response.text) <= _MOST_CHARACTERS and numbers <= _MOST_NUMBERS:
+        return response
+    blank = replace(response, arrays=())
+    return failure(
+        blank,
+        ErrorCode.BACKEND,
+        f"the answer has {len(response.text)} characters and {numbers} numbers, at most "
+        f"{_MOST_CHARACTERS} and {_MOST_NUMBERS}",
+    )
+
+
+def _serve(
+    connection: Connection,
+    model: str,
+    backend_name: str,
+    options: Mapping[str, Any],
+    adapter: str,
+    environment: Mapping[str, str],
+) -> None:
+    """Answer requests until the connection ends; the main function of the process."""
+    die_with_parent()
+    # An interrupt ends the session, which ends this process.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.clear()
+    os.environ.update(environment)
+    # A model that prints doesn't write into the command's result.
+    os.dup2(2, 1)
+    try:
+        backend = make_backend(backend_name, options)
+    except Exception as error:  # a model that can't be loaded may raise anything
+        words = str(error) if isinstance(error, SspError) else f"{type(error).__name__}: {error}"
+        connection.send((_REFUSED, words))
+        return
+    connection.send((_READY, ""))
+    while True:
+        try:
+            request = connection.recv()
+        except EOFError:
+            return
+        connection.send(measured_answer(backend, model, adapter, request))
+
+
+def _context() -> multiprocessing.context.ForkServerContext:
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__, "ssp_vla_bridge.backends.http"])
+    return context
+
+
+class ModelProcess:
+    """The process of one model, for one run.
+
+    Args:
+        model: its name.
+        backend_name: of BACKENDS, or ``module:factory``.
+        options: of the backend.
+        adapter: that reads its answers.
+        start_s: it must have loaded within this time.
+
+    Raises:
+        InputError: the backend can't be made, for the reason that it gives.
+        PeerError: its process ended, or didn't get ready in time.
+    """
+
+    def __init__(
+        self,
+        model: str,
+        backend_name: str,
+        options: Mapping[str, Any],
+        adapter: str,
+        start_s: float = START_S,
+    ) -> None:
+        context = _context()
+        self._connection, theirs = context.Pipe()
+        arguments = (theirs, model, backend_name, dict(options), adapter, dict(os.environ))
+        self._process = context.Process(target=_serve, args=arguments, daemon=True)
+        self._process.start()
+        theirs.close()
+        try:
+            self._await_ready(model, start_s)
+        except BaseException:
+            self.close()
+            raise
+
+    def _await_ready(self, model: str, start_s: float) -> None:
+        if not self._connection.poll(start_s):
+            raise PeerError(f"{model}: isn't ready within {start_s:g} s")
+        try:
+            word, reason = self._connection.recv()
+        except (EOFError, OSError):
+            raise PeerError(f"{model}: {self._ending()} while it was loaded") from None
+        if word == _REFUSED:
+            raise InputError(reason, field=f"driver {model}")
+
+    def ask(self, request: Request, timeout_s: float) -> Measured:
+        """Return the answer to a request.
+
+        Args:
+            request: complete.
+            timeout_s: of the driver.
+
+        Raises:
+            DriverEnded: the process ended, or gave no answer in time.
+        """
+        begin_s = time.perf_counter()
+        got: list[Measured] = []
+        # Sending, too, waits for a process that doesn't read.
+        exchange = threading.Thread(target=self._exchange, args=(request, got), daemon=True)
+        exchange.start()
+        exchange.join(timeout_s + _GRACE_S)
+        if exchange.is_alive():
+            self._kill()
+            exchange.join()
+            raise DriverEnded(no_answer_within(timeout_s), timeout_s)
+        if not got:
+            raise DriverEnded(self._ending(), time.perf_counter() - begin_s)
+        return got[0]
+
+    def _exchange(self, request: Request, got: list[Measured]) -> None:
+        try:
+            self._connection.send(request)
+            got.append(self._connection.recv())
+        except (EOFError, OSError):
+            return
+
+    def _ending(self) -> str:
+        self._process.join(_END_S)
+        code = self._process.exitcode
+        if code is None:
+            return "its process closed its connection"
+        if code < 0:
+            return f"its process was ended by {signal.Signals(-code).name}"
+        return f"its process ended with exit status {code}"
+
+    def _kill(self) -> None:
+        self._process.kill()
+        self._process.join()
+
+    def close(self) -> None:
+        """End the process."""
+        self._connection.close()
+        self._kill()
+        self._process.close()
+
+
+def no_answer_within(timeout_s: float) -> str:
+    """Return the words for a driver that gave no answer."""
+    return f"gave no answer within its timeout_s of {timeout_s:g} s"
