@@ -11,7 +11,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -101,16 +101,34 @@ def survive_lost_output() -> None:
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        if stream is None or stream is not getattr(sys, f"__{name}__"):
-            continue
-        stream.flush()
-        made = io.TextIOWrapper(
-            io.BufferedWriter(_Output(stream.fileno(), "wb", closefd=False)),
-            encoding=stream.encoding,
-            errors=stream.errors,
-            line_buffering=stream.line_buffering or stream.write_through,
-        )
-        setattr(sys, name, made)
+        if stream is not None and stream is getattr(sys, f"__{name}__"):
+            setattr(sys, name, _surviving(stream, stream.fileno()))
+
+
+def keep_output_to_ourselves() -> None:
+    """Have what libraries print to the standard output go to the standard error from here on.
+
+    DDS prints its errors there by itself, and programs read ours with ``--json``. A process that
+    is started from here on and inherits the standard output prints to the standard error as well.
+    """
+    if not isinstance(getattr(getattr(sys.stdout, "buffer", None), "raw", None), _Output):
+        return
+    with suppress(OSError):  # a closed standard error
+        os.fstat(2)
+        if sys.stdout.fileno() == 1:
+            sys.stdout = _surviving(sys.stdout, os.dup(1))
+            os.dup2(2, 1)
+
+
+def _surviving(stream: Any, descriptor: int) -> io.TextIOWrapper:
+    """Return a stream like another one, to a file descriptor, that no failed write raises from."""
+    stream.flush()
+    return io.TextIOWrapper(
+        io.BufferedWriter(_Output(descriptor, "wb", closefd=False)),
+        encoding=stream.encoding,
+        errors=stream.errors,
+        line_buffering=stream.line_buffering or stream.write_through,
+    )
 
 
 def lost_output() -> str:

@@ -100,6 +100,21 @@ def test_a_pipe_that_nobody_reads_raises_nothing() -> None:
     assert process.returncode == 0
 
 
+def test_libraries_print_to_the_standard_error() -> None:
+    """DDS prints its errors to the standard output, which programs read."""
+    program = """
+import os
+from ssp_core import terminal
+terminal.survive_lost_output()
+terminal.keep_output_to_ourselves()
+os.write(1, b"an error of a library\\n")
+print("a result")
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+    assert done.stdout == b"a result\n"
+    assert done.stderr == b"an error of a library\n"
+
+
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
 def test_results_that_a_full_disk_did_not_take_are_an_error() -> None:
     """A command says so, whatever it would have ended with; it doesn't break off."""

@@ -158,6 +158,7 @@ def unpack_chunk(parts: ChunkParts) -> memoryview:
             raise ValueError(f"a chunk doesn't unpack: {error}") from error
         if len(unpacked) != claimed:
             what = "more" if len(unpacked) > claimed else "less"
+            unpacked.clear()  # an error that is kept keeps its frames, and what they hold
             raise ValueError(f"a chunk unpacks to {what} than the {claimed} bytes it claims")
         data = memoryview(unpacked)
     if parts.crc and crc32(data) != parts.crc:
@@ -190,8 +191,10 @@ def _unlz4(data: memoryview, most: int) -> bytearray:
             break
         piece = decompressor.decompress(b"", max_length=min(_PIECE, most + 1 - len(unpacked)))
     if len(unpacked) <= most and not decompressor.eof:
+        unpacked.clear()
         raise ValueError("a chunk ends within its compressed data")
     if decompressor.unused_data:
+        unpacked.clear()
         raise ValueError("a chunk goes on after its compressed data")
     return unpacked
 

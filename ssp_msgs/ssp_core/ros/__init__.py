@@ -32,7 +32,7 @@ from ssp_core.errors import InputError, SspError
 from ssp_core.names import NAMESPACE, declared_topic
 from ssp_core.node_interface import QOS, Parameter, Status
 from ssp_core.run_file.participation import ParticipantKind
-from ssp_core.terminal import catch_stop_signals, survive_lost_output
+from ssp_core.terminal import catch_stop_signals, keep_output_to_ourselves, survive_lost_output
 
 T = TypeVar("T")
 
@@ -209,20 +209,32 @@ class StopRequest:
             self.reason = reason
 
 
-def init(args: list[str] | None = None) -> None:
-    """Begin ROS in this process, in the domain that the environment names.
+def init(
+    args: list[str] | None = None,
+    context: rclpy.Context | None = None,
+    domain_id: int | None = None,
+) -> None:
+    """Begin ROS in this process.
 
     Signals are left alone: rclpy's own handler would invalidate the context before a node could say
     that it stops.
 
     Args:
         args: for ROS to read; None: those of this process.
+        context: that begins; None: the process's own.
+        domain_id: None: the one that the environment names.
 
     Raises:
         InputError: a variable of the environment is wrong; names all of them.
     """
     require_sound(os.environ)
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    keep_output_to_ourselves()
+    rclpy.init(
+        args=args,
+        context=context,
+        domain_id=domain_id,
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
 
 
 def run_node(

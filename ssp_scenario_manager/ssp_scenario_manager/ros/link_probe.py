@@ -9,7 +9,6 @@ from pathlib import Path
 
 import rclpy
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from ssp_core import names, ros
 from ssp_core.environment import adopt
@@ -43,9 +42,7 @@ def measure_link() -> LinkMeasurement:
         env = session_environment(domain_id)
         adopt(env)
         context = rclpy.Context()
-        rclpy.init(
-            context=context, domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO
-        )
+        ros.init(context=context, domain_id=domain_id)
         try:
             with ProcessGroup(env, Path(folder)) as group:
                 group.start_node("doctor_echo", "ssp_scenario_manager.ros.link_probe", {})

@@ -10,7 +10,6 @@ from typing import Any
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from ssp_core import names, ros
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
@@ -120,12 +119,8 @@ class RunClient:
         adopt(env)
         self._context = rclpy.Context()
         rules = [word for rule in remappings for word in ("-r", rule)]
-        rclpy.init(
-            args=["--ros-args", *rules] if rules else None,
-            context=self._context,
-            domain_id=int(env["ROS_DOMAIN_ID"]),
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
+        domain_id = int(env["ROS_DOMAIN_ID"])
+        ros.init(["--ros-args", *rules] if rules else None, self._context, domain_id)
         self.node = Node(names.RUNNER, namespace=names.NAMESPACE, context=self._context)
         self._executor = rclpy.executors.SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)

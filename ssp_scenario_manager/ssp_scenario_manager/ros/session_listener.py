@@ -11,7 +11,6 @@ import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import CameraInfo, CompressedImage, NavSatFix
 
 from ssp_core import names, ros
@@ -198,11 +197,7 @@ def listen(
     """
     rules = ["--ros-args", *(word for rule in remappings for word in ("-r", rule))]
     context = rclpy.Context()
-    rclpy.init(
-        args=rules if remappings else None,
-        context=context,
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
+    ros.init(rules if remappings else None, context)
     try:
         node = SessionListener(spec, context, odometry, navsat)
         executor = SingleThreadedExecutor(context=context)

@@ -44,7 +44,7 @@ def test_a_disk_that_is_nearly_full_ends_it_before_anything_is_lost(
         recording = field_.record(*NAMES, "--reserve-mb", reserve, "--json", disk=disk)
         assert recording.wait() == 1
         sent = load.stop()
-        result = json.loads(recording.said.splitlines()[0])
+        result = json.loads(recording.out)
         assert result["ended"].startswith("the disk ")
         assert (result["lost"], result["problems"]) == (0, [])
         assert check_bag(recording.bag).problems == ()
@@ -71,7 +71,7 @@ def test_a_full_disk_is_said_at_once_and_costs_at_most_a_second(
             full_ns = time.monotonic_ns()
         assert recording.wait() == 1
         sent = load.stop()
-        result = json.loads(recording.said.splitlines()[0])
+        result = json.loads(recording.out)
         assert "writing failed" in result["ended"] or "the disk has" in result["ended"]
         assert "writing failed" in result["problems"][0]
         assert not (recording.bag / "metadata.yaml").exists()

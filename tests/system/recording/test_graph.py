@@ -22,7 +22,7 @@ FIRST = LoadTopic("/load/first", rate_hz=100, depth=KEPT)
 def finish(recording: Recording) -> tuple[int, dict[str, object]]:
     """Ends a recording; its exit status and what it says about itself."""
     status = recording.stop()
-    result: dict[str, object] = json.loads(recording.said.splitlines()[0])
+    result: dict[str, object] = json.loads(recording.out)
     return status, result
 
 

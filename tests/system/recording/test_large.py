@@ -38,7 +38,7 @@ def test_a_message_of_100_mb_through_the_middleware(field_: Field) -> None:
     sent = load.stop()
     recording.wait_for_end_of_data()
     assert recording.stop() == 0, recording.said
-    assert json.loads(recording.said.splitlines()[0])["lost"] == 0
+    assert json.loads(recording.out)["lost"] == 0
     assert check_bag(recording.bag).problems == ()
     assert missing(recording.bag, (SMALL, HUGE), sent) == []
     assert len(held(recording.bag, [HUGE])[HUGE.name]) == 1

@@ -38,7 +38,7 @@ def test_a_recording_whose_bag_is_gone_ends_and_says_so(
     strike(recording.bag)
     assert recording.wait() == 1
     load.stop()
-    result = json.loads(recording.said.splitlines()[0])
+    result = json.loads(recording.out)
     assert "writing failed" in result["ended"] or "can't be opened" in result["ended"]
     assert recording.bag.name in result["ended"]
     assert not result["ok"]
@@ -53,5 +53,5 @@ def test_a_part_that_is_gone_at_the_end_fails_the_check(field_: Field) -> None:
     (recording.bag / "bag_0.mcap").unlink()
     load.stop()
     assert recording.stop() == 1
-    result = json.loads(recording.said.splitlines()[0])
+    result = json.loads(recording.out)
     assert any("bag_0.mcap" in problem for problem in result["problems"]), result
