@@ -16,6 +16,7 @@ from rich.progress import (
     ProgressColumn,
     Task,
     TimeElapsedColumn,
+    TimeRemainingColumn,
 )
 from rich.text import Text
 
@@ -62,19 +63,40 @@ class _Description(ProgressColumn):
         return Text(visible(task.description))
 
 
+# Jobs of a campaign end in bursts: an estimate over few of them jumps.
+_ESTIMATED_OVER_S = 600.0
+
+
+class _Left(TimeRemainingColumn):
+    """The time that is left, in words that tell it from the time that has passed."""
+
+    def render(self, task: Task) -> Text:
+        """Return the estimate of one task."""
+        return Text("about ") + super().render(task) + Text(" left")
+
+
 @contextmanager
-def progress(description: str, total: int | None) -> Iterator[Progress]:
-    """Show a progress bar on standard error; on a pipe print nothing but its last line."""
-    columns = (
+def progress(description: str, total: int | None, *, estimated: bool = False) -> Iterator[Progress]:
+    """Show a progress bar on standard error; on a pipe print nothing but its last line.
+
+    Args:
+        description: of what is counted.
+        total: None: it isn't known yet.
+        estimated: the time that is left is shown too.
+    """
+    columns: list[ProgressColumn] = [
         _Description(),
         BarColumn(bar_width=30),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-    )
+    ]
+    if estimated:
+        columns.append(_Left())
     with Progress(
         *columns,
         console=err,
         transient=False,
+        speed_estimate_period=_ESTIMATED_OVER_S,
         disable=not sys.stderr.isatty(),
         # Else what is printed for a pipe or a file would go to standard error.
         redirect_stdout=sys.stdout.isatty(),

@@ -9,14 +9,16 @@ import jinja2
 from markupsafe import Markup
 
 
-def templates(folder: Path) -> jinja2.Environment:
-    """Return the templates of a folder, which escape and refuse a value that they aren't given.
+def templates(*folders: Path) -> jinja2.Environment:
+    """Return the templates of some folders, which escape and refuse a value that they aren't given.
+
+    Of two with one name that of the first folder counts.
 
     Filters: ``svg`` takes markup as it is, ``words`` turns a name into words, ``short`` shortens a
     hash, ``json`` writes a value as JSON, ``g`` a number with six digits at most.
     """
     found = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(folder),
+        loader=jinja2.FileSystemLoader(folders),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 import yaml
@@ -43,7 +44,7 @@ def plan_of(**changes: Any) -> LoopPlan:
 
 def run(plan: LoopPlan, folder: Path, jobs: int = 1) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    run_campaign(plan, folder, jobs, lambda _: None, lambda _: None)
+    run_campaign(plan, folder, jobs, lambda *_: None, lambda _: None)
 
 
 @pytest.fixture(scope="module")
@@ -256,6 +257,41 @@ def test_the_command_prints_the_table_of_what_is_there(done: Path, tmp_path: Pat
     found = json.loads(said.stdout.splitlines()[-1])
     assert [one["driver"] for one in found][::2] == list(BASELINES)
     assert said.return_value is None or said.exit_code == 0
+
+
+def test_one_run_is_driven_again_by_one_command_to_the_same_outcome(
+    done: Path, tmp_path: Path
+) -> None:
+    number, wanted = next(
+        (k, one)
+        for k, one in enumerate(rows(done), 1)
+        if (one["driver"], one["latency_s"]) == ("aeb", "1")
+    )
+    folder = tmp_path / "again"
+    said = CliRunner().invoke(loop, [str(done), "--again", str(number), "--out", str(folder)])
+    assert said.exception is None, said.output
+    told = json.loads((folder / "result.json").read_text())["driven"]
+    assert (told["outcome"], told["start"]) == (wanted["outcome"], wanted["start"])
+    assert str(told["v_i_mps"]) == wanted["v_i_mps"]
+    assert told["latency_s"] == 1.0
+    assert (folder / "bag").is_dir()
+    view = ElementTree.fromstring((folder / "top_view.svg").read_text())
+    classes = {one.get("class") for one in view.iter()}
+    assert {"planned", "effective", "driven", "object", "contact"} <= classes
+    shown = [one.text or "" for one in view.iter() if one.tag.endswith("text")]
+    assert {"T_obs", "frame", "effective", "outcome"} <= set(shown)
+    assert shown[0].startswith("cut_in: aeb, L = 1 s: collision at")
+
+
+@pytest.mark.parametrize(("driver", "why"), [("careful", "prescribed"), ("", "has 16 runs")])
+def test_a_row_that_can_not_be_driven_again_is_refused(
+    done: Path, driver: str, why: str, tmp_path: Path
+) -> None:
+    names = [one["driver"] for one in rows(done)]
+    number = names.index(driver) + 1 if driver else len(names) + 1
+    said = CliRunner().invoke(loop, [str(done), "--again", str(number), "--out", str(tmp_path)])
+    assert isinstance(said.exception, InputError)
+    assert why in str(said.exception)
 
 
 @pytest.mark.parametrize(

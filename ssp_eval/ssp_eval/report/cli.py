@@ -16,6 +16,7 @@ from ssp_core.options import WholeNumber
 from ssp_eval.causes.answers import Asked
 from ssp_eval.causes.findings import answers_in, moved_by
 from ssp_eval.causes.tables import moved_tables
+from ssp_eval.data.loop import is_loop_campaign
 from ssp_eval.evaluate.results import CellData, cell_files
 from ssp_eval.figures.write import GROUPS, Written, write_figures
 from ssp_eval.report.making import MOST_ANALYSED, Making, runs_of, statistics_of
@@ -227,6 +228,8 @@ def report(
 ) -> int:
     """Write OUT_DIR/index.html: one file with the pictures in it, readable offline.
 
+    OUT_DIR is a folder of `ssp evaluate`, or of `ssp loop`, whose page tells of driven runs.
+
     With --tables it also writes tables and statistics as files; with --from-cells and --out only
     these, from a CSV file of component scores. The page of more than 500 cells shows statistics
     only with --tables. A cell that isn't as `ssp evaluate` left it, or whose admission its audit
@@ -252,10 +255,9 @@ def report(
                 tables or folder / TABLES, formats, reference, options, expected
             ),
         )
-    if out_dir is None:
-        raise click.UsageError("give the folder of a campaign, or --from-cells FILE.csv")
-    if out is not None:
-        raise click.UsageError("--out belongs to --from-cells; use --tables DIR")
+    out_dir = _campaign_folder(out_dir, out)
+    if is_loop_campaign(out_dir):
+        return _report_loop(out_dir, tables, formats, is_plain=drawn is None and not repeats)
     _check_wanted(tables is not None or drawn is not None, reference, repeats)
     _take(out_dir if out_dir.is_dir() else None, tables, figures)
     changed: dict[Path, str] = {}
@@ -308,6 +310,33 @@ def report(
     size_mb = target.stat().st_size / 1e6
     click.echo(f"{target} ({size_mb:.1f} MB)")
     return 1 if changed else 0
+
+
+def _campaign_folder(out_dir: Path | None, out: Path | None) -> Path:
+    if out_dir is None:
+        raise click.UsageError("give the folder of a campaign, or --from-cells FILE.csv")
+    if out is not None:
+        raise click.UsageError("--out belongs to --from-cells; use --tables DIR")
+    return out_dir
+
+
+def _report_loop(
+    folder: Path, tables: Path | None, formats: Sequence[str], *, is_plain: bool
+) -> int:
+    """Write the page, and the tables where they are asked for, of a campaign of driven runs."""
+    # It needs what runs sessions, which reports of scores do without.
+    from ssp_eval.closed_loop.folder import load_loop
+    from ssp_eval.closed_loop.page import tables_of, write_loop_report
+
+    if not is_plain:
+        raise click.UsageError("a campaign of driven runs has a page and tables: see --tables DIR")
+    _take(folder, tables)
+    campaign = load_loop(folder)
+    target = write_loop_report(campaign)
+    if tables is not None:
+        click.echo(f"{tables} ({len(write_tables(tables, tables_of(campaign), formats))} files)")
+    click.echo(f"{target} ({target.stat().st_size / 1e6:.1f} MB)")
+    return 0
 
 
 def _check_wanted(is_wanted: bool, reference: str | None, repeats: tuple[Path, ...]) -> None:

@@ -3,54 +3,105 @@
 from __future__ import annotations
 
 import json
+import shutil
+from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import click
+from rich.progress import Progress
 
 from ssp_core import console
 from ssp_core.files import make_folder, taken_folder
 from ssp_core.options import WholeNumber
+from ssp_scenario_manager.closed_loop.again import run_of_row
 from ssp_scenario_manager.closed_loop.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.plan_file import load_plan
 from ssp_scenario_manager.closed_loop.rates import Rates
 from ssp_scenario_manager.closed_loop.tables import TABLE_FILE
+from ssp_scenario_manager.closed_loop.top_view import told_with_view
+from ssp_scenario_manager.compile.task import TASK_FOLDER
+from ssp_scenario_manager.run.sweep import for_one_process, run_one
+
+# Runs of a campaign that were driven again lie here, by row.
+AGAIN_FOLDER = "again"
 
 
 @click.command()
-@click.argument("plan_file", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("plan_file", type=click.Path(path_type=Path))
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    required=True,
-    help="Folder of the campaign; one that was interrupted goes on where it stopped.",
+    help="Folder of the campaign; one that was interrupted goes on where it stopped. With --again "
+    "a new folder for the run.",
 )
 @click.option("--jobs", type=WholeNumber(1), default=1, help="Processes that share the runs.")
+@click.option(
+    "--again",
+    type=WholeNumber(1),
+    metavar="ROW",
+    help="With the folder of a campaign instead of its plan: drive the run of this row of runs.csv "
+    "again, and leave its bag and a view from above.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the table as JSON.")
-def loop(plan_file: Path, out: Path, jobs: int, as_json: bool) -> int:
+def loop(plan_file: Path, out: Path | None, jobs: int, again: int | None, as_json: bool) -> int:
     """Run the campaign of PLAN_FILE: events × drivers × latencies × starts × repeats.
 
-    It leaves starts.json (sealed before a driver runs), runs.csv (a row per run) and table.csv (a
-    row per event, driver and latency). Exit status 1 where a baseline that must have a headline of
-    0 has another one.
+    It leaves plan.json, starts.json and cards.json (sealed before a driver runs), runs.csv (a row
+    per run) and table.csv (a row per event, driver and latency); `ssp report` makes a page of them.
+    Exit status 1 where a baseline that must have a headline of 0 has another one.
+
+    \b
+    For example:
+      ssp loop plan.yaml --out out/loop --jobs 2
+      ssp report out/loop
+      ssp loop out/loop --again 17
     """
+    if again is not None:
+        return _again(plan_file, again, out, as_json)
+    if out is None:
+        raise click.UsageError("give the folder of the campaign with --out")
     plan = load_plan(plan_file)
     make_folder(out)
-    with taken_folder(out), console.progress("runs", None) as bar:
-
-        def count(total: int) -> None:
-            bar.update(bar.task_ids[0], total=total, advance=1)
-
-        rates, refused = run_campaign(plan, out, jobs, count, console.note)
+    with taken_folder(out), console.progress("runs", None, estimated=True) as bar:
+        rates, refused = run_campaign(plan, out, jobs, _counted(bar), console.note)
     if as_json:
         click.echo(json.dumps([asdict(one) for one in rates]))
     else:
         for one in rates:
             console.out.print(_line(one), markup=False)
-        console.out.print(f"{out / TABLE_FILE}", markup=False)
+        console.out.print(f"{out / TABLE_FILE}; ssp report {out} makes its page", markup=False)
     for text in refused:
         console.report_error(f"the campaign is refused: {text}")
     return 1 if refused else 0
+
+
+def _counted(bar: Progress) -> Callable[[int, int], None]:
+    """Return what shows the runs that are done; those of an earlier call took no time of this."""
+    begun = False
+
+    def count(done: int, total: int) -> None:
+        nonlocal begun
+        show = bar.update if begun else bar.reset
+        show(bar.task_ids[0], total=total, completed=done)
+        begun = True
+
+    return count
+
+
+def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
+    """Drive one run of a campaign again."""
+    run, task = run_of_row(campaign, row)
+    folder = out or campaign / AGAIN_FOLDER / str(row)
+    make_folder(folder)
+    with taken_folder(folder, empty=True):
+        shutil.copytree(task, folder / TASK_FOLDER)
+        spec = for_one_process(run.model_copy(update={"run_id": folder.name}), camera=True)
+        told = run_one(
+            spec, folder, as_json, recorded=True, further=partial(told_with_view, folder)
+        )
+    return 0 if told["verdict"] == "valid" else 1
 
 
 def _line(one: Rates) -> str:

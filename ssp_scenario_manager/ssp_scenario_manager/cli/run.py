@@ -7,6 +7,7 @@ import shutil
 import tempfile
 import time
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,8 @@ from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.driver import sees_frames
-from ssp_scenario_manager.closed_loop.single import Drive, driven_run, parse_drive, told_of_run
+from ssp_scenario_manager.closed_loop.single import Drive, driven_run, parse_drive
+from ssp_scenario_manager.closed_loop.top_view import told_with_view
 from ssp_scenario_manager.compile.changes import differences, with_value
 from ssp_scenario_manager.compile.targets.folder import (
     Mode,
@@ -280,7 +282,14 @@ def run(
         shutil.move(draft / TASK_FOLDER, folder / TASK_FOLDER)
     if in_process:
         drawn_by = servers.get(names.FRONT_CAMERA)
-        told = run_one(spec, folder, as_json, recorded=record, server=drawn_by, further=told_of_run)
+        told = run_one(
+            spec,
+            folder,
+            as_json,
+            recorded=record,
+            server=drawn_by,
+            further=partial(told_with_view, folder),
+        )
         if junit is not None:
             write_junit(junit, "ssp run", [_case(spec, folder, told)])
         return 0 if told["verdict"] == "valid" else 1

@@ -31,7 +31,7 @@ def run_campaign(
     plan: LoopPlan,
     folder: Path,
     jobs: int,
-    on_row: Callable[[int], None],
+    on_rows: Callable[[int, int], None],
     say: Callable[[str], None],
 ) -> tuple[list[Rates], list[str]]:
     """Run a campaign, or what is left of it; return the rates, and why it is refused.
@@ -40,7 +40,7 @@ def run_campaign(
         plan: the campaign.
         folder: new, or of the same campaign.
         jobs: processes that share the work.
-        on_row: is given how many runs there are in all, for each one that is done.
+        on_rows: is given how many runs are done, at first those that were, and of how many.
         say: takes what doesn't end it, for people.
 
     Raises:
@@ -57,15 +57,13 @@ def run_campaign(
     _check_rows(path, rows, todo, per_job)
     write_text(path, lines_of([RUN_COLUMNS, *rows]))
     total = len(todo) * per_job
-    for _ in rows:
-        on_row(total)
+    on_rows(len(rows), total)
     with ordered_map(min(jobs, len(todo))) as run_all, path.open("a", newline="") as stream:
         for done in run_all(rows_of, todo[len(rows) // per_job :]):
             stream.write(lines_of(done))
             stream.flush()
             rows += done
-            for _ in done:
-                on_row(total)
+            on_rows(len(rows), total)
     rates = rates_of([read_row(row) for row in rows])
     knowing = {one.shown for one in plan.everybody if one.is_privileged}
     table = [rates_row(one, one.driver in knowing) for one in rates]

@@ -1,7 +1,8 @@
 """The careful driver of UN R157 as a prescribed motion of the VUT, outside the plant (METHOD 8.8).
 
-It is defined for an object that changes lanes and for one that brakes ahead of the VUT; elsewhere
-there is none. Up to its braking, which is prescribed, it moves as the ``no_response`` twin does.
+It is defined for an object that changes lanes and for one that brakes hard ahead of the VUT;
+elsewhere there is none. Up to its braking, which is prescribed, it moves as the ``no_response``
+twin does.
 """
 
 from __future__ import annotations
@@ -55,9 +56,15 @@ class CarefulDriver:
 CAREFUL_DRIVER = CarefulDriver()
 
 
-def is_defined(run: RunSpec) -> bool:
-    """Tell whether the careful driver is defined for the event of a run."""
-    return run.triggers[0].manoeuvre.kind in ("lane_change", "brake")
+def is_defined(run: RunSpec, driver: CarefulDriver = CAREFUL_DRIVER) -> bool:
+    """Tell whether the careful driver is defined for a run.
+
+    UN R157 doesn't say what it does behind an object that brakes by less than it perceives.
+    """
+    manoeuvre = run.triggers[0].manoeuvre
+    if manoeuvre.kind == "brake":
+        return manoeuvre.deceleration_mps2 > driver.braking_mps2
+    return manoeuvre.kind == "lane_change"
 
 
 def careful_motion(

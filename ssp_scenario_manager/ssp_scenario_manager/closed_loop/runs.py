@@ -180,9 +180,18 @@ def drive_start(
     return Drove(run, run.driven, result, record, outcome)
 
 
+def drivable(text: str) -> Start:
+    """Return a sealed start, with its twin.
+
+    Args:
+        text: as a job has it.
+    """
+    return from_facts(json.loads(text))
+
+
 @lru_cache(maxsize=2)
 def _start(text: str) -> tuple[Start, Record]:
     """Return a sealed start with its twin, and the built-in driver's event-free run."""
-    start = from_facts(json.loads(text))
+    start = drivable(text)
     drove = drive_start(start, CampaignDriver(driver=BUILT_IN), 0.0, event=False)
     return start, drove.record

@@ -28,7 +28,13 @@ from ssp_scenario_manager.run.sweep import ordered_map
 PLAN_FILE, TASKS_FOLDER, STARTS_FILE = "plan.json", "tasks", "starts.json"
 STARTS_SCHEMA = "ssp.loop_starts/1"
 # Their sources decide how a run goes and what it is rated.
-_PACKAGES = ("ssp_core", "ssp_ot_controller", "ssp_scenario_manager", "ssp_vla_bridge")
+_PACKAGES = (
+    "ssp_core",
+    "ssp_ot_controller",
+    "ssp_scenario_manager",
+    "ssp_vla_bridge",
+    "ssp_eval.evaluate",
+)
 _OTHER = {
     "version": "is of another version of this software",
     "sources": "is of other sources of this software, under the same version",

@@ -1,0 +1,127 @@
+"""A campaign of driven runs as ``ssp loop`` leaves it, read for its report."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ssp_core.errors import InputError
+from ssp_core.hashing import sha256_json
+from ssp_scenario_manager.closed_loop.cards import CARDS_FILE, load_cards
+from ssp_scenario_manager.closed_loop.plan_file import LoopPlan
+from ssp_scenario_manager.closed_loop.rates import Rates, RunRow, rates_of
+from ssp_scenario_manager.closed_loop.seal import PLAN_FILE, STARTS_FILE
+from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, RUNS_FILE, read_row
+
+CRITICAL = "critical"
+_Content = TypeVar("_Content")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One row of ``runs.csv``.
+
+    Args:
+        number: of the row, from 1.
+        row: the part that rates are made of.
+        cells: all columns as they stand in the file.
+    """
+
+    number: int
+    row: RunRow
+    cells: dict[str, str]
+
+    def value(self, column: str) -> float | None:
+        """Return a number of the row; None where there is none."""
+        text = self.cells[column]
+        return float(text) if text else None
+
+
+@dataclass(frozen=True)
+class LoopCampaign:
+    """A campaign of driven runs.
+
+    Args:
+        starts: sealed ones.
+        cards: of the drivers, in the order of the table.
+        runs: in the order of the file.
+    """
+
+    folder: Path
+    plan: LoopPlan
+    version: str
+    starts: tuple[dict[str, Any], ...]
+    cards: tuple[dict[str, Any], ...]
+    runs: tuple[Run, ...]
+
+    @property
+    def critical(self) -> list[Run]:
+        """Runs of critical starts, which rates are of."""
+        return [one for one in self.runs if one.row.kind == CRITICAL]
+
+    @property
+    def rates(self) -> list[Rates]:
+        """Rates by event, driver and latency."""
+        return rates_of([one.row for one in self.runs])
+
+    @property
+    def drivers(self) -> list[str]:
+        """Drivers with runs, in the order of the plan."""
+        there = {one.row.driver for one in self.runs}
+        return [one.shown for one in self.plan.everybody if one.shown in there]
+
+    def card(self, driver: str) -> dict[str, Any]:
+        """Return a driver's card."""
+        return next(one for one in self.cards if one["driver"] == driver)
+
+
+def load_loop(folder: Path) -> LoopCampaign:
+    """Read a campaign, whole or as far as it got.
+
+    Raises:
+        InputError: a file is missing, damaged, or was changed after it was sealed.
+    """
+    sealed = _read(folder / PLAN_FILE, json.loads)
+    starts = _read(folder / STARTS_FILE, json.loads)
+    if starts.get("hash") != sha256_json(starts.get("starts")):
+        raise InputError("was changed after it was sealed", file=folder / STARTS_FILE)
+    return LoopCampaign(
+        folder=folder,
+        plan=LoopPlan.model_validate(sealed["plan"]),
+        version=str(sealed["version"]),
+        starts=tuple(starts["starts"]),
+        cards=tuple(load_cards(folder / CARDS_FILE)),
+        runs=tuple(_runs(folder / RUNS_FILE)),
+    )
+
+
+def _read(path: Path, parse: Callable[[str], _Content]) -> _Content:
+    try:
+        return parse(path.read_text("utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"can't be read: {error}", file=path, remedy="name a folder that `ssp loop` wrote"
+        ) from error
+
+
+def _runs(path: Path) -> list[Run]:
+    header, *rows = _read(path, lambda text: [*csv.reader(text.splitlines())]) or [[]]
+    if header != RUN_COLUMNS:
+        raise InputError("has other columns than those of a campaign", file=path, line=1)
+    return [_run(path, k, row) for k, row in enumerate(rows, 1)]
+
+
+def _run(path: Path, number: int, row: Sequence[str]) -> Run:
+    try:
+        return Run(number, read_row(list(row)), dict(zip(RUN_COLUMNS, row, strict=True)))
+    except ValueError as error:
+        raise InputError(
+            f"is no row of a campaign: {error}",
+            file=path,
+            line=number + 1,
+            remedy="let `ssp loop` go on: it drives what was cut off again",
+        ) from error

@@ -1,0 +1,256 @@
+"""The report of a campaign of driven runs: one self-contained page in its folder."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from ssp_core.files import write_text
+from ssp_core.templates import templates
+from ssp_eval.closed_loop.comparisons import HARNESS, LEAST_EVENTS
+from ssp_eval.closed_loop.figures import (
+    SHARES,
+    Chain,
+    chains_of,
+    class_of,
+    counts_of,
+    outcome_plot,
+)
+from ssp_eval.closed_loop.folder import LoopCampaign, Run
+from ssp_eval.closed_loop.tables import (
+    conditions_of,
+    groups_of,
+    headline_table,
+    outcome_table,
+    over_events_table,
+    pair_table,
+    severity_table,
+)
+from ssp_eval.report.render import grid
+from ssp_eval.statistics.table import Table
+from ssp_scenario_manager.closed_loop.plan_file import BASELINES, ZERO
+from ssp_scenario_manager.closed_loop.rates import refused_for, rising
+from ssp_scenario_manager.closed_loop.runs import jobs_of
+
+PAGE = "index.html"
+_HERE = Path(__file__).parent
+_REPORT = _HERE.parent / "report"
+# Failed runs of one driver that the page lists.
+MOST_FAILED = 60
+# Fewer critical starts leave an interval that says little.
+FEW_STARTS = 10
+
+
+def write_loop_report(campaign: LoopCampaign) -> Path:
+    """Write the page of a campaign into its folder."""
+    target = campaign.folder / PAGE
+    write_text(target, render(campaign))
+    return target
+
+
+def tables_of(campaign: LoopCampaign) -> list[Table]:
+    """Return all tables of a campaign, for files; those of a group of drivers have its number."""
+    found = []
+    for k, group in enumerate(groups_of(campaign)):
+        own = [
+            *(severity_table(campaign, event, group) for event in campaign.plan.events),
+            *(headline_table(campaign, event, group) for event in campaign.plan.events),
+            over_events_table(campaign, group),
+            pair_table(campaign, group),
+        ]
+        found += [replace(one, name=f"{one.name}_{k + 1}") for one in own]
+    return found
+
+
+def render(campaign: LoopCampaign) -> str:
+    """Return the page of a campaign as HTML."""
+    styles = [folder / "style.css" for folder in (_REPORT, _HERE)]
+    groups = groups_of(campaign)
+    critical = [one for one in campaign.starts if one["kind"] == "critical"]
+    own = [one for one in campaign.drivers if one not in BASELINES]
+    there = counts_of(campaign.critical)
+    return (
+        templates(_HERE)
+        .get_template("page.html.j2")
+        .render(
+            style=Markup("".join(style.read_text("utf-8") for style in styles)),
+            campaign=campaign,
+            events=campaign.plan.events,
+            critical_starts=len(critical),
+            other_starts=len(campaign.starts) - len(critical),
+            own_drivers=own,
+            baselines=len(campaign.drivers) - len(own),
+            planned=planned_of(campaign),
+            notices=notices_of(campaign),
+            privileged=[one["driver"] for one in campaign.cards if one["privileged"]],
+            shares=[
+                {"name": share.replace("_", " "), "class": class_of(share)}
+                for share in SHARES
+                if there[share]
+            ],
+            parts=[_part(campaign, event, groups) for event in campaign.plan.events],
+            over_events=[grid(over_events_table(campaign, group)) for group in groups],
+            pairs=[grid(pair_table(campaign, group)) for group in groups if len(group) > 1],
+            prediction=None,
+            failed=failed_of(campaign),
+            most=MOST_FAILED,
+            again=lambda run: again(campaign, run),
+            rows_of=card_rows,
+        )
+    )
+
+
+def _part(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> dict[str, Any]:
+    rates = [one for one in campaign.rates if one.event == event]
+    runs = [one for one in campaign.critical if one.row.event == event]
+    shown = []
+    for group in groups:
+        drivers = [one for one in group if any(run.row.driver == one for run in runs)]
+        if drivers:
+            plots = [
+                (
+                    driver,
+                    Markup(
+                        outcome_plot(
+                            driver,
+                            [run for run in runs if run.row.driver == driver],
+                            sorted(
+                                (one for one in rates if one.driver == driver),
+                                key=lambda one: one.latency_s,
+                            ),
+                        )
+                    ),
+                )
+                for driver in drivers
+            ]
+            shown.append(
+                {
+                    "conditions": conditions_of(campaign, drivers),
+                    "headline": grid(headline_table(campaign, event, drivers)),
+                    "outcomes": grid(outcome_table(rates, event, drivers)),
+                    "plots": plots,
+                }
+            )
+    chains = chains_of(campaign, event)
+    return {
+        "event": event,
+        "groups": shown,
+        "chains": [_with_words(chain) for chain in chains],
+        "longest_s": max([chain.whole_s for chain in chains], default=0.0) or 1.0,
+        "severity": [grid(severity_table(campaign, event, group)) for group in groups],
+    }
+
+
+def _with_words(chain: Chain) -> dict[str, Any]:
+    named = (("frame", chain.wait_s), ("answer", chain.answer_s), ("response", chain.response_s))
+    words = [f"{name} {value:+.2f} s" for name, value in named if value is not None]
+    told = ", ".join(words) if words else "not asked after T_obs"
+    if chain.responded < chain.runs:
+        told += f"; no response in {chain.runs - chain.responded} of {chain.runs}"
+    return {
+        "driver": chain.driver,
+        "latency_s": chain.latency_s,
+        "parts": chain.parts,
+        "told": told,
+    }
+
+
+def planned_of(campaign: LoopCampaign) -> int:
+    """Return how many runs the campaign will have."""
+    jobs = sum(1 for _ in jobs_of(campaign.plan, campaign.starts))
+    return jobs * len(campaign.plan.latencies) * campaign.plan.repeats
+
+
+def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
+    """Return what must be read before the numbers, each with whether it is strong."""
+    plan, rates = campaign.plan, campaign.rates
+    found = [
+        (
+            "An outcome is of these events, places and starts. Objects don't react to the VUT. "
+            "No headline says that a model may drive a vehicle.",
+            True,
+        )
+    ]
+    done, planned = len(campaign.runs), planned_of(campaign)
+    if done < planned:
+        found.append((f"Only {done} of {planned} runs are done: rates will change.", True))
+    found += [(f"The campaign is refused: {text}.", True) for text in refused_for(rates, ZERO)]
+    found += [
+        (f"Gets better with latency: {text}.", True) for text in rising(rates, campaign.drivers)
+    ]
+    for one in rates:
+        if one.headline is None:
+            lost = one.planned - one.driven
+            found.append(
+                (
+                    f"{one.driver} on {one.event} at L = {one.latency_s:g} s has no rate: our side "
+                    f"failed in {lost} of {one.planned} runs.",
+                    True,
+                )
+            )
+        if one.starved:
+            found.append(
+                (
+                    f"{one.driver} on {one.event} at L = {one.latency_s:g} s is starved in "
+                    f"{one.starved} of {one.planned} runs: its plans end before the next can be "
+                    "effective. It is shown, not ranked.",
+                    False,
+                )
+            )
+    if plan.starts < FEW_STARTS:
+        found.append((f"{plan.starts} critical starts per event leave wide intervals.", False))
+    if len(plan.events) < LEAST_EVENTS:
+        found.append(
+            (f"{len(plan.events)} events: no interval says anything of other events.", False)
+        )
+    return found
+
+
+def failed_of(campaign: LoopCampaign) -> list[tuple[str, list[Run]]]:
+    """Return by driver its runs that are no success, those of the plan's own drivers first."""
+    drivers = sorted(
+        (one for one in campaign.drivers if one not in ZERO), key=lambda one: one in BASELINES
+    )
+    found = []
+    for driver in drivers:
+        runs = [r for r in campaign.critical if r.row.driver == driver and not r.row.succeeds]
+        if runs:
+            found.append((driver, sorted(runs, key=lambda r: r.row.outcome != HARNESS)))
+    return found
+
+
+def again(campaign: LoopCampaign, run: Run) -> str:
+    """Return the command that drives one run again."""
+    return f"ssp loop {shlex.quote(str(campaign.folder))} --again {run.number}"
+
+
+def card_rows(card: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return a card as rows of words."""
+    rows = []
+    for key, value in card.items():
+        if key == "latencies":
+            for one in value:
+                shown = f"p50 {one['p50_s']:g} s, p99 {one['p99_s']:g} s, {one['contains']}"
+                rows.append((f"L {one['given']}", shown))
+        elif isinstance(value, Mapping):
+            rows += [(f"{key}: {name}".replace("_", " "), _words(v)) for name, v in value.items()]
+        else:
+            rows.append((key.replace("_", " "), _words(value)))
+    return rows
+
+
+def _words(value: Any) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_words(one)}" for name, one in value.items()) or "none"
+    if isinstance(value, list):
+        return ", ".join(map(_words, value)) or "none"
+    return str(value)

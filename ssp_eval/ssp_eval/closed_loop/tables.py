@@ -1,0 +1,204 @@
+"""The tables of a campaign of driven runs, in the form that every table has."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from ssp_eval.closed_loop.comparisons import LEAST_EVENTS, over_events, pairs_of
+from ssp_eval.closed_loop.folder import LoopCampaign, Run
+from ssp_eval.score.cli import NULL
+from ssp_eval.statistics.table import Column, Table, Value
+from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
+from ssp_scenario_manager.closed_loop.rates import Rates
+
+# What must be like for two drivers' results to stand under one another.
+CONDITIONS = (
+    "cameras",
+    "route_m",
+    "step_s",
+    "frame_period_s",
+    "timeout_s",
+    "tracker",
+    "d_max_mps2",
+)
+_SEVERITY = (
+    ("v_i_mps", "v_i, m/s"),
+    ("severity", "severity"),
+    ("ttc_s", "TTC, s"),
+    ("distance_m", "distance, m"),
+    ("pet_s", "PET, s"),
+    ("needed_mps2", "needed, m/s²"),
+    ("jerk_mps3", "jerk, m/s³"),
+    ("replan_m", "re-plan, m"),
+)
+
+
+def groups_of(campaign: LoopCampaign) -> list[list[str]]:
+    """Return the drivers in groups with like conditions: others never share a column."""
+    found: dict[str, list[str]] = {}
+    for driver in campaign.drivers:
+        card = campaign.card(driver)
+        contains = [one["contains"] for one in card["latencies"]]
+        key = repr([*(card[name] for name in CONDITIONS), card["limits"], contains])
+        found.setdefault(key, []).append(driver)
+    return list(found.values())
+
+
+def conditions_of(campaign: LoopCampaign, drivers: Sequence[str]) -> str:
+    """Return what a group of drivers has in common, in words."""
+    card = campaign.card(drivers[0])
+    if card["tracker"] is None:
+        return "prescribed motion, outside the plant: no plans, no latency"
+    route = "no route" if card["route_m"] is None else f"route {card['route_m']:g} m ahead"
+    seen = "by camera" if card["cameras"] else "no frames"
+    return f"plans tracked, {route}, {seen}, a question each {card['frame_period_s']:g} s at most"
+
+
+def with_ends(value: float | None, low: float | None, high: float | None) -> str:
+    """Return a share with its interval, as a cell."""
+    if value is None:
+        return NULL
+    return f"{value:.2f}" + ("" if low is None else f" [{low:.2f}, {high:.2f}]")
+
+
+def headline_table(campaign: LoopCampaign, event: str, drivers: Sequence[str]) -> Table:
+    """Return the headlines of one event: drivers over latencies."""
+    by_place = {(one.driver, one.latency_s): one for one in campaign.rates if one.event == event}
+    latencies = sorted({latency_s for _, latency_s in by_place})
+    columns = [Column("driver", "driver", "text"), Column("rank", "", "text")]
+    columns += [Column(f"l_{k}", f"L = {value:g} s", "text") for k, value in enumerate(latencies)]
+    rows = []
+    for driver in drivers:
+        cells: list[Value] = []
+        for latency_s in latencies:
+            one = by_place.get((driver, latency_s))
+            cells.append(NULL if one is None else with_ends(one.headline, one.low, one.high))
+        marked = "privileged" if campaign.card(driver)["privileged"] else ""
+        rows.append((driver, marked, *cells))
+    return Table(f"headline_{event}", event, tuple(columns), tuple(rows))
+
+
+def outcome_table(rates: Iterable[Rates], event: str, drivers: Sequence[str]) -> Table:
+    """Return how many runs of one event have which outcome; those that none has are left out."""
+    own = [one for one in rates if one.event == event and one.driver in drivers]
+    there = [k for k in range(len(OUTCOMES)) if any(one.outcomes[k] for one in own)]
+    columns = (
+        *(Column("driver", "driver", "text"), Column("latency_s", "L, s", "number")),
+        *(Column("planned", "runs", "count"), Column("worst", "worst case", "decimal")),
+        *(Column(OUTCOMES[k], OUTCOMES[k].replace("_", " "), "count") for k in there),
+        *(Column("needless", "needless", "count"), Column("starved", "starved", "count")),
+        *(Column("within_sd", "sd within", "decimal"), Column("between_sd", "between", "decimal")),
+    )
+    rows = tuple(
+        (
+            *(one.driver, one.latency_s, one.planned, one.worst),
+            *(one.outcomes[k] for k in there),
+            *(one.needless, one.starved, one.within_sd, one.between_sd),
+        )
+        for one in own
+    )
+    return Table(f"outcomes_{event}", event, columns, rows)
+
+
+def severity_table(campaign: LoopCampaign, event: str, drivers: Sequence[str]) -> Table:
+    """Return the means of the measures of harm, each with the number of runs that have it."""
+    columns = [Column("driver", "driver", "text"), Column("latency_s", "L, s", "number")]
+    columns += [Column(name, title, "text") for name, title in _SEVERITY]
+    rows: list[tuple[Value, ...]] = []
+    cells: dict[tuple[str, float], list[Run]] = {}
+    for run in campaign.critical:
+        if run.row.event == event and run.row.driver in drivers:
+            cells.setdefault((run.row.driver, run.row.latency_s), []).append(run)
+    for (driver, latency_s), runs in cells.items():
+        rows.append((driver, latency_s, *(_mean(runs, name) for name, _ in _SEVERITY)))
+    return Table(
+        f"severity_{event}",
+        event,
+        tuple(columns),
+        tuple(rows),
+        notes=(
+            "Means over the runs that have a value, whose number stands behind it where it isn't "
+            "that of all runs. The smallest TTC and distance, the largest needed deceleration and "
+            "jerk of each run lie between the hand-over and its deciding fact.",
+        ),
+    )
+
+
+def _mean(runs: Sequence[Run], name: str) -> str:
+    values = [value for run in runs if (value := run.value(name)) is not None]
+    if not values:
+        return NULL
+    count = "" if len(values) == len(runs) else f" ({len(values)})"
+    return f"{math.fsum(values) / len(values):.2f}{count}"
+
+
+def over_events_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
+    """Return the headlines over events, with an interval from eight events on."""
+    headlines = {
+        (one.event, one.driver, one.latency_s): one.headline
+        for one in campaign.rates
+        if one.driver in drivers
+    }
+    found = over_events(campaign.critical, headlines)
+    latencies = sorted({one.latency_s for one in found})
+    cells = {
+        (one.driver, one.latency_s): with_ends(one.headline, one.interval.low, one.interval.high)
+        + (f" ({one.events})" if one.events < len(campaign.plan.events) else "")
+        for one in found
+    }
+    events = len(campaign.plan.events)
+    note = (
+        "The interval is a bootstrap over events, then starts (expanded percentile, 95 %)."
+        if events >= LEAST_EVENTS
+        else f"{events} events carry no interval: there is one from {LEAST_EVENTS} on."
+    )
+    return Table(
+        "over_events",
+        "Headline over events",
+        (
+            Column("driver", "driver", "text"),
+            *(Column(f"l_{k}", f"L = {s:g} s", "text") for k, s in enumerate(latencies)),
+        ),
+        tuple(
+            (driver, *(cells.get((driver, latency_s), NULL) for latency_s in latencies))
+            for driver in drivers
+            if any((driver, latency_s) in cells for latency_s in latencies)
+        ),
+        notes=(
+            "Each event counts once; in brackets how many, where a driver isn't defined for all. "
+            + note,
+        ),
+    )
+
+
+def pair_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
+    """Return McNemar's exact test of each two drivers of a group."""
+    events = ", ".join(campaign.plan.events)
+    return Table(
+        "pairs",
+        f"Pairs of drivers, for these events: {events}",
+        (
+            Column("first", "driver", "text"),
+            Column("second", "against", "text"),
+            Column("latency_s", "L, s", "number"),
+            Column("starts", "starts", "count"),
+            Column("more", "first alone", "count"),
+            Column("fewer", "second alone", "count"),
+            Column("p", "p", "p"),
+            Column("p_least", "least p", "p"),
+        ),
+        tuple(
+            (
+                *(o.first, o.second, o.latency_s, o.starts),
+                *(o.test.more, o.test.fewer, o.test.p, o.test.p_least),
+            )
+            for o in pairs_of(campaign.critical, drivers)
+        ),
+        notes=(
+            "McNemar's exact test on the same (event, start, L), for these events: it says nothing "
+            "of others. First alone: starts on which the first driver succeeds and the second "
+            "doesn't. Least p: what no distribution of as many differing starts can pass under. "
+            "Of many pairs some are below 0.05 by chance.",
+        ),
+    )

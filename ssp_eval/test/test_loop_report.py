@@ -1,0 +1,358 @@
+"""The report of a campaign of driven runs: statistics of METHOD 8.7, tables and page."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import json
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from ssp_core.errors import InputError
+from ssp_core.hashing import sha256_json
+from ssp_eval.closed_loop.comparisons import over_events, pairs_of
+from ssp_eval.closed_loop.figures import NEEDLESS, chains_of, counts_of, outcome_plot
+from ssp_eval.closed_loop.folder import LoopCampaign, Run, load_loop
+from ssp_eval.closed_loop.page import again, failed_of, notices_of, planned_of, render
+from ssp_eval.closed_loop.tables import groups_of, headline_table, pair_table
+from ssp_eval.report.cli import report
+from ssp_eval.statistics.table import texts
+from ssp_scenario_manager.closed_loop.plan_file import BASELINES
+from ssp_scenario_manager.closed_loop.rates import RunRow, rates_of
+from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS
+from tests.support.runs import cut_in_run
+
+LATENCIES = (0.0, 0.5)
+MINE = "mine"
+
+
+def made_run(
+    number: int = 1,
+    *,
+    event: str = "cut_in",
+    start: str = "s1",
+    driver: str = MINE,
+    latency_s: float = 0.0,
+    kind: str = "critical",
+    outcome: str = "avoided",
+    needless: str = "",
+    starved: bool = False,
+    **cells: str,
+) -> Run:
+    row = RunRow(event, start, driver, latency_s, kind, outcome, needless, starved)
+    values = dict.fromkeys(RUN_COLUMNS, "")
+    values |= {
+        "event": event,
+        "seed": "1",
+        "start": start,
+        "kind": kind,
+        "driver": driver,
+        "latency_s": f"{latency_s:g}",
+        "repeat": "0",
+        "outcome": outcome,
+        "needless": needless,
+        "starved": str(starved).lower(),
+    }
+    return Run(number, row, {**values, **cells})
+
+
+# -- statistics ------------------------------------------------------------------------------------
+
+
+def test_mcnemar_counts_the_starts_on_which_one_driver_alone_succeeds() -> None:
+    runs = []
+    # 6 starts that the first alone avoids, 1 that the second alone avoids, 3 that both do.
+    for k, (one, other) in enumerate([(True, False)] * 6 + [(False, True)] + [(True, True)] * 3):
+        for driver, succeeds in (("a", one), ("b", other)):
+            outcome = "avoided" if succeeds else "collision"
+            runs.append(made_run(start=f"s{k}", driver=driver, outcome=outcome))
+    (pair,) = pairs_of(runs, ["a", "b"])
+    assert (pair.starts, pair.test.more, pair.test.fewer) == (10, 6, 1)
+    # Two-sided binomial of 1 of 7: 2 * (1 + 7) / 2**7.
+    assert pair.test.p == pytest.approx(2 * 8 / 128)
+    assert pair.test.p_least == pytest.approx(2 / 128)
+
+
+def test_pairs_are_of_the_same_event_start_and_latency() -> None:
+    runs = [
+        made_run(driver="a", latency_s=0.0),
+        made_run(driver="b", latency_s=0.5, outcome="collision"),
+        made_run(driver="b", event="other", outcome="collision"),
+        made_run(driver="b", start="s2", outcome="collision"),
+        made_run(driver="b", outcome="harness"),
+    ]
+    assert pairs_of(runs, ["a", "b"]) == []
+
+
+def test_repeats_of_a_start_are_one_pair() -> None:
+    runs = [made_run(driver="a") for _ in range(4)]
+    runs += [made_run(driver="b", outcome=o) for o in ("avoided", "collision") * 2]
+    (pair,) = pairs_of(runs, ["a", "b"])
+    assert (pair.starts, pair.test.more, pair.test.fewer) == (1, 1, 0)
+
+
+def over(shares: dict[str, list[float]], **options: Any) -> Any:
+    """The headline of one driver over events, from the shares of successes of its starts."""
+    runs = [
+        made_run(event=event, start=f"{event} {k}", outcome="avoided" if share else "collision")
+        for event, values in shares.items()
+        for k, share in enumerate(values)
+    ]
+    headlines = {
+        (one.event, one.driver, one.latency_s): one.headline
+        for one in rates_of([run.row for run in runs])
+    }
+    (found,) = over_events(runs, headlines, **options)
+    return found
+
+
+def test_fewer_than_eight_events_have_no_interval_over_events() -> None:
+    found = over({f"e{k}": [1.0, 0.0] for k in range(7)})
+    assert (found.headline, found.interval.low, found.interval.high) == (0.5, None, None)
+
+
+def test_each_event_counts_once_whatever_its_number_of_starts() -> None:
+    found = over({"e1": [1.0] * 9, "e2": [0.0]})
+    assert found.headline == 0.5
+
+
+def test_the_bootstrap_draws_events_and_then_their_starts() -> None:
+    """Its spread is that of both stages; either alone would miss one of these."""
+    apart = {f"e{k}": [float(k % 2)] * 20 for k in range(8)}
+    within = {f"e{k}": [1.0, 0.0] * 10 for k in range(8)}
+    wide, narrow = over(apart), over(within)
+    assert wide.headline == narrow.headline == 0.5
+    # Between events alone: sd 0.5 / sqrt(8); within alone: 0.5 / sqrt(160). The ends are those of
+    # the expanded percentile interval: t(7) = 2.365, times sqrt(8 / 7).
+    reach = 2.365 * math.sqrt(8 / 7)
+    assert wide.interval.high - wide.interval.low == pytest.approx(
+        2 * reach * 0.5 / math.sqrt(8), abs=0.15
+    )
+    assert narrow.interval.high - narrow.interval.low == pytest.approx(
+        2 * reach * 0.5 / math.sqrt(160), abs=0.03
+    )
+
+
+def test_the_same_seed_gives_the_same_interval_and_another_one_another() -> None:
+    rng = np.random.default_rng(3)
+    shares = {f"e{k}": (rng.random(12) < rng.random()).astype(float).tolist() for k in range(9)}
+    assert over(shares) == over(shares)
+    assert over(shares, resamples=500) != over(shares, resamples=500, seed=2)
+
+
+def test_an_event_without_a_headline_leaves_none_over_events() -> None:
+    runs = [made_run(event=f"e{k}") for k in range(8)]
+    headlines: dict[tuple[str, str, float], float | None] = {
+        (f"e{k}", MINE, 0.0): 1.0 if k else None for k in range(8)
+    }
+    (found,) = over_events(runs, headlines)
+    assert (found.headline, found.interval.low) == (None, None)
+
+
+# -- the campaign's folder and page ----------------------------------------------------------------
+
+
+def card(driver: str, **changes: Any) -> dict[str, Any]:
+    made = {
+        "driver": driver,
+        "kind": driver,
+        "options": {},
+        "privileged": driver in ("aeb", "oracle", "careful", "built_in"),
+        "cameras": [],
+        "route_m": 80.0,
+        "step_s": 0.02,
+        "frame_period_s": 0.1,
+        "latencies": [
+            {"given": "zero", "p50_s": 0.0, "p99_s": 0.0, "contains": "a constant"},
+            {"given": "fixed:0.5", "p50_s": 0.5, "p99_s": 0.5, "contains": "a constant"},
+        ],
+        "timeout_s": None,
+        "tracker": None if driver == "careful" else "tracker",
+        "d_max_mps2": 7.0,
+        "limits": {"outcome": {}, "plan": {}},
+        "hardware": {"cores": 2},
+        **changes,
+    }
+    hashed = {k: v for k, v in made.items() if k != "hardware"}
+    return {**made, "hash": sha256_json(hashed)}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A campaign of four starts, as `ssp loop` leaves it, without a run of a simulation."""
+    place = tmp_path / "a campaign"
+    place.mkdir()
+    plan = {
+        "schema": "ssp.loop/1",
+        "events": ["cut_in"],
+        "latencies": ["zero", "fixed:0.5"],
+        "starts": 4,
+        "others": 0,
+        "drivers": [{"driver": "aeb", "label": MINE}],
+    }
+    (place / "plan.json").write_text(json.dumps({"version": "0.1", "sources": {}, "plan": plan}))
+    starts = [
+        {"event": "cut_in", "kind": "critical", "seed": k, "hash": f"s{k}", "run": cut_in_run()}
+        for k in range(4)
+    ]
+    (place / "starts.json").write_text(json.dumps({"starts": starts, "hash": sha256_json(starts)}))
+    cards = [card(name) for name in (*BASELINES, MINE)]
+    (place / "cards.json").write_text(json.dumps({"cards": cards}))
+    each = itertools.product(range(4), (*BASELINES, MINE), LATENCIES)
+    rows = [_row(k, driver, latency_s).cells for k, driver, latency_s in each]
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, RUN_COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    (place / "runs.csv").write_text(stream.getvalue())
+    return place
+
+
+def _row(k: int, driver: str, latency_s: float) -> Run:
+    failing = driver in ("no_response", "constant_velocity") or (driver == MINE and latency_s)
+    outcome = "collision" if failing and (driver != MINE or k < 3) else "avoided"
+    if driver in ("stop_at_once", "always_brake"):
+        outcome = "evaded"
+    needless = "brakes <hard> by 3.0 m/s^2" if driver == MINE and k == 0 and not latency_s else ""
+    return made_run(
+        start=f"s{k}",
+        driver=driver,
+        latency_s=latency_s,
+        outcome=outcome,
+        needless=needless,
+        seed=str(k),
+        why="with ot1, front to rear" if outcome == "collision" else "",
+        observable_s="10.0",
+        frame_s="10.1",
+        effective_s=str(10.1 + latency_s),
+        response_s="" if outcome == "collision" else str(10.8 + latency_s),
+        v_i_mps="7.0" if outcome == "collision" else "",
+        severity="5.0" if outcome == "avoided" else "",
+        distance_m="2.0",
+    )
+
+
+@pytest.fixture
+def campaign(folder: Path) -> LoopCampaign:
+    return load_loop(folder)
+
+
+def test_the_headline_of_each_latency_stands_with_wilsons_interval(campaign: LoopCampaign) -> None:
+    (plain, prescribed) = groups_of(campaign)
+    table = headline_table(campaign, "cut_in", plain)
+    shown = {row[0]: row[2:] for row in (texts(table, row) for row in table.rows)}
+    # 3 of 4, since one is needless; 1 of 4 at 0.5 s.
+    assert shown[MINE] == ["0.75 [0.30, 0.95]", "0.25 [0.05, 0.70]"]
+    assert prescribed == ["careful"]
+    assert "careful" not in shown
+
+
+def test_unlike_cards_never_share_a_column(folder: Path) -> None:
+    cards = [
+        card(name, **({"route_m": None} if name == MINE else {})) for name in (*BASELINES, MINE)
+    ]
+    (folder / "cards.json").write_text(json.dumps({"cards": cards}))
+    groups = groups_of(load_loop(folder))
+    assert [MINE] in groups
+    assert all(len(one) == 1 or MINE not in one for one in groups)
+
+
+def test_pairs_say_of_which_events_they_are(campaign: LoopCampaign) -> None:
+    table = pair_table(campaign, groups_of(campaign)[0])
+    assert table.title.endswith("for these events: cut_in")
+    found = {tuple(row[:3]): row[3:6] for row in table.rows}
+    assert found["constant_velocity", MINE, 0.0] == (4, 0, 3)
+
+
+def test_an_avoided_run_that_is_needless_is_no_success_of_the_figure(
+    campaign: LoopCampaign,
+) -> None:
+    runs = [one for one in campaign.critical if one.row.driver == MINE]
+    counts = counts_of([one for one in runs if one.row.latency_s == 0.0])
+    assert (counts["avoided"], counts[NEEDLESS]) == (3, 1)
+    rates = [one for one in campaign.rates if one.driver == MINE]
+    drawn = outcome_plot(MINE, runs, rates)
+    heights = {
+        kind: float(height)
+        for height, kind in re.findall(r'height="([\d.]+)" class="([a-z-]+)"', drawn)
+    }
+    assert heights["needless"] == pytest.approx(114 / 4)
+    assert heights["collision"] == pytest.approx(3 * 114 / 4)
+
+
+def test_the_chain_shows_where_the_time_was_lost(campaign: LoopCampaign) -> None:
+    found = {(one.driver, one.latency_s): one for one in chains_of(campaign, "cut_in")}
+    slow = found[MINE, 0.5]
+    assert (slow.wait_s, slow.answer_s) == (pytest.approx(0.1), pytest.approx(0.5))
+    assert slow.response_s == pytest.approx(0.7)
+    assert (slow.responded, slow.runs) == (1, 4)
+
+
+def test_each_failed_run_has_the_command_that_drives_it_again(campaign: LoopCampaign) -> None:
+    failed = dict(failed_of(campaign))
+    assert next(iter(failed)) == MINE
+    assert len(failed[MINE]) == 4
+    assert "stop_at_once" not in failed
+    first = failed[MINE][0]
+    assert campaign.runs[first.number - 1] == first
+    assert again(campaign, first) == f"ssp loop '{campaign.folder}' --again {first.number}"
+
+
+def test_a_campaign_that_is_refused_or_unfinished_says_so(campaign: LoopCampaign) -> None:
+    assert planned_of(campaign) == len(campaign.runs)
+    cheats = tuple(
+        replace(one, row=replace(one.row, outcome="avoided"))
+        if one.row.driver == "stop_at_once"
+        else one
+        for one in campaign.runs
+    )
+    told = [text for text, strong in notices_of(replace(campaign, runs=cheats[:-1])) if strong]
+    assert any("stop_at_once has a headline of 1.00" in text for text in told)
+    assert any(text.startswith("Only 71 of 72 runs are done") for text in told)
+
+
+def test_the_page_holds_all_that_it_shows_and_no_markup_of_a_reason(campaign: LoopCampaign) -> None:
+    page = render(campaign)
+    assert "brakes &lt;hard&gt; by 3.0 m/s^2" in page
+    assert not re.search(r'(?:src|href)="(?!data:|#)', page)
+    for part in ("headline", "chain", "severity", "pairs", "failed", "cards"):
+        assert f'<section id="{part}">' in page
+    assert page.count('<svg class="outcomes"') == len(BASELINES) + 1
+
+
+def test_the_command_makes_the_page_of_either_kind_of_campaign(
+    folder: Path, tmp_path: Path
+) -> None:
+    tables = tmp_path / "tables"
+    said = CliRunner().invoke(report, [str(folder), "--tables", str(tables)])
+    assert said.exception is None, said.output
+    assert (folder / "index.html").is_file()
+    assert (tables / "pairs_1.csv").read_text().startswith("first,second,latency_s,starts,")
+    said = CliRunner().invoke(report, [str(folder), "--figures", str(tmp_path / "f")])
+    assert said.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "why"),
+    [
+        ("starts.json", '"seed": 1', '"seed": 7', "was changed after it was sealed"),
+        ("cards.json", '"d_max_mps2": 7.0', '"d_max_mps2": 9.0', "was changed after it was"),
+        ("runs.csv", "outcome,", "result,", "has other columns"),
+        ("runs.csv", ",0.5,", ",fast,", "is no row of a campaign"),
+    ],
+)
+def test_a_folder_that_was_changed_is_refused(
+    folder: Path, file: str, old: str, new: str, why: str
+) -> None:
+    text = (folder / file).read_text()
+    (folder / file).write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=why):
+        load_loop(folder)
