@@ -11,6 +11,7 @@ import importlib
 import os
 import sys
 import time
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -91,3 +92,20 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     within_s = item.config.getoption("--within")
     if within_s is not None and time.monotonic() - _STARTED > within_s:
         pytest.skip(f"not started within {within_s:g} s")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _simulated_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Let the compiler simulate a run once, where test files that were read know the compiler."""
+    place = sys.modules.get("ssp_scenario_manager.compile.place")
+    if place is None:
+        yield
+        return
+    from tests.support.simulated_once import remembered
+
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "simulated_once"
+    folder.mkdir(exist_ok=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(place, "why_not", remembered(place.why_not, folder))
+        yield
