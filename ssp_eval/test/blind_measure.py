@@ -26,7 +26,13 @@ from ssp_eval.extract.combined.extractor import Extractor
 
 CORPUS = Path(__file__).parent / "corpus"
 HELD_OUT, OPEN = "held out", "open"
-PARTS = (("blind.jsonl", HELD_OUT), ("blind.jsonl", OPEN), ("single.jsonl", OPEN))
+PARTS = (
+    ("blind.jsonl", HELD_OUT),
+    ("unseen.jsonl", HELD_OUT),
+    ("blind.jsonl", OPEN),
+    ("unseen.jsonl", OPEN),
+    ("single.jsonl", OPEN),
+)
 PERMUTATIONS = 10_000
 # Run by the other checkout's code: texts by line in, values of the slots by line out.
 OTHER_ENGINE = """

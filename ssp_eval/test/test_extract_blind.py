@@ -14,6 +14,8 @@ from ssp_eval.extract import extract
 FLOORS = {
     ("blind.jsonl", HELD_OUT): (0.86, 0.60),
     ("blind.jsonl", OPEN): (0.91, 0.71),
+    ("unseen.jsonl", HELD_OUT): (0.885, 0.71),
+    ("unseen.jsonl", OPEN): (0.865, 0.69),
     ("single.jsonl", OPEN): (0.945, 0.81),
     ("fresh.jsonl", OPEN): (0.91, 0.71),
 }
