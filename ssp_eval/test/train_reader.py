@@ -3,7 +3,8 @@
 Usage: python ssp_eval/test/train_reader.py [--write], in a shell of `eval "$(./ssp env)"`.
 It prints what rules and reader give together on texts that their weights were not learnt from: five
 parts, each read with the weights of the four others. ``--write`` writes the file. The texts of
-test.jsonl and replies.jsonl and the held-out half of blind.jsonl are never learnt from, nor is unseen.jsonl.
+test.jsonl, replies.jsonl and unseen.jsonl and the held-out half of blind.jsonl are never learnt
+from.
 """
 
 from __future__ import annotations
