@@ -134,3 +134,7 @@ def vla_request_topic(model: str) -> str:
 
 def vla_response_topic(model: str) -> str:
     return f"vla/{model}/response"
+
+
+def vla_latency_topic(model: str) -> str:
+    return f"vla/{model}/latency"

@@ -24,7 +24,13 @@ from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
-from ssp_core.world.driver import DriveReport, PlanDriver, SeeingDriver, make_driver
+from ssp_core.world.driver import (
+    DriveReport,
+    PlanDriver,
+    RecordedAnswer,
+    SeeingDriver,
+    make_driver,
+)
 from ssp_core.world.plant import LimitFact, LinkFact, ManagerUpdate, OnServer, StepReport
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.driving.frames import QuestionFrames
@@ -68,7 +74,7 @@ class InProcessPlant:
         scene: TrafficSimulation,
         resources: ExitStack,
         bodies: BodyPlant | None = None,
-        driver: PlanDriver | None = None,
+        driver: PlanDriver | SeeingDriver | None = None,
     ) -> None:
         self._pilot = None if run.driven is None else _pilot_of(run, run.driven, driver)
         self._run = run
@@ -201,8 +207,15 @@ class InProcessPlant:
         return tuple(found)
 
 
-def make_plant(run: RunSpec, work_dir: Path | None) -> InProcessPlant:
+def make_plant(
+    run: RunSpec, work_dir: Path | None, answers: Sequence[RecordedAnswer] | None = None
+) -> InProcessPlant:
     """Make world and objects of a run; SUMO is there only where there is traffic to move.
+
+    Args:
+        run: of the session.
+        work_dir: for SUMO's files.
+        answers: that its driver gave in a run before, and repeats; None: it is asked.
 
     Raises:
         InputError: a run that needs processes or a clock.
@@ -237,13 +250,13 @@ def make_plant(run: RunSpec, work_dir: Path | None) -> InProcessPlant:
             )
             scene = resources.enter_context(SumoWorld(run, folder))
         driven = run.driven
-        driver = None if driven is None else make_driver(driven.driver, driven.options)
+        driver = None if driven is None else make_driver(driven.driver, driven.options, answers)
         if isinstance(driver, SeeingDriver):
             resources.callback(driver.close)
         return InProcessPlant(run, scene, resources.pop_all(), driver=driver)
 
 
-def _pilot_of(run: RunSpec, driven: Driven, driver: PlanDriver | None) -> Pilot:
+def _pilot_of(run: RunSpec, driven: Driven, driver: PlanDriver | SeeingDriver | None) -> Pilot:
     """Return the pilot of a driven run, with the frames of a driver that sees.
 
     Raises:

@@ -26,7 +26,7 @@ from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.cli.run import run as run_command
 from ssp_scenario_manager.closed_loop.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of, told_of
-from ssp_scenario_manager.closed_loop.single import parse_latency
+from ssp_scenario_manager.closed_loop.single import Latency, parse_latency
 from ssp_scenario_manager.closed_loop.start import OffSpec, Start, make_start, twin_of
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
@@ -421,7 +421,9 @@ def test_no_run_file_lets_a_driver_drive_hardware(start: Start) -> None:
         RunSpec.model_validate({**run, "triggers": triggers})
 
 
-def test_a_latency_is_zero_or_fixed() -> None:
-    assert (parse_latency("zero"), parse_latency("fixed:0.25")) == (0.0, 0.25)
+def test_a_latency_is_zero_fixed_or_measured() -> None:
+    assert (parse_latency("zero"), parse_latency("fixed:0.25")) == (Latency(0.0), Latency(0.25))
+    assert parse_latency("measured") == Latency(2.0, measured=True)
+    assert parse_latency("measured:0.5") == Latency(0.5, measured=True)
     with pytest.raises(InputError, match="is no latency"):
         parse_latency("fixed:-1")

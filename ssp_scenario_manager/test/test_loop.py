@@ -301,7 +301,8 @@ def test_a_row_that_can_not_be_driven_again_is_refused(
         ({"drivers": [{"driver": "aeb", "options": {"ttc_s": 1.0}}]}, "name of a baseline"),
         ({"drivers": [{"driver": "aeb", "options": {"ttc": 1.0}, "label": "a"}]}, "ttc"),
         ({"latencies": ["fixed:0", "zero"]}, "the same"),
-        ({"latencies": ["measured"]}, "is no latency"),
+        ({"latencies": ["measured"]}, "isn't measured in a campaign yet"),
+        ({"latencies": ["fast"]}, "is no latency"),
         ({"events": ["cut_in", "cut_in"]}, "stands twice"),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,11 +20,18 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.model import Camera, RunSpec, load_run
-from ssp_core.world.driver import Answer, Question, driver_options
+from ssp_core.world.driver import (
+    Answer,
+    GivenAnswer,
+    LatencyParts,
+    Question,
+    driver_options,
+)
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_ot_controller.driving.frames import QuestionFrames
 from ssp_scenario_manager.cli.run import run as run_command
+from ssp_scenario_manager.closed_loop.answers import answers_of
 from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of
 from ssp_scenario_manager.closed_loop.single import parse_drive
 from ssp_scenario_manager.closed_loop.start import Start, make_start
@@ -126,13 +134,9 @@ def start(tmp_path_factory: pytest.TempPathFactory) -> Start:
     return make_start(small, load_event("cut_in")[0], SEED, latency_max_s=0.5)
 
 
-def python(folder: Path, function: str, **given: Any) -> dict[str, Any]:
-    return {
-        "backend": "python",
-        "function": f"driving_models:{function}",
-        "folder": str(folder),
-        **given,
-    }
+def python(folder: Path, name: str, **given: Any) -> dict[str, Any]:
+    function = f"driving_models:{name}"
+    return {"backend": "python", "function": function, "folder": str(folder), **given}
 
 
 def driven_run(start: Start, options: dict[str, Any], latency_s: float = 0.0) -> RunSpec:
@@ -289,18 +293,27 @@ def test_the_world_waits_for_an_answer_at_the_step_of_its_frame(
             return [len(stamps_ns) - 1]
 
         def answer(self, question: Question) -> Answer:
+            raise AssertionError("a model gives its answers")
+
+        def give(self, question: Question) -> GivenAnswer:
             assert question.stamp_ns == drawn[-1] == question.frames[-1].stamp_ns
-            return lane_plan(question)
+            return GivenAnswer(lane_plan(question), LatencyParts(300_000_000))
 
         def close(self) -> None:
             """Nothing is held."""
 
     monkeypatch.setitem(baselines.BASELINES, "watching", Watching)
-    run = start.driven_by("watching", {}, 0.3).model_copy(update={"camera": SMALL})
-    outcome, _, record = drive(run, start)
-    assert outcome.kind == "collision", outcome
-    asked = [r.now_ns for r in record.reports if r.drive is not None and r.drive.asked]
-    assert drawn == asked
+    records = []
+    for latency in ({}, {"measured": True}):
+        run = start.driven_by("watching", {}, 0.3, **latency)  # type: ignore[arg-type]
+        outcome, _, record = drive(run.model_copy(update={"camera": SMALL}), start)
+        assert outcome.kind == "collision", outcome
+        asked = [r.now_ns for r in record.reports if r.drive is not None and r.drive.asked]
+        assert drawn == asked
+        drawn.clear()
+        records.append([repr(r.truths) for r in record.reports])
+    # A measured L counts as the same one that is fixed.
+    assert records[0] == records[1]
 
 
 # -- naming, and the command -----------------------------------------------------------------------
@@ -348,17 +361,21 @@ def small_camera(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("small_camera")
-def test_a_models_run_leaves_its_bag_and_is_driven_again_to_the_same_bytes(
+def test_a_measured_run_leaves_its_bag_and_is_driven_again_to_the_same_bytes(
     tmp_path: Path, folder: Path
 ) -> None:
+    """Without the model: its answers and their L are kept."""
     # A run's id is its folder's name.
     first, again = tmp_path / "first" / "run", tmp_path / "again" / "run"
-    drive = f"mine={json.dumps(python(folder, 'keep'))}"
+    shutil.copy(folder / "driving_models.py", tmp_path / "model_for_a_day.py")
+    model = python(tmp_path, "keep", function="model_for_a_day:keep")
+    drive = f"mine={json.dumps(model)}"
     options = ["--in-process", "--record", "--seed", str(SEED)]
-    given = ["--drive", drive, "--latency", "fixed:0.5"]
+    given = ["--drive", drive, "--latency", "measured:0.5"]
     done = CliRunner().invoke(run_command, ["cut_in", *options, *given, "--out", str(first)])
     assert done.exit_code == 0, done.output
-    assert "mine: collision" in done.output
+    assert "L of " in done.output
+    (tmp_path / "model_for_a_day.py").unlink()
     done = CliRunner().invoke(run_command, [str(first), *options[:2], "--out", str(again)])
     assert done.exit_code == 0, done.output
     told = [json.loads((f / "result.json").read_text())["driven"] for f in (first, again)]
@@ -371,6 +388,7 @@ def test_a_models_run_leaves_its_bag_and_is_driven_again_to_the_same_bytes(
         assert messages[0] == messages[1]
         requests = [bag.decode(m) for m in bag.messages(["/ssp/vla/mine/request"])]
         responses = [bag.decode(m) for m in bag.messages(["/ssp/vla/mine/response"])]
+        latencies = [bag.decode(m) for m in bag.messages(["/ssp/vla/mine/latency"])]
         pictures = bag.messages([names.absolute(names.CAMERA_IMAGE)])
         recorded = {m.log_time_ns: bytes(bag.decode(m).data) for m in pictures}
     shown = requests[-1].frames[-1]
@@ -378,10 +396,33 @@ def test_a_models_run_leaves_its_bag_and_is_driven_again_to_the_same_bytes(
     digest = hashlib.sha256(recorded[at_ns]).hexdigest()
     assert shown.format == f"jpeg; sha256:{digest}"
     assert (responses[0].model_id, responses[0].text) == (
-        "python(driving_models:keep)",
+        "python(model_for_a_day:keep)",
         "I keep my speed.",
     )
     assert load_run(first / "run.yaml").camera == SMALL
+    assert (first / "answers.json").read_bytes() == (again / "answers.json").read_bytes()
+    assert told[0]["measured"]["answers"] == len(latencies) == len(requests)
+    parts = {one.key: float(one.value) for one in latencies[0].status[0].values}
+    assert parts.pop("latency_s") == pytest.approx(sum(parts.values()), abs=1e-9)
+    assert set(parts) == {"encoding_s", "transport_and_inference_s", "parsing_s"}
+    charged = {response.request_id: response.latency for response in responses}
+    assert charged["1"] == pytest.approx(float(latencies[0].status[0].values[0].value), abs=1e-9)
+    (first / "answers.json").unlink()
+    third = tmp_path / "third" / "run"
+    done = CliRunner().invoke(run_command, [str(first), "--in-process", "--out", str(third)])
+    assert "answers.json: isn't there" in str(done.exception)
+
+
+def test_a_question_that_is_not_the_recorded_one_is_our_fault(start: Start, folder: Path) -> None:
+    options = driver_options("mine", python(folder, "keep"))
+    run = start.driven_by("mine", options, 0.5, measured=True)
+    kept = answers_of(drive(run, start)[2])
+    other = [*kept[:9], replace(kept[9], question="sha256:0"), *kept[10:]]
+    assert run.driven is not None
+    result, record = run_in_process(run, answers=other)
+    outcome = outcome_of(run, run.driven, result, record, start.twin)
+    assert outcome.kind == "harness"
+    assert "isn't the one that was recorded" in outcome.why
 
 
 def test_a_trajectory_is_what_the_adapter_reads(start: Start, folder: Path) -> None:

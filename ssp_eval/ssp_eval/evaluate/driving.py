@@ -11,6 +11,7 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
+from ssp_core.world.driver import RecordedAnswer
 from ssp_eval.evaluate.models import (
     CONTROLS,
     ModelSpec,
@@ -89,12 +90,10 @@ def history_s(name: str, options: Mapping[str, Any]) -> float:
     return _spec(name, options).rules.history_s
 
 
-def make_driver(name: str, options: Mapping[str, Any]) -> BridgeDriver:
-    """Return a fresh driver, which is ready to answer.
-
-    Raises:
-        InputError, PeerError: the model can't be made.
-    """
+def make_driver(
+    name: str, options: Mapping[str, Any], recorded: Sequence[RecordedAnswer] | None = None
+) -> BridgeDriver:
+    """Return a fresh driver, see ssp_core.world.driver.make_driver."""
     spec = _spec(name, options)
     model = DriverModel(
         name=name,
@@ -105,7 +104,7 @@ def make_driver(name: str, options: Mapping[str, Any]) -> BridgeDriver:
         rules=spec.rules,
         timeout_s=spec.timeout_s,
     )
-    return BridgeDriver(model)
+    return BridgeDriver(model, recorded)
 
 
 def _spec(name: str, options: Mapping[str, Any]) -> ModelSpec:

@@ -15,7 +15,15 @@ from ssp_core.hashing import sha256_bytes
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.driven import Driven
 from ssp_core.world.camera import intrinsics
-from ssp_core.world.driver import Answered, DriveReport, EgoSample, Question, Raw, RawArray
+from ssp_core.world.driver import (
+    Answered,
+    DriveReport,
+    EgoSample,
+    GivenAnswer,
+    Question,
+    Raw,
+    RawArray,
+)
 
 # REFUSED_LIMIT of ReferenceAck.msg: a plan that passes a limit of METHOD 8.4.
 _REFUSED = 6
@@ -34,6 +42,8 @@ def drive_messages(
     """
     if report.asked is not None:
         yield names.vla_request_topic(driven.driver), _request(report.asked)
+        if report.given is not None:
+            yield names.vla_latency_topic(driven.driver), _latency(report.asked, report.given)
     if report.answered is not None:
         yield names.vla_response_topic(driven.driver), _response(driven, report.answered)
         ack = _ack(report.answered, vut_id, now_ns)
@@ -98,6 +108,32 @@ def _response(driven: Driven, answered: Answered) -> bytes:
         latency=answered.latency_s,
         error_code=raw.error_code,
         error_msg=raw.error_msg,
+    )
+    return serialize(message)
+
+
+def _latency(question: Question, given: GivenAnswer) -> bytes:
+    """Return L and its parts, s; the status' message says why the driver ended, if it did."""
+    types = typestore().types
+    value, status = (
+        types[f"diagnostic_msgs/msg/{name}"] for name in ("KeyValue", "DiagnosticStatus")
+    )
+    latency = given.latency
+    parts = {
+        "latency_s": latency.total_ns,
+        "encoding_s": latency.encoding_ns,
+        "transport_and_inference_s": latency.inference_ns,
+        "parsing_s": latency.parsing_ns,
+    }
+    one = status(
+        level=2 if given.ended else 0,
+        name=f"request {question.number}",
+        message=given.ended,
+        hardware_id="",
+        values=[value(key=key, value=f"{ns / NS_PER_S:.9f}") for key, ns in parts.items()],
+    )
+    message = types["diagnostic_msgs/msg/DiagnosticArray"](
+        header=_header(question.stamp_ns), status=[one]
     )
     return serialize(message)
 

@@ -27,6 +27,9 @@ class Driven(Strict):
     latency_s: Annotated[Finite, Field(ge=0, le=10)] = Field(
         0.0, description="L: from a frame's stamp until its answer is effective"
     )
+    measured_up_to_s: Annotated[Finite, Field(ge=0, le=10)] | None = Field(
+        None, description="L is measured, this is its declared bound; null: it is latency_s"
+    )
     first_request_s: NonNegative = Field(description="no frame before it is asked about")
     hand_over_s: NonNegative = Field(description="t_h")
     end_s: Positive = Field(description="T_end: the run ends here, or 1 s after the first contact")

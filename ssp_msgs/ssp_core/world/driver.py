@@ -13,8 +13,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from ssp_core.errors import InputError, SspError
+from ssp_core.errors import InputError, PeerError
 from ssp_core.geometry import wrap_angle
+from ssp_core.hashing import sha256_bytes
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.trajectory import Trajectory
@@ -93,6 +94,12 @@ class Question:
         """Speed of the VUT at the stamp."""
         return self.history[-1].speed_mps
 
+    @property
+    def sha256(self) -> str:
+        """Hash of stamp, motion and pictures."""
+        pictures = [(frame.stamp_ns, sha256_bytes(frame.jpeg)) for frame in self.frames]
+        return sha256_bytes(repr((self.number, self.stamp_ns, self.history, pictures)).encode())
+
 
 @dataclass(frozen=True, slots=True)
 class RawArray:
@@ -141,17 +148,55 @@ class Answer:
     raw: Raw | None = None
 
 
-class DriverEnded(SspError):
-    """The driver ended, or gave no answer in time: the reason of ``died``.
+@dataclass(frozen=True, slots=True)
+class LatencyParts:
+    """A measured L, from the complete request to the parsed trajectory, and its parts.
 
     Args:
-        reason: in words.
-        after_s: from the complete request until it was known.
+        total_ns: L.
+        encoding_ns: pictures and request into what is sent.
+        parsing_ns: what came into text, arrays and a trajectory.
     """
 
-    def __init__(self, reason: str, after_s: float = 0.0) -> None:
-        self.after_s = after_s
-        super().__init__(reason)
+    total_ns: int
+    encoding_ns: int = 0
+    parsing_ns: int = 0
+
+    @property
+    def inference_ns(self) -> int:
+        """The rest: transport, inference, waits and further tries."""
+        return self.total_ns - self.encoding_ns - self.parsing_ns
+
+
+@dataclass(frozen=True, slots=True)
+class GivenAnswer:
+    """The outcome of one question, as soon as it is known.
+
+    Args:
+        answer: None where the driver ended.
+        latency: as it was measured.
+        ended: why the driver ended; empty: it goes on.
+    """
+
+    answer: Answer | None
+    latency: LatencyParts = LatencyParts(0)
+    ended: str = ""
+
+
+class NotRecordedError(PeerError):
+    """A run that is driven again asks another question than it did."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedAnswer:
+    """An answer of a run before, for driving that run again.
+
+    Args:
+        question: hash of the question.
+    """
+
+    question: str
+    given: GivenAnswer
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,14 +236,18 @@ class DriveReport:
         answered: became effective in this step.
         effective: reference that is tracked from this step on, where it is a new one.
         asked: the question of this step's frame.
+        given: what came of it, where its latency is measured.
         died: why the driver gives no answers any more; empty: it does.
+        dies: why it ends with the question that is open; empty: it doesn't.
     """
 
     mode: DriveMode
     answered: Answered | None = None
     effective: Reference | None = None
     asked: Question | None = None
+    given: GivenAnswer | None = None
     died: str = ""
+    dies: str = ""
 
 
 class PlanDriver(Protocol):
@@ -215,8 +264,21 @@ class PlanDriver(Protocol):
 
 
 @runtime_checkable
-class SeeingDriver(PlanDriver, Protocol):
-    """A driver whose questions hold frames, and that ends with its run."""
+class SeeingDriver(Protocol):
+    """A model: its questions hold frames, its answers take time, and it ends with its run."""
+
+    @property
+    def privileged(self) -> bool:
+        """False: no model sees the truth."""
+        ...
+
+    def give(self, question: Question) -> GivenAnswer:
+        """Answer one question, or say why the driver ended.
+
+        Raises:
+            NotRecordedError: it repeats recorded answers, and none is to this question.
+        """
+        ...
 
     @property
     def frame_span_s(self) -> float:
@@ -280,18 +342,27 @@ def history_s_of(name: str, options: Mapping[str, Any]) -> float:
     return length_s
 
 
-def make_driver(name: str, options: Mapping[str, Any]) -> PlanDriver | None:
+def make_driver(
+    name: str,
+    options: Mapping[str, Any],
+    recorded: Sequence[RecordedAnswer] | None = None,
+) -> PlanDriver | SeeingDriver | None:
     """Return a fresh driver; None for one of COMMANDED, which the session leads itself.
 
     Args:
         name: of the driver.
         options: of it, as ``driver_options`` returned them.
+        recorded: answers of a model in a run before, which it repeats; None: it is asked.
 
     Raises:
         InputError: no such driver, or no such option.
     """
-    module = BRIDGE_MODULE if sees_frames(name) else BASELINE_MODULE
-    driver: PlanDriver | None = importlib.import_module(module).make_driver(name, options)
+    if sees_frames(name):
+        bridges = importlib.import_module(BRIDGE_MODULE)
+        model: SeeingDriver = bridges.make_driver(name, options, recorded)
+        return model
+    driver: PlanDriver | None
+    driver = importlib.import_module(BASELINE_MODULE).make_driver(name, options)
     return driver
 
 

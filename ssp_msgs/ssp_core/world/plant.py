@@ -19,7 +19,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
-from ssp_core.world.driver import DriveReport
+from ssp_core.world.driver import DriveReport, RecordedAnswer
 
 PLANT_MODULE = "ssp_ot_controller.in_process"
 
@@ -173,13 +173,19 @@ def make_camera(
     return camera
 
 
-def make_plant(run: RunSpec, work_dir: Path | None = None, module: str = PLANT_MODULE) -> Plant:
+def make_plant(
+    run: RunSpec,
+    work_dir: Path | None = None,
+    answers: Sequence[RecordedAnswer] | None = None,
+    module: str = PLANT_MODULE,
+) -> Plant:
     """Return the world's side of a run.
 
     Args:
         run: of the session.
         work_dir: for SUMO's files, where there is traffic; None: a temporary folder.
-        module: that has ``make_plant(run, work_dir)``.
+        answers: that the driver of a driven run gave before, and repeats; None: it is asked.
+        module: that has ``make_plant(run, work_dir, answers)``.
     """
-    plant: Plant = importlib.import_module(module).make_plant(run, work_dir)
+    plant: Plant = importlib.import_module(module).make_plant(run, work_dir, answers)
     return plant

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import SspError
@@ -29,6 +29,7 @@ from ssp_core.world.driver import (
     Answered,
     DriveMode,
     DriveReport,
+    GivenAnswer,
     PlanDriver,
     Privileged,
     Question,
@@ -53,6 +54,16 @@ def _words(error: BaseException) -> str:
     return str(error) if isinstance(error, SspError) else f"{type(error).__name__}: {error}"
 
 
+@dataclass(frozen=True, slots=True)
+class _Open:
+    """A question whose answer isn't effective yet."""
+
+    question: Question
+    given: GivenAnswer
+    vut: ObjectState
+    latency_ns: int
+
+
 class Pilot:
     """Leads the VUT of one driven run. Reads no clock.
 
@@ -66,7 +77,7 @@ class Pilot:
         self,
         run: RunSpec,
         driven: Driven,
-        driver: PlanDriver | None,
+        driver: PlanDriver | SeeingDriver | None,
         frames: QuestionFrames | None = None,
     ) -> None:
         if run.vut.approach is None:
@@ -85,7 +96,10 @@ class Pilot:
         self._frame_steps = max(1, round(driven.frame_period_s / run.step_s))
         self._first_ns = seconds_to_ns(driven.first_request_s)
         self._hand_over_ns = seconds_to_ns(driven.hand_over_s)
-        self._latency_ns = seconds_to_ns(driven.latency_s)
+        # None: it is measured.
+        self._latency_ns = (
+            seconds_to_ns(driven.latency_s) if driven.measured_up_to_s is None else None
+        )
         self._frames, self._fresh = frames, FreshFrames()
         self._seeing = driver if isinstance(driver, SeeingDriver) else None
         kept_s = HISTORY_S
@@ -95,7 +109,7 @@ class Pilot:
             maxlen=1 + math.ceil(kept_s / (self._frame_steps * run.step_s) - 1e-6)
         )
         self._asked = 0
-        self._open: tuple[Question, Answer, ObjectState] | None = None
+        self._open: _Open | None = None
         self._plan: MapPlan | None = None
         self._fallback: Reference | None = None
         self._tracked: Reference | None = None
@@ -118,23 +132,24 @@ class Pilot:
             return self._commanded(now_ns, vut)
         if self._frames is not None:
             self._frames.see(step, now_ns, truths)
-        answered, asked = self._due(now_ns), None
+        answered, asked, given = self._due(now_ns), None, None
         if step % self._frame_steps == 0:
             # The world repeats its first step while it holds.
             if not self._seen or self._seen[-1].stamp_ns < vut.stamp_ns:
                 self._seen.append(vut)
             if self._open is None and now_ns >= self._first_ns and not self._died:
-                asked = self._ask(self._driver, now_ns, vut, truths)
+                asked, got = self._ask(self._driver, now_ns, vut, truths)
+                given = got if self._latency_ns is None else None
                 # Without latency it is effective in the step of its frame.
                 answered = self._due(now_ns) or answered
-        if now_ns < self._hand_over_ns:
-            command, _ = self._tracker.track(vut, self._approach, now_ns)
-            return command, DriveReport(DriveMode.COMMAND, answered, None, asked, self._died)
-        mode, reference = self._effective(now_ns, vut)
-        fresh = None if reference is self._tracked else reference
-        self._tracked = reference
+        mode, reference, fresh = DriveMode.COMMAND, self._approach, None
+        if now_ns >= self._hand_over_ns:
+            mode, reference = self._effective(now_ns, vut)
+            fresh = None if reference is self._tracked else reference
+            self._tracked = reference
         command, _ = self._tracker.track(vut, reference, now_ns)
-        return command, DriveReport(mode, answered, fresh, asked, self._died)
+        dies = "" if self._open is None else self._open.given.ended
+        return command, DriveReport(mode, answered, fresh, asked, given, self._died, dies)
 
     def _commanded(self, now_ns: int, vut: ObjectState) -> tuple[Command | None, DriveReport]:
         if now_ns < self._hand_over_ns:
@@ -152,26 +167,44 @@ class Pilot:
         return Command(acceleration, curvature, vut.yaw_rad), DriveReport(DriveMode.COMMAND)
 
     def _ask(
-        self, driver: PlanDriver, now_ns: int, vut: ObjectState, truths: Sequence[ObjectState]
-    ) -> Question:
+        self,
+        driver: PlanDriver | SeeingDriver,
+        now_ns: int,
+        vut: ObjectState,
+        truths: Sequence[ObjectState],
+    ) -> tuple[Question, GivenAnswer]:
+        """Ask about the frame of now, and wait for what comes of it: the world holds."""
         self._asked += 1
+        frames = self._shown(now_ns)
         question = Question(
-            self._asked, now_ns, history_of(self._seen), self._route(vut), None, self._shown(now_ns)
+            number=self._asked,
+            stamp_ns=now_ns,
+            history=history_of(self._seen),
+            route_m=self._route(vut),
+            frames=frames,
+            camera=self._run.camera if frames else None,
         )
-        if question.frames:
-            question = replace(question, camera=self._run.camera)
+        if isinstance(driver, SeeingDriver):
+            given = driver.give(question)
+        else:
+            given = self._computed(driver, question, truths)
+        latency_ns = given.latency.total_ns if self._latency_ns is None else self._latency_ns
+        self._open = _Open(question, given, vut, latency_ns)
+        return question, given
+
+    def _computed(
+        self, driver: PlanDriver, question: Question, truths: Sequence[ObjectState]
+    ) -> GivenAnswer:
+        """Ask a driver that computes here: it takes no time."""
         shown = question
         if driver.privileged:
             observable_s = self._driven.observable_s
             observable_ns = None if observable_s is None else seconds_to_ns(observable_s)
             shown = replace(question, privileged=Privileged(tuple(truths), observable_ns))
         try:
-            answer = driver.answer(shown)
+            return GivenAnswer(driver.answer(shown))
         except (Exception, SystemExit) as error:  # whatever a driver raises is the driver's end
-            self._died = _words(error)
-        else:
-            self._open = question, answer, vut
-        return question
+            return GivenAnswer(None, ended=_words(error))
 
     def _shown(self, now_ns: int) -> tuple[SeenFrame, ...]:
         """Return the frames of a question, which are held against the VUT's way."""
@@ -183,23 +216,31 @@ class Pilot:
 
     def _due(self, now_ns: int) -> Answered | None:
         """Take the open answer if it is effective now."""
-        if self._open is None or now_ns < self._open[0].stamp_ns + self._latency_ns:
+        due = self._open
+        if due is None or now_ns < due.question.stamp_ns + due.latency_ns:
             return None
-        (question, answer, vut), self._open = self._open, None
+        self._open, question, answer = None, due.question, due.given.answer
+        if due.given.ended:
+            self._died = due.given.ended
+            return None
         try:
-            plan = self._read(question, answer, vut)
+            plan = self._read(question, answer, due.vut)
         except (SspError, AttributeError, TypeError, ValueError, IndexError) as error:
             self._died = f"its answer can't be read: {_words(error)}"
             return None
+        if answer is None:
+            raise ValueError("an answer that was read is there")
         refused = plan if isinstance(plan, str) else ""
         if not isinstance(plan, str):
             self._plan = plan
         self._stale = bool(refused)
-        latency_s = ns_to_seconds(self._latency_ns)
+        latency_s = ns_to_seconds(due.latency_ns)
         return Answered(question.number, question.stamp_ns, latency_s, answer, refused)
 
-    def _read(self, question: Question, answer: Answer, vut: ObjectState) -> MapPlan | str:
+    def _read(self, question: Question, answer: Answer | None, vut: ObjectState) -> MapPlan | str:
         """Return the plan of an answer in the map frame, or why it is refused."""
+        if answer is None:
+            raise TypeError("it is None")
         if answer.trajectory is None or answer.refused:
             return answer.refused or "not_ready"
         return plan_of(

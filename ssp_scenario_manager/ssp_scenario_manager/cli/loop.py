@@ -99,7 +99,7 @@ def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
         shutil.copytree(task, folder / TASK_FOLDER)
         spec = for_one_process(run.model_copy(update={"run_id": folder.name}), camera=True)
         told = run_one(
-            spec, folder, as_json, recorded=True, further=partial(told_with_view, folder)
+            spec, folder, as_json, recorded=True, further=partial(told_with_view, folder, None)
         )
     return 0 if told["verdict"] == "valid" else 1
 

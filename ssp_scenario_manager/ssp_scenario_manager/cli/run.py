@@ -24,7 +24,13 @@ from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.driver import sees_frames
-from ssp_scenario_manager.closed_loop.single import Drive, driven_run, parse_drive
+from ssp_scenario_manager.closed_loop.single import (
+    Drive,
+    driven_run,
+    kept_answers,
+    parse_drive,
+    repeated,
+)
 from ssp_scenario_manager.closed_loop.top_view import told_with_view
 from ssp_scenario_manager.compile.changes import differences, with_value
 from ssp_scenario_manager.compile.targets.folder import (
@@ -159,8 +165,9 @@ DEFAULT_SITE = "boulevard"
 )
 @click.option(
     "--latency",
-    metavar="zero|fixed:S",
-    help="With --drive: from a frame until its answer is effective. [default: zero]",
+    metavar="zero|fixed:S|measured[:S]",
+    help="With --drive: from a frame until its answer is effective; measured: from the complete "
+    "request to the parsed trajectory, at most S of it before the hand-over (2 s). [default: zero]",
 )
 @live_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
@@ -258,6 +265,7 @@ def run(
         _tell(spec, draft, compiled)
         if swept:
             return run_many(spec, folder, vary, runs, jobs or 1, as_json)
+        kept = kept_answers(spec, drive, Path(what))
         spec = driven_run(spec, draft / TASK_FOLDER / EVENT_FILE, drive, console.note)
         # A driver that sees has its frames drawn whether they are recorded or not.
         seeing = spec.driven is not None and sees_frames(spec.driven.driver)
@@ -288,7 +296,8 @@ def run(
             as_json,
             recorded=record,
             server=drawn_by,
-            further=partial(told_with_view, folder),
+            further=partial(told_with_view, folder, kept),
+            answers=repeated(kept),
         )
         if junit is not None:
             write_junit(junit, "ssp run", [_case(spec, folder, told)])

@@ -86,6 +86,9 @@ def outcome_of(
         )
         if fact is not None and fact[0] <= driven.end_s + EPSILON_S
     ]
+    # What is known of a question that is open at T_end, and would be known to all later.
+    if not facts and (dies := _dies(led)):
+        facts.append((driven.end_s, "died", dies))
     if facts:
         at_s, kind, why = min(facts, key=lambda fact: (fact[0], DECIDED.index(fact[1])))
     else:
@@ -114,8 +117,8 @@ def _harness(
     broken = result.verdict is Verdict.INVALID_HARNESS and _died(record) is None
     if not broken:
         return None
-    at_s = driven.hand_over_s if result.aborted_ns is None else ns_to_seconds(result.aborted_ns)
-    return at_s, "harness", "; ".join(result.reasons)
+    at_s = result.session_s if result.aborted_ns is None else ns_to_seconds(result.aborted_ns)
+    return min(at_s, driven.end_s), "harness", "; ".join(result.reasons)
 
 
 def _died(record: Record) -> Fact | None:
@@ -123,6 +126,12 @@ def _died(record: Record) -> Fact | None:
         if report.drive is not None and report.drive.died:
             return ns_to_seconds(report.now_ns), "died", report.drive.died
     return None
+
+
+def _dies(led: Sequence[StepReport]) -> str:
+    """Return why the driver ends with the question that is open at the end of the run."""
+    last = led[-1].drive if led else None
+    return "" if last is None else last.dies
 
 
 def _touched(contact: Contact | None) -> Fact | None:
@@ -316,16 +325,14 @@ def _evaded(run: RunSpec, driven: Driven, record: Record, twin: Twin) -> tuple[s
 
 def is_starved(driven: Driven, record: Record) -> bool:
     """Tell whether a plan ended before the next one could be effective: 2L and a frame period."""
-    needed_s = 2.0 * driven.latency_s + driven.frame_period_s
-    ends = [
-        report.drive.answered.answer.trajectory.t_s[-1]
-        for report in record.reports
-        if report.drive is not None
-        and report.drive.answered is not None
-        and not report.drive.answered.refused
-        and report.drive.answered.answer.trajectory is not None
-    ]
-    return bool(ends) and min(ends) < needed_s - EPSILON_S
+    for report in record.reports:
+        answered = None if report.drive is None else report.drive.answered
+        if answered is None or answered.refused or answered.answer.trajectory is None:
+            continue
+        needed_s = 2.0 * answered.latency_s + driven.frame_period_s
+        if answered.answer.trajectory.t_s[-1] < needed_s - EPSILON_S:
+            return True
+    return False
 
 
 # -- what result.json says -------------------------------------------------------------------------
@@ -360,6 +367,28 @@ def severity_of(outcome: Outcome, v_r_mps: float | None) -> float | None:
     return 4.0 * max(0.0, 1.0 - outcome.contact.relative_mps / v_r_mps)
 
 
+def measured_of(driven: Driven, record: Record) -> dict[str, Any] | None:
+    """Return the measured latencies of a run and their parts, medians in s; None: L was given."""
+    if driven.measured_up_to_s is None:
+        return None
+    drives = [report.drive for report in record.reports if report.drive is not None]
+    given = [drive.given.latency for drive in drives if drive.given is not None]
+    bound_s = driven.measured_up_to_s
+    parts = [(p.total_ns, p.encoding_ns, p.inference_ns, p.parsing_ns) for p in given] or [(0,) * 4]
+    seconds = np.array(parts, dtype=np.float64) / 1e9
+    half = [round(float(value), 6) for value in np.median(seconds, axis=0)]
+    return {
+        "answers": len(given),
+        "bound_s": bound_s,
+        "p50_s": half[0],
+        "p99_s": round(float(np.quantile(seconds[:, 0], 0.99)), 6),
+        "encoding_p50_s": half[1],
+        "transport_and_inference_p50_s": half[2],
+        "parsing_p50_s": half[3],
+        "over_bound": int((seconds[:, 0] > bound_s).sum()) if given else 0,
+    }
+
+
 def told_of(
     driven: Driven, record: Record, outcome: Outcome, v_r_mps: float | None
 ) -> dict[str, Any]:
@@ -370,7 +399,8 @@ def told_of(
     return {
         "driver": driven.driver,
         "options": driven.options,
-        "latency_s": driven.latency_s,
+        "latency_s": None if driven.measured_up_to_s is not None else driven.latency_s,
+        "measured": measured_of(driven, record),
         "frames": sees_frames(driven.driver),
         "start": driven.start,
         "hand_over_s": driven.hand_over_s,

@@ -88,7 +88,7 @@ class LoopPlan(Strict):
     @property
     def latencies_s(self) -> list[float]:
         """L in s, in the order of the file."""
-        return [parse_latency(text) for text in self.latencies]
+        return [parse_latency(text).seconds for text in self.latencies]
 
 
 def _resolved(one: CampaignDriver, models: Path | None) -> CampaignDriver:
@@ -107,6 +107,14 @@ def load_plan(path: str | Path) -> LoopPlan:
     plan = load_model(LoopPlan, path)
     models = None if plan.models is None else Path(path).parent / plan.models
     plan = plan.model_copy(update={"drivers": [_resolved(one, models) for one in plan.drivers]})
+    if measured := [text for text in plan.latencies if parse_latency(text).measured]:
+        raise InputError(
+            "isn't measured in a campaign yet",
+            file=path,
+            field="latencies",
+            value=measured[0],
+            remedy="give zero and fixed:S; ssp run --latency measured drives one run",
+        )
     if len(set(plan.latencies_s)) < len(plan.latencies):
         raise InputError("two latencies are the same", file=path, field="latencies")
     shown = [one.shown for one in plan.everybody]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,16 +14,24 @@ from ssp_core.run_file.driven import Driven, is_driver_name
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import (
     BUILT_IN,
+    RecordedAnswer,
     driver_options,
     history_s_of,
     sees_frames,
     try_driver,
+)
+from ssp_scenario_manager.closed_loop.answers import (
+    KeptAnswers,
+    answers_of,
+    load_answers,
+    save_answers,
 )
 from ssp_scenario_manager.closed_loop.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcome import Twin, outcome_of, told_of
 from ssp_scenario_manager.closed_loop.start import (
     OffSpec,
     Start,
+    commanded,
     make_start,
     twin_of,
     without_event,
@@ -36,6 +44,21 @@ from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_
 # Seeds that are tried for a start whose event is K*'s.
 MOST_SEEDS = 50
 MOST_LATENCY_S = 10.0
+# The bound of a measured latency where none is declared.
+BOUND_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """The L of a driven run, as a person asks for it.
+
+    Args:
+        seconds: L; where it is measured, its declared bound.
+        measured: from the complete request to the parsed trajectory.
+    """
+
+    seconds: float
+    measured: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +68,12 @@ class Drive:
     Args:
         driver: its name.
         options: of it.
-        latency_s: L.
+        latency: L.
     """
 
     driver: str
     options: Mapping[str, Any]
-    latency_s: float
+    latency: Latency
 
 
 def parse_drive(text: str, latency: str, models_file: Path | None = None) -> Drive:
@@ -83,28 +106,31 @@ def parse_drive(text: str, latency: str, models_file: Path | None = None) -> Dri
     return drive
 
 
-def parse_latency(text: str) -> float:
-    """Return L in s of ``zero`` or ``fixed:S``.
+def parse_latency(text: str) -> Latency:
+    """Read ``zero``, ``fixed:S``, ``measured``, or ``measured:S`` with its bound.
 
     Raises:
-        InputError: it is neither, or out of range.
+        InputError: it is none of these, or out of range.
     """
     wrong = InputError(
         f"is no latency from 0 to {MOST_LATENCY_S:g} s",
         field="latency",
         value=text,
-        remedy="give zero, or fixed:S with S in seconds, such as fixed:0.2",
+        remedy="give zero, or fixed:S with S in seconds, such as fixed:0.2, or measured, or "
+        f"measured:S with the largest L to leave time for, without S {BOUND_S:g} s",
     )
     if text == "zero":
-        return 0.0
+        return Latency(0.0)
     kind, _, seconds = text.partition(":")
+    if text == "measured":
+        seconds = str(BOUND_S)
     try:
         value = float(seconds)
     except ValueError:
         raise wrong from None
-    if kind != "fixed" or not 0.0 <= value <= MOST_LATENCY_S:
+    if kind not in ("fixed", "measured") or not 0.0 <= value <= MOST_LATENCY_S:
         raise wrong
-    return value
+    return Latency(value, measured=kind == "measured")
 
 
 def driven_run(
@@ -129,8 +155,9 @@ def driven_run(
         return _with_driver(run, drive, event_file.parent / TASK_FILE)
     history_s = history_s_of(drive.driver, drive.options)
     event = load_event(str(event_file))[0]
-    start = next_start(run, event, run.seed, drive.latency_s, say, history_s)
-    return start.driven_by(drive.driver, drive.options, drive.latency_s)
+    latency = drive.latency
+    start = next_start(run, event, run.seed, latency.seconds, say, history_s)
+    return start.driven_by(drive.driver, drive.options, latency.seconds, measured=latency.measured)
 
 
 def next_start(
@@ -174,17 +201,19 @@ def _with_driver(run: RunSpec, drive: Drive, task_file: Path) -> RunSpec:
     if driven is None:
         raise ValueError("the run is driven by nobody")
     room_s = driven.hand_over_s - driven.first_request_s - driven.frame_period_s
-    if drive.latency_s > room_s + 1e-9:
+    latency = drive.latency
+    if latency.seconds > room_s + 1e-9:
         raise InputError(
             f"is more than this start leaves time for, {max(room_s, 0.0):.3g} s",
             field="--latency",
-            value=drive.latency_s,
+            value=latency.seconds,
             remedy="name the event instead of the folder, for a start of its own",
         )
     changes = {
         "driver": drive.driver,
         "options": dict(drive.options),
-        "latency_s": drive.latency_s,
+        "latency_s": 0.0 if latency.measured else latency.seconds,
+        "measured_up_to_s": latency.seconds if latency.measured else None,
     }
     camera = None
     if sees_frames(drive.driver):
@@ -194,10 +223,25 @@ def _with_driver(run: RunSpec, drive: Drive, task_file: Path) -> RunSpec:
     return run.model_copy(update={"driven": driven.model_copy(update=changes), "camera": camera})
 
 
-def told_of_run(run: RunSpec, result: InProcessResult, record: Record) -> dict[str, Any]:
+def told_of_run(
+    run: RunSpec,
+    result: InProcessResult,
+    record: Record,
+    *,
+    folder: Path | None = None,
+    kept: KeptAnswers | None = None,
+) -> dict[str, Any]:
     """Return what ``result.json`` says of who drove; empty for a run that nobody drove.
 
-    The twins are driven again for it: nothing but the run file has to be kept.
+    The twins are driven again for it: but for answers whose latency is measured, nothing but the
+    run file has to be kept.
+
+    Args:
+        run: as it was driven.
+        result: of the run.
+        record: of the run.
+        folder: takes the answers, where their latency is measured; None: they aren't kept.
+        kept: answers of the run before, which the driver repeats; None: it is asked.
     """
     driven = run.driven
     if driven is None:
@@ -206,15 +250,51 @@ def told_of_run(run: RunSpec, result: InProcessResult, record: Record) -> dict[s
     outcome = outcome_of(run, driven, result, record, twin)
     v_r_mps = None if contact is None else contact.relative_mps
     told = told_of(driven, record, outcome, v_r_mps)
-    return {"driven": told | {"needless": _needless(run, driven, twin)}}
+    needless, free = _needless(run, driven, twin, repeated(kept, event=False))
+    if folder is not None and is_kept(driven):
+        save_answers(folder, KeptAnswers(answers_of(record), answers_of(free)))
+    return {"driven": told | {"needless": needless}}
 
 
-def _needless(run: RunSpec, driven: Driven, twin: Twin) -> str:
+def kept_answers(run: RunSpec, drive: Drive | None, folder: Path) -> KeptAnswers | None:
+    """Return the answers with which a run of a folder is driven again.
+
+    Args:
+        run: of the folder.
+        drive: another driver; None: there is none.
+        folder: of the run.
+
+    Returns:
+        None where the driver is asked.
+
+    Raises:
+        InputError: they aren't there any more.
+    """
+    if drive is not None or run.driven is None or not is_kept(run.driven):
+        return None
+    return load_answers(folder)
+
+
+def repeated(kept: KeptAnswers | None, *, event: bool = True) -> tuple[RecordedAnswer, ...] | None:
+    """Return the answers that a driver repeats in a run, or in its event-free twin."""
+    if kept is None:
+        return None
+    return kept.event if event else kept.free
+
+
+def is_kept(driven: Driven) -> bool:
+    """Tell whether a driven run is driven again with the answers that it had."""
+    return driven.measured_up_to_s is not None and sees_frames(driven.driver)
+
+
+def _needless(
+    run: RunSpec, driven: Driven, twin: Twin, answers: Sequence[RecordedAnswer] | None
+) -> tuple[str, Record]:
     """Say why the driver is needless in the event-free twin of its run; empty: it isn't."""
     free = without_event(run, driven.end_s)
     own = driven.model_copy(update={"observable_s": None})
-    result, record = run_in_process(free.model_copy(update={"driven": own}))
+    result, record = run_in_process(free.model_copy(update={"driven": own}), answers=answers)
     decided_s = outcome_of(free, own, result, record, twin).at_s
-    led = own.model_copy(update={"driver": BUILT_IN, "options": {}, "latency_s": 0.0})
+    led = own.model_copy(update=commanded(BUILT_IN))
     _, built_in = run_in_process(free.model_copy(update={"driven": led, "camera": None}))
-    return needless_in(free, driven, record, built_in, decided_s)
+    return needless_in(free, driven, record, built_in, decided_s), record

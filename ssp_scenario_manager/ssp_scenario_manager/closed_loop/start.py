@@ -91,20 +91,28 @@ class Start:
         return sha256_json({"run": run, **self.facts()})
 
     def driven_by(
-        self, driver: str, options: Mapping[str, Any], latency_s: float, *, event: bool = True
+        self,
+        driver: str,
+        options: Mapping[str, Any],
+        latency_s: float,
+        *,
+        event: bool = True,
+        measured: bool = False,
     ) -> RunSpec:
         """Return the run of one driver.
 
         Args:
             driver: its name.
             options: of it.
-            latency_s: L.
+            latency_s: L; its declared bound where it is measured.
+            measured: L is measured.
             event: False: the event-free twin, in which no trigger fires (METHOD 8.6).
         """
         driven = Driven(
             driver=driver,
             options=dict(options),
-            latency_s=latency_s,
+            latency_s=0.0 if measured else latency_s,
+            measured_up_to_s=latency_s if measured else None,
             first_request_s=self.first_request_s,
             hand_over_s=self.hand_over_s,
             end_s=self.end_s,
@@ -180,11 +188,16 @@ def make_start(
     )
 
 
+def commanded(driver: str) -> dict[str, Any]:
+    """Return the changes of a driven run that a driver without plans leads."""
+    return {"driver": driver, "options": {}, "latency_s": 0.0, "measured_up_to_s": None}
+
+
 def twin_of(run: RunSpec) -> tuple[Mapping[int, ObjectState], Contact | None]:
     """Drive the twin of a driven run again; return its VUT's true states, and its first contact."""
     if run.driven is None:
         raise InputError("is no driven run", field="driven")
-    driven = run.driven.model_copy(update={"driver": NO_RESPONSE, "options": {}, "latency_s": 0.0})
+    driven = run.driven.model_copy(update=commanded(NO_RESPONSE))
     _, record = run_in_process(run.model_copy(update={"driven": driven, "camera": None}))
     return vut_states(record, run.vut.id), first_contact(record.reports, run.vut.id)
 

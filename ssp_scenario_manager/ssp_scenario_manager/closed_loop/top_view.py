@@ -18,6 +18,7 @@ from ssp_core.run_file.values import Point
 from ssp_core.templates import templates
 from ssp_core.world.driver import DriveMode
 from ssp_core.world.road_drawing import RoadView, drawing_of
+from ssp_scenario_manager.closed_loop.answers import KeptAnswers
 from ssp_scenario_manager.closed_loop.contact import first_contact, until
 from ssp_scenario_manager.closed_loop.single import told_of_run
 from ssp_scenario_manager.run.in_process import InProcessResult, Record
@@ -47,13 +48,31 @@ class Mark:
 
 
 def told_with_view(
-    folder: Path, run: RunSpec, result: InProcessResult, record: Record
+    folder: Path,
+    kept: KeptAnswers | None,
+    run: RunSpec,
+    result: InProcessResult,
+    record: Record,
 ) -> dict[str, Any]:
-    """Return what ``result.json`` says of who drove, and leave the view from above in a folder."""
-    told = told_of_run(run, result, record)
+    """Return what ``result.json`` says of who drove, and leave the view from above in a folder.
+
+    Args:
+        folder: takes measured answers too.
+        kept: answers of the run before, which the driver repeats; None: it was asked.
+        run: as it was driven.
+        result: of the run.
+        record: of the run.
+    """
+    told = told_of_run(run, result, record, folder=folder, kept=kept)
     if told:
         write_text(folder / VIEW_FILE, top_view(run, record, told["driven"]))
     return told
+
+
+def _latency(told: dict[str, Any]) -> str:
+    if told["measured"] is None:
+        return f"L = {told['latency_s']:g} s"
+    return f"L measured, median {told['measured']['p50_s']:.2f} s"
 
 
 def top_view(run: RunSpec, record: Record, told: dict[str, Any]) -> str:
@@ -98,7 +117,7 @@ def top_view(run: RunSpec, record: Record, told: dict[str, Any]) -> str:
         templates(Path(__file__).parent)
         .get_template("top_view.svg.j2")
         .render(
-            title=f"{run.scenario}: {told['driver']}, L = {told['latency_s']:g} s: "
+            title=f"{run.scenario}: {told['driver']}, {_latency(told)}: "
             f"{told['outcome']} at {told['outcome_s']:.2f} s, {told['why']}",
             width=view.width_px,
             height=view.height_px + _KEY_PX + _CHART_PX + _BOTTOM_PX,

@@ -23,6 +23,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import Participation
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
+from ssp_core.world.driver import NotRecordedError, RecordedAnswer
 from ssp_core.world.plant import FaultFact, StepReport, make_plant
 from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.run.result import Happened, misses, result_keys, rounded
@@ -110,14 +111,18 @@ class InProcessResult:
 
 
 def run_in_process(
-    spec: RunSpec, work_dir: Path | None = None, recording: SessionRecording | None = None
+    spec: RunSpec,
+    work_dir: Path | None = None,
+    recording: SessionRecording | None = None,
+    answers: Sequence[RecordedAnswer] | None = None,
 ) -> tuple[InProcessResult, Record]:
     """Run a session in this process, as fast as it goes.
 
     Args:
         spec: the run, in mode lockstep.
         work_dir: for SUMO's files, where there is traffic.
-        recording: of it; its camera is drawn for that alone.
+        recording: of it.
+        answers: that the model of a driven run gave before, and repeats; None: it is asked.
 
     Returns:
         Its result and its states; a server that doesn't draw a frame ends it as invalid.
@@ -126,13 +131,15 @@ def run_in_process(
         InputError: a run that needs processes, a clock or somebody else to drive the VUT.
     """
     record, lost = Record(), ""
-    plant = make_plant(spec, work_dir)
+    plant = make_plant(spec, work_dir, answers)
     # Nothing here makes cycles, and looking for some in every kept state takes its time.
     collects = gc.isenabled()
     gc.disable()
     session = InProcessSession(spec, plant, record.reports.append, recording=recording)
     try:
         session.run()
+    except NotRecordedError as error:
+        lost = str(error)
     except PeerError as error:
         lost = f"{names.FRONT_CAMERA}: {error}"
     finally:
@@ -166,6 +173,7 @@ def run_recorded(
     bag: Path,
     say: Callable[[str], None],
     server: ServerOfRun | None = None,
+    answers: Sequence[RecordedAnswer] | None = None,
 ) -> tuple[InProcessResult, Record, dict[str, Any]]:
     """Run a session in this process and leave its bag, with the verdict in it.
 
@@ -175,6 +183,7 @@ def run_recorded(
         bag: a new folder.
         say: takes what doesn't end the run, for people.
         server: that draws the camera's frames; None: our own renderer does.
+        answers: as for ``run_in_process``.
 
     Returns:
         Its result, its states, and what ``result.json`` says of the bag.
@@ -188,7 +197,7 @@ def run_recorded(
     from ssp_scenario_manager.run.report import measured
 
     with SessionRecording(spec, run_file, bag, server) as recording:
-        result, record = run_in_process(spec, recording=recording)
+        result, record = run_in_process(spec, recording=recording, answers=answers)
     for line in recording.recorder.not_given_back:
         say(line)
     seal = leave_verdict(bag, result.verdict, result.reasons, "runner")

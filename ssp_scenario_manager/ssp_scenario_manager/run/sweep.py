@@ -33,6 +33,7 @@ from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.terminal import ignore_stop_signals
 from ssp_core.vocabulary import Phase
+from ssp_core.world.driver import RecordedAnswer
 from ssp_scenario_manager.run.faults import NEED_PROCESSES, RUNNER_KINDS, with_conditions_never_met
 from ssp_scenario_manager.run.in_process import (
     InProcessResult,
@@ -419,6 +420,7 @@ def run_one(
     recorded: bool = False,
     server: ServerOfRun | None = None,
     further: Further = _nothing_further,
+    answers: Sequence[RecordedAnswer] | None = None,
 ) -> dict[str, Any]:
     """Do one run, which leaves run.yaml, states.npz and result.json; return the last's content.
 
@@ -429,13 +431,15 @@ def run_one(
         recorded: it leaves a bag too.
         server: that draws the bag's frames; None: our own renderer does.
         further: returns what else ``result.json`` says of the run.
+        answers: that the model of a driven run gave before, and repeats; None: it is asked.
     """
     run_file = folder / "run.yaml"
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
     if recorded:
-        result, record, told = run_recorded(spec, run_file, folder / "bag", console.note, server)
+        bag = folder / "bag"
+        result, record, told = run_recorded(spec, run_file, bag, console.note, server, answers)
     else:
-        (result, record), told = run_in_process(spec), {}
+        (result, record), told = run_in_process(spec, answers=answers), {}
     for line in _told(spec, result):
         console.note(line)
     written = result_json(spec, result) | told | further(spec, result, record)
@@ -454,6 +458,13 @@ def run_one(
         if (driven := written.get("driven")) is not None:
             shown = f"  {driven['driver']}: {driven['outcome']} at {driven['outcome_s']:.2f} s"
             console.out.print(f"{shown}, {driven['why']}", markup=False)
+            if (measured := driven["measured"]) is not None:
+                console.out.print(
+                    f"  L of {measured['answers']} answers: median {measured['p50_s']:.3f} s, p99 "
+                    f"{measured['p99_s']:.3f} s, {measured['over_bound']} above the bound of "
+                    f"{measured['bound_s']:g} s",
+                    markup=False,
+                )
             if driven["needless"]:
                 console.out.print(
                     f"  needless without the event: {driven['needless']}", markup=False

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, replace
 from typing import Any
 
+from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import SspError
 from ssp_core.run_file.model import Camera
 from ssp_core.world import driver as core
@@ -76,15 +77,21 @@ class BridgeDriver:
 
     Args:
         model: as it is to drive.
+        recorded: answers of a run before, which it repeats without being loaded; None: it is asked.
     """
 
     privileged = False
 
-    def __init__(self, model: DriverModel) -> None:
+    def __init__(
+        self, model: DriverModel, recorded: Sequence[core.RecordedAnswer] | None = None
+    ) -> None:
         self._model = model
+        self._recorded = recorded
         self._previous: Response | None = None
         self._process: ModelProcess | None = None
         self.problem = ""
+        if recorded is not None:
+            return
         options = dict(model.options)
         if model.backend in OPTION_TIMEOUT:
             options["timeout_s"] = model.limit_s
@@ -107,28 +114,43 @@ class BridgeDriver:
         """Return the indices of the frames of a request about the last stamp, rising."""
         return choose(stamps_ns, len(stamps_ns) - 1, self._model.rules)
 
-    def answer(self, question: core.Question) -> core.Answer:
-        """Answer one question.
+    def give(self, question: core.Question) -> core.GivenAnswer:
+        """Answer one question, or say why the model ended.
 
         Raises:
-            DriverEnded: the model's process ended, raised, can't be reached, or gave no answer in
-                time.
+            NotRecordedError: a recorded run asks another question than it did.
         """
+        if self._recorded is not None:
+            return self._repeat(self._recorded, question)
         if self._process is None:
-            raise core.DriverEnded(f"it can't be loaded: {self.problem}")
-        request = request_of(question, self._model, self._previous)
+            return core.GivenAnswer(None, ended=f"it can't be loaded: {self.problem}")
         limit_s = self._model.limit_s
-        got = self._process.ask(request, limit_s)
-        response = got.response
+        got = self._process.ask(request_of(question, self._model, self._previous), limit_s)
+        if isinstance(got, core.GivenAnswer):
+            return got
+        response, latency = got.response, got.latency
+        if response.error_code == ErrorCode.TIMEOUT or ns_to_seconds(latency.total_ns) > limit_s:
+            return no_answer_within(limit_s)
         if got.raised:
-            raise core.DriverEnded(response.error_msg, got.total_s)
-        if response.error_code == ErrorCode.TIMEOUT or got.total_s > limit_s:
-            raise core.DriverEnded(no_answer_within(limit_s), limit_s)
+            return core.GivenAnswer(None, latency, response.error_msg)
         if response.error_code == ErrorCode.OVERLOAD:
-            raise core.DriverEnded(f"took no request: {response.error_msg}", got.total_s)
+            return core.GivenAnswer(None, latency, f"took no request: {response.error_msg}")
         if self._model.interface.carries_previous:
             self._previous = None if response.error_code else response
-        return answer_of(got)
+        return core.GivenAnswer(answer_of(got), latency)
+
+    def _repeat(
+        self, recorded: Sequence[core.RecordedAnswer], question: core.Question
+    ) -> core.GivenAnswer:
+        at_s = ns_to_seconds(question.stamp_ns)
+        if question.number > len(recorded):
+            raise core.NotRecordedError(f"no answer is recorded to a question about {at_s:.3f} s")
+        one = recorded[question.number - 1]
+        if one.question != question.sha256:
+            raise core.NotRecordedError(
+                f"the question about {at_s:.3f} s isn't the one that was recorded"
+            )
+        return one.given
 
     def close(self) -> None:
         """End the model's process."""

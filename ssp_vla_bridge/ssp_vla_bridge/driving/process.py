@@ -19,10 +19,11 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from typing import Any
 
+from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError, PeerError, SspError
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.processes import die_with_parent
-from ssp_core.world.driver import DriverEnded
+from ssp_core.world.driver import GivenAnswer, LatencyParts
 from ssp_vla_bridge.adapters.registry import adapt
 from ssp_vla_bridge.backend import Backend, failure, make_backend, respond
 from ssp_vla_bridge.messages import ErrorCode, Request, Response
@@ -52,9 +53,7 @@ class Measured:
     trajectory: Trajectory | None
     invalid: str
     raised: bool
-    total_s: float
-    encoding_s: float
-    parsing_s: float
+    latency: LatencyParts
 
 
 def measured_answer(backend: Backend, model: str, adapter: str, request: Request) -> Measured:
@@ -73,6 +72,11 @@ def measured_answer(backend: Backend, model: str, adapter: str, request: Request
         with part(PARSING):
             read = adapt(adapter, response, request)
         total_s = time.perf_counter() - begin_s
+    latency = LatencyParts(
+        seconds_to_ns(total_s),
+        seconds_to_ns(parts.get(ENCODING, 0.0)),
+        seconds_to_ns(parts.get(PARSING, 0.0)),
+    )
     invalid = ""
     if read.trajectory is None:
         said = bool(response.text.strip() or response.arrays)
@@ -82,9 +86,7 @@ def measured_answer(backend: Backend, model: str, adapter: str, request: Request
         trajectory=read.trajectory,
         invalid=invalid,
         raised=bool(result.traceback),
-        total_s=total_s,
-        encoding_s=parts.get(ENCODING, 0.0),
-        parsing_s=parts.get(PARSING, 0.0),
+        latency=latency,
     )
 
 
@@ -183,15 +185,12 @@ class ModelProcess:
         if word == _REFUSED:
             raise InputError(reason, field=f"driver {model}")
 
-    def ask(self, request: Request, timeout_s: float) -> Measured:
-        """Return the answer to a request.
+    def ask(self, request: Request, timeout_s: float) -> Measured | GivenAnswer:
+        """Return the answer to a request, or how the process ended, or was ended after its time.
 
         Args:
             request: complete.
             timeout_s: of the driver.
-
-        Raises:
-            DriverEnded: the process ended, or gave no answer in time.
         """
         begin_s = time.perf_counter()
         got: list[Measured] = []
@@ -202,9 +201,10 @@ class ModelProcess:
         if exchange.is_alive():
             self._kill()
             exchange.join()
-            raise DriverEnded(no_answer_within(timeout_s), timeout_s)
+            return no_answer_within(timeout_s)
         if not got:
-            raise DriverEnded(self._ending(), time.perf_counter() - begin_s)
+            latency = LatencyParts(seconds_to_ns(time.perf_counter() - begin_s))
+            return GivenAnswer(None, latency, self._ending())
         return got[0]
 
     def _exchange(self, request: Request, got: list[Measured]) -> None:
@@ -234,6 +234,7 @@ class ModelProcess:
         self._process.close()
 
 
-def no_answer_within(timeout_s: float) -> str:
-    """Return the words for a driver that gave no answer."""
-    return f"gave no answer within its timeout_s of {timeout_s:g} s"
+def no_answer_within(timeout_s: float) -> GivenAnswer:
+    """Return what comes of a question to a driver that gave no answer in time."""
+    reason = f"gave no answer within its timeout_s of {timeout_s:g} s"
+    return GivenAnswer(None, LatencyParts(seconds_to_ns(timeout_s)), reason)
