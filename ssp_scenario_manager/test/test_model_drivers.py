@@ -33,8 +33,11 @@ from ssp_ot_controller.driving.frames import QuestionFrames
 from ssp_scenario_manager.cli.run import run as run_command
 from ssp_scenario_manager.closed_loop.answers import answers_of
 from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of
+from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver
+from ssp_scenario_manager.closed_loop.runs import Job, rows_of
 from ssp_scenario_manager.closed_loop.single import parse_drive
 from ssp_scenario_manager.closed_loop.start import Start, make_start
+from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
@@ -222,6 +225,25 @@ def test_a_model_that_can_not_be_loaded_ends_one_run_and_is_refused_by_a_command
     assert "it can't be loaded" in " ".join((outcome.why, *result.reasons))
     with pytest.raises(InputError, match=r"driver mine: can't be loaded.*is_not_there"):
         parse_drive(f"mine={json.dumps(options)}", "zero")
+
+
+def test_a_failed_run_drops_no_campaign_and_the_next_has_a_fresh_model(
+    start: Start, folder: Path
+) -> None:
+    run = start.run.model_dump(mode="json", by_alias=True)
+    sealed = {
+        "event": "cut_in",
+        "kind": "critical",
+        **start.facts(),
+        "hash": start.hash,
+        "run": run,
+    }
+    options = driver_options("mine", python(folder, "leave"))
+    driver = CampaignDriver(driver="mine", options=options)
+    rows = rows_of(Job(json.dumps(sealed), driver, (0.0, 0.5), 1, SEED))
+    kinds = [row[RUN_COLUMNS.index("outcome")] for row in rows]
+    reasons = {row[RUN_COLUMNS.index("why")] for row in rows}
+    assert (kinds, reasons) == (["died"] * 2, {"its process ended with exit status 3"})
 
 
 # -- freshness -------------------------------------------------------------------------------------

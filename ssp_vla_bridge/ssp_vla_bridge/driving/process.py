@@ -185,6 +185,11 @@ class ModelProcess:
         if word == _REFUSED:
             raise InputError(reason, field=f"driver {model}")
 
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid or 0
+
     def ask(self, request: Request, timeout_s: float) -> Measured | GivenAnswer:
         """Return the answer to a request, or how the process ended, or was ended after its time.
 
