@@ -22,8 +22,17 @@ from ssp_eval.closed_loop.comparisons import over_events, pairs_of
 from ssp_eval.closed_loop.figures import NEEDLESS, chains_of, counts_of, outcome_plot
 from ssp_eval.closed_loop.folder import LoopCampaign, Run, load_loop
 from ssp_eval.closed_loop.page import again, failed_of, notices_of, planned_of, render
+from ssp_eval.closed_loop.prediction import (
+    Point,
+    inversions_of,
+    predict,
+    rho_of,
+    scores_by_driver,
+)
 from ssp_eval.closed_loop.tables import groups_of, headline_table, pair_table
+from ssp_eval.closed_loop.words import words_table
 from ssp_eval.report.cli import report
+from ssp_eval.statistics.rows import CellRow
 from ssp_eval.statistics.table import texts
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES
 from ssp_scenario_manager.closed_loop.rates import RunRow, rates_of
@@ -317,6 +326,98 @@ def test_a_campaign_that_is_refused_or_unfinished_says_so(campaign: LoopCampaign
     told = [text for text, strong in notices_of(replace(campaign, runs=cheats[:-1])) if strong]
     assert any("stop_at_once has a headline of 1.00" in text for text in told)
     assert any(text.startswith("Only 71 of 72 runs are done") for text in told)
+
+
+# -- words, scores and deeds -----------------------------------------------------------------------
+
+
+def said(folder: Path, *answers: dict[str, Any]) -> None:
+    place = folder / "texts"
+    place.mkdir()
+    (place / "000008.jsonl").write_text("".join(json.dumps(one) + "\n" for one in answers))
+
+
+def mine_at(campaign: LoopCampaign, latency_s: float) -> list[int]:
+    return [
+        run.number
+        for run in campaign.runs
+        if (run.row.driver, run.row.latency_s) == (MINE, latency_s)
+    ]
+
+
+BRAKES, KEEPS = "I will slow down for the car ahead.", "I will maintain my current speed."
+
+
+def test_words_are_held_against_the_plan_of_the_same_answer(
+    folder: Path, campaign: LoopCampaign
+) -> None:
+    one, other, third, fourth = mine_at(campaign, 0.5)
+    said(
+        folder,
+        {"row": one, "stamp_s": 10.1, "text": BRAKES, "speed_mps": 10.0, "slows_mps": 0.49},
+        {"row": one, "stamp_s": 10.2, "text": BRAKES, "speed_mps": 10.0, "slows_mps": 3.0},
+        {"row": other, "stamp_s": 10.1, "text": KEEPS, "speed_mps": 10.0, "slows_mps": 0.5},
+        {"row": third, "stamp_s": 10.1, "text": BRAKES, "speed_mps": 10.0, "slows_mps": 0.5},
+        # It stands, and can't slow; and a text that states no action says nothing.
+        {"row": fourth, "stamp_s": 10.1, "text": BRAKES, "speed_mps": 0.4, "slows_mps": 0.4},
+        {"row": fourth, "stamp_s": 10.2, "text": "A car.", "speed_mps": 9.0, "slows_mps": 3.0},
+    )
+    table = words_table(campaign)
+    assert table is not None
+    assert table.rows == ((MINE, 0.5, 3, pytest.approx(1 / 3), pytest.approx(1 / 3)),)
+
+
+def test_without_texts_there_is_no_table_of_words(campaign: LoopCampaign) -> None:
+    assert words_table(campaign) is None
+
+
+def test_an_answers_file_that_is_none_is_refused_by_file_and_line(
+    folder: Path, campaign: LoopCampaign
+) -> None:
+    said(folder, {"row": 1, "text": BRAKES})
+    with pytest.raises(InputError, match=r"000008\.jsonl.*1.*speed_mps"):
+        words_table(campaign)
+
+
+def point(name: str, score: float, headline: float, half: float = 0.05) -> Point:
+    return Point(name, score, headline, headline - half, headline + half)
+
+
+def test_rho_needs_ten_drivers_and_is_spearmans() -> None:
+    points = [point(f"d{k}", k / 10, (k * k) / 100) for k in range(10)]
+    assert rho_of(points) == pytest.approx(1.0)
+    assert rho_of(points[:9]) is None
+    assert rho_of([replace(one, headline=0.5) for one in points]) is None
+    swapped = [*points[2:], replace(points[0], score=0.1), replace(points[1], score=0.0)]
+    # 1 - 6 * (1 + 1) / (10 * 99), one pair of neighbours the other way round.
+    assert rho_of(swapped) == pytest.approx(1 - 12 / 990)
+
+
+def test_inversions_are_named_where_the_intervals_of_the_headlines_are_apart() -> None:
+    points = [point("talker", 0.9, 0.2), point("driver", 0.4, 0.8), point("near", 0.3, 0.25)]
+    assert inversions_of(points) == (("talker", "driver"),)
+    assert inversions_of([replace(points[0], score=0.4), points[1]]) == ()
+
+
+def test_baselines_controls_and_other_domains_predict_nothing(campaign: LoopCampaign) -> None:
+    rows = [
+        score_row(MINE, 1.0),
+        score_row("aeb", 1.0),
+        replace(score_row(MINE, 0.0), domain="physical"),
+        replace(score_row(MINE, 0.0), control=True),
+        replace(score_row(MINE, 0.0), scenario="vru_crossing"),
+    ]
+    scores = scores_by_driver(rows, "ivcs", ["cut_in"])
+    assert scores == {("cut_in", MINE): 1.0, ("cut_in", "aeb"): 1.0}
+    found = predict(campaign, scores, "ivcs")
+    assert [(one.latency_s, one.n, one.rho) for one in found] == [(0.0, 1, None), (0.5, 1, None)]
+
+
+def score_row(model: str, value: float) -> CellRow:
+    names = ("jovr", "sem_acc_eff", "cia_eff", "tqsr", "rsr")
+    return CellRow(
+        scenario="cut_in", domain="simulation", model=model, **dict.fromkeys(names, value)
+    )
 
 
 def test_the_page_holds_all_that_it_shows_and_no_markup_of_a_reason(campaign: LoopCampaign) -> None:

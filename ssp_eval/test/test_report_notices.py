@@ -17,6 +17,7 @@ from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.model_client import InProcessClients
 from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.run import show
 from ssp_eval.extract.combined.extractor import Extracted, Extractor
 from ssp_eval.report.page import write_report
 from ssp_eval.score.thresholds import Thresholds
@@ -46,6 +47,22 @@ def campaign(bags: list[Path], tmp_path: Path) -> Path:
     out = tmp_path / "out"
     evaluated(out, bags, *MODELS)
     return out
+
+
+def test_others_are_asked_about_a_driven_recording_and_the_page_says_who_drove(
+    make_bag: BagMaker, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    models = [bridge_spec("constant_velocity")]
+    bags = [(make_bag(driver="other_model"), None)]
+    (result,) = run_campaign(bags, models, InProcessClients(), out, CellOptions(), True)
+    assert (result.status, result.admission, result.driven_by) == ("ok", "unaudited", "other_model")
+    show([result], out)
+    assert "unaudited, driven by other_model" in capsys.readouterr().out
+    (row,) = rows_from_campaign(out)
+    assert (row.admitted, row.reason) == (False, "driven by other_model")
+    page = write_report(out).read_text()
+    assert "cut_in / simulation: driven by other_model, which led the VUT." in page
 
 
 def test_a_whole_campaign_needs_none_of_it(campaign: Path) -> None:

@@ -24,7 +24,7 @@ from ssp_scenario_manager.closed_loop.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES, ZERO, LoopPlan, load_plan
 from ssp_scenario_manager.closed_loop.rates import RunRow, rates_of, refused_for, rising
-from ssp_scenario_manager.closed_loop.runs import Job, jobs_of
+from ssp_scenario_manager.closed_loop.runs import Done, Job, jobs_of
 from ssp_scenario_manager.closed_loop.seal import draw_starts
 
 PLAN = {
@@ -99,9 +99,10 @@ def test_a_campaign_that_was_killed_goes_on_to_the_same_table(
     kept = [list(one.values()) for one in rows(done)]
     again: list[str] = []
 
-    def known(job: Job) -> list[list[str]]:
+    def known(job: Job) -> Done:
         again.append(job.driver.shown)
-        return [row for row in kept if row[4] == job.driver.shown]
+        found = [row for row in kept if row[4] == job.driver.shown]
+        return Done(found, [() for _ in found])
 
     monkeypatch.setattr(campaign, "rows_of", known)
     whole = (done / "runs.csv").read_bytes()

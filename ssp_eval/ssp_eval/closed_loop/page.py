@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -46,10 +46,15 @@ MOST_FAILED = 60
 FEW_STARTS = 10
 
 
-def write_loop_report(campaign: LoopCampaign) -> Path:
-    """Write the page of a campaign into its folder."""
+def write_loop_report(campaign: LoopCampaign, further: Sequence[Table] = ()) -> Path:
+    """Write the page of a campaign into its folder.
+
+    Args:
+        campaign: of driven runs.
+        further: tables on words and deeds, and on the open loop.
+    """
     target = campaign.folder / PAGE
-    write_text(target, render(campaign))
+    write_text(target, render(campaign, further))
     return target
 
 
@@ -67,8 +72,8 @@ def tables_of(campaign: LoopCampaign) -> list[Table]:
     return found
 
 
-def render(campaign: LoopCampaign) -> str:
-    """Return the page of a campaign as HTML."""
+def render(campaign: LoopCampaign, further: Sequence[Table] = ()) -> str:
+    """Return the page of a campaign as HTML; see write_loop_report."""
     styles = [folder / "style.css" for folder in (_REPORT, _HERE)]
     groups = groups_of(campaign)
     critical = [one for one in campaign.starts if one["kind"] == "critical"]
@@ -96,7 +101,7 @@ def render(campaign: LoopCampaign) -> str:
             parts=[_part(campaign, event, groups) for event in campaign.plan.events],
             over_events=[grid(over_events_table(campaign, group)) for group in groups],
             pairs=[grid(pair_table(campaign, group)) for group in groups if len(group) > 1],
-            prediction=None,
+            further=[grid(table) for table in further],
             failed=failed_of(campaign),
             most=MOST_FAILED,
             again=lambda run: again(campaign, run),

@@ -256,6 +256,12 @@ class Provenance:
         return "" if self.participation is None else self.participation.said_by
 
     @property
+    def driven_by(self) -> str:
+        """Name the driver that led the VUT (METHOD 8); empty where none did."""
+        driven = None if self.run is None else self.run.driven
+        return "" if driven is None else driven.driver
+
+    @property
     def is_undeclared(self) -> bool:
         """True for a physical session of which nobody says what took part in it."""
         part = self.participation

@@ -140,6 +140,7 @@ class CellResult:
         admission: admitted, refused, unpaired or unaudited (admission.py).
         admission_reasons: of a refusal, or why an audit of the recording doesn't hold any more.
         condition: under which the model was asked; empty: none.
+        driven_by: driver that led the VUT of the recording; empty: none did.
         first_missing: why the first answer is missing; empty where none is.
     """
 
@@ -158,6 +159,7 @@ class CellResult:
     again: int = 0
     control: bool = False
     condition: str = ""
+    driven_by: str = ""
     first_missing: str = ""
     labels_per_phase: Mapping[str, int] = field(default_factory=dict)
 
@@ -296,6 +298,7 @@ def write_cell(
         again=sum(one.again for one in asked),
         control=model.control,
         condition=model.condition,
+        driven_by=labelled.clip.provenance.driven_by,
         first_missing=next((short(one.missing) for one in asked if one.missing), ""),
         labels_per_phase=phase_counts(labelled.labels),
     )
@@ -393,6 +396,7 @@ def _clip_facts(labelled: LabelledClip, out: Path) -> dict[str, Any]:
         "renderer": facts.renderer,
         **({"carla": facts.carla_texts} if facts.carla_texts else {}),
         "declared_by": facts.declared_by,
+        **({"driven_by": facts.driven_by} if facts.driven_by else {}),
         "import_rules": None if facts.imported is None else facts.imported.rules_version,
         # From the campaign's folder, so that both can be moved together.
         "path": os.path.relpath(labelled.clip.path.resolve(), out.resolve()),

@@ -83,6 +83,8 @@ class ClipFacts(_Part):
     carla: dict[str, str] = {}
     # Who says of which domain it is, when and where; empty where no person did.
     declared_by: str = ""
+    # The driver that led the VUT; empty where none did.
+    driven_by: str = ""
     # The rules by which it was imported; null for a session, and in cells of an earlier version.
     import_rules: int | None = None
     path: str | None = None

@@ -84,7 +84,7 @@ def show(results: Sequence[CellResult], out: Path) -> None:
             result.domain,
             result.model,
             result.status,
-            result.admission,
+            result.admission + (f", driven by {result.driven_by}" if result.driven_by else ""),
             *_numbers(result),
         )
     # A narrow terminal or a pipe gets long lines rather than cut names.
@@ -131,6 +131,7 @@ def result_to_json(result: CellResult) -> dict[str, Any]:
         "status": result.status,
         "admission": result.admission,
         "admission_reasons": list(result.admission_reasons),
+        "driven_by": result.driven_by,
         "reasons": list(result.reasons),
         "sent": result.asked,
         "reused": result.reused,

@@ -189,6 +189,15 @@ class _Wanted:
     multiple=True,
     help="Of the figures, only these; any number.",
 )
+@click.option(
+    "--open-loop",
+    "open_loop",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="DIR",
+    help="With a campaign of driven runs: a campaign of `ssp evaluate` on the same events, whose "
+    "scores of the drivers are held against their headlines. Any number.",
+)
 @click.option("--reference", metavar="NAME", help="Model that the others are compared with.")
 @click.option(
     "--resamples",
@@ -221,6 +230,7 @@ def report(
     formats: tuple[str, ...],
     figures: Path | None,
     only: tuple[str, ...],
+    open_loop: tuple[Path, ...],
     reference: str | None,
     resamples: int,
     block: int | None,
@@ -257,7 +267,10 @@ def report(
         )
     out_dir = _campaign_folder(out_dir, out)
     if is_loop_campaign(out_dir):
-        return _report_loop(out_dir, tables, formats, is_plain=drawn is None and not repeats)
+        is_plain = drawn is None and not repeats
+        return _report_loop(out_dir, tables, formats, open_loop, is_plain=is_plain)
+    if open_loop:
+        raise click.UsageError("--open-loop goes with a campaign of `ssp loop`")
     _check_wanted(tables is not None or drawn is not None, reference, repeats)
     _take(out_dir if out_dir.is_dir() else None, tables, figures)
     changed: dict[Path, str] = {}
@@ -321,20 +334,35 @@ def _campaign_folder(out_dir: Path | None, out: Path | None) -> Path:
 
 
 def _report_loop(
-    folder: Path, tables: Path | None, formats: Sequence[str], *, is_plain: bool
+    folder: Path,
+    tables: Path | None,
+    formats: Sequence[str],
+    open_loop: Sequence[Path],
+    *,
+    is_plain: bool,
 ) -> int:
     """Write the page, and the tables where they are asked for, of a campaign of driven runs."""
     # It needs what runs sessions, which reports of scores do without.
     from ssp_eval.closed_loop.folder import load_loop
     from ssp_eval.closed_loop.page import tables_of, write_loop_report
+    from ssp_eval.closed_loop.prediction import prediction_table
+    from ssp_eval.closed_loop.words import words_table
 
     if not is_plain:
         raise click.UsageError("a campaign of driven runs has a page and tables: see --tables DIR")
     _take(folder, tables)
     campaign = load_loop(folder)
-    target = write_loop_report(campaign)
+    words = words_table(campaign)
+    further = [] if words is None else [words]
+    if open_loop:
+        cells, rows, _ = runs_of(open_loop)
+        both = zip(cells, rows, strict=True)
+        undriven = [row for cell, row in both if not cell.facts.clip.driven_by]
+        further.append(prediction_table(campaign, undriven))
+    target = write_loop_report(campaign, further)
     if tables is not None:
-        click.echo(f"{tables} ({len(write_tables(tables, tables_of(campaign), formats))} files)")
+        files = write_tables(tables, [*tables_of(campaign), *further], formats)
+        click.echo(f"{tables} ({len(files)} files)")
     click.echo(f"{target} ({target.stat().st_size / 1e6:.1f} MB)")
     return 0
 

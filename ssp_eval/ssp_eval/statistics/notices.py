@@ -45,6 +45,7 @@ COMPARABILITY, STAND_IN, LEFT_OUT, CONTROLS, LABELS, LANGUAGE, MEASURED, RENDERE
     "cell",
 )
 OUTAGE, ACCEPTED, DECLARED, RULES = "outage", "accepted", "declared", "rules"
+DRIVEN = "driven"
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Notice:
 
     Args:
         kind: comparability, stand_in, left_out, controls, labels, language, measured,
-            renderer, outage, accepted, declared, rules or cell.
+            renderer, outage, accepted, declared, rules, driven or cell.
         text: one or two sentences; of many names it holds the first and counts the rest.
         about: every name that it is about: recordings, cells or models.
         everywhere: it stands under every table, and first on the page.
@@ -281,6 +282,7 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
     yield from _of_renderers(cells)
     yield from _of_carla(cells)
     yield from _of_rules(cells)
+    yield from _of_drivers(cells)
     yield from _of_outages(cells)
     for finding in sorted({name for cell in cells for name in cell.facts.clip.accepted}):
         names = _recordings(cell for cell in cells if finding in cell.facts.clip.accepted)
@@ -447,6 +449,19 @@ def _of_carla(cells: Sequence[CellData]) -> Iterable[Notice]:
         told = ". ".join(f"{name[0].upper()}{name[1:]}: {text}" for name, text in bodies.items())
         text = f"CARLA drew or moved {scenario} in {domain}. {told}."
         yield Notice(RENDERER, text, (scenario,), everywhere=True)
+
+
+def _of_drivers(cells: Sequence[CellData]) -> Iterable[Notice]:
+    found: dict[str, set[str]] = {}
+    for cell in cells:
+        if driver := cell.facts.clip.driven_by:
+            found.setdefault(driver, set()).add(f"{cell.scenario} / {cell.domain}")
+    for driver, names in sorted(found.items()):
+        text = (
+            f"{some(sorted(names))}: driven by {driver}, which led the VUT. Others are asked about "
+            "what it met, and the recording belongs to no domain."
+        )
+        yield Notice(DRIVEN, text, tuple(sorted(names)), everywhere=True)
 
 
 def _of_rules(cells: Sequence[CellData]) -> Iterable[Notice]:

@@ -67,7 +67,8 @@ class CellRow(Scores):
     Args:
         admitted: False keeps it out of domain means (METHOD 4 and 5.2b).
         status: ok, refused or failed; only an ok one has scores.
-        reason: why it is not ok, or OTHER_LABELS; of an ok one also what an outage cost.
+        reason: why it is not ok, or OTHER_LABELS; of an ok one also what an outage cost, and who
+            drove the recording.
         declared_by: who says of which domain the recording is; empty where no person had to.
         thresholds: hash of those that it was scored with; empty: METHOD's, or nobody said.
         weighted: IVCS where it isn't METHOD 6.10 of this row's components: a mean over runs, or as
@@ -225,6 +226,9 @@ def _row_of(cell: CellData, run: str, compared: LabelComparison | None) -> CellR
     reasons = [*cell.facts.reasons, *([] if is_comparable else [OTHER_LABELS])]
     if lost := losses_text(outages(cell.facts.answers.missing_by_kind)):
         reasons.append(lost)
+
+    if driver := cell.facts.clip.driven_by:
+        reasons.append(f"driven by {driver}")
 
     scores = {name: None if score is None else getattr(score, name) for name in GIVEN}
     return CellRow(

@@ -24,6 +24,7 @@ from ssp_scenario_manager.closed_loop.tables import (
     read_row,
     rows_there,
 )
+from ssp_scenario_manager.closed_loop.texts import write_texts
 from ssp_scenario_manager.run.sweep import ordered_map
 
 
@@ -60,9 +61,11 @@ def run_campaign(
     on_rows(len(rows), total)
     with ordered_map(min(jobs, len(todo))) as run_all, path.open("a", newline="") as stream:
         for done in run_all(rows_of, todo[len(rows) // per_job :]):
-            stream.write(lines_of(done))
+            # Before its rows: a job without rows is run again, and writes them anew.
+            write_texts(folder, len(rows) // per_job, per_job, done.answers)
+            stream.write(lines_of(done.rows))
             stream.flush()
-            rows += done
+            rows += done.rows
             on_rows(len(rows), total)
     rates = rates_of([read_row(row) for row in rows])
     knowing = {one.shown for one in plan.everybody if one.is_privileged}

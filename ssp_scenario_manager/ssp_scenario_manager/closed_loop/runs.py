@@ -25,6 +25,7 @@ from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, LoopPlan
 from ssp_scenario_manager.closed_loop.severity import Severity, severity_facts
 from ssp_scenario_manager.closed_loop.start import Start, from_facts
 from ssp_scenario_manager.closed_loop.tables import Row, one_line, shown
+from ssp_scenario_manager.closed_loop.texts import Kept, texts_of
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
 
 # A run that our side failed is repeated at most so often.
@@ -65,13 +66,23 @@ class _Found:
     chain: Mapping[str, float | None]
     severity: Severity
     needless: str
+    answers: tuple[Kept, ...] = ()
 
 
-def rows_of(job: Job) -> list[Row]:
+@dataclass(frozen=True, slots=True)
+class Done:
+    """The rows of a job, and for each the answers that have texts."""
+
+    rows: list[Row]
+    answers: list[tuple[Kept, ...]]
+
+
+def rows_of(job: Job) -> Done:
     """Drive one driver on one start, in the event and in its event-free twin."""
     start, built_in = _start(job.start)
     identity = identity_of(job)
     rows: list[Row] = []
+    answers: list[tuple[Kept, ...]] = []
     for latency_s in job.latencies_s:
         for repeat in range(job.repeats):
             if job.driver.driver == CAREFUL:
@@ -79,7 +90,8 @@ def rows_of(job: Job) -> list[Row]:
             else:
                 found = _both(job, start, built_in, latency_s, repeat)
             rows.append([*identity[len(rows)], *_cells(start, found)])
-    return rows
+            answers.append(found.answers)
+    return Done(rows, answers)
 
 
 def _cells(start: Start, found: _Found) -> Row:
@@ -96,11 +108,19 @@ def _cells(start: Start, found: _Found) -> Row:
     ]
 
 
-def _both(job: Job, start: Start, built_in: Record, latency_s: float, repeat: int) -> _Found:
-    # In seeded random order: a driver can't tell from it which is the event.
+def order_of(name: str) -> tuple[bool, bool]:
+    """Return in which order the event, True, and its event-free twin are driven.
+
+    It is random by the name of the pair, so that a driver can't tell from it which is which.
+    """
     order = [True, False]
-    name = f"{job.seed} {start.hash} {job.driver.shown} {latency_s:g} {repeat}"
     random.Random(name).shuffle(order)
+    return order[0], order[1]
+
+
+def _both(job: Job, start: Start, built_in: Record, latency_s: float, repeat: int) -> _Found:
+    name = f"{job.seed} {start.hash} {job.driver.shown} {latency_s:g} {repeat}"
+    order = order_of(name)
     drives = {event: _run(start, job.driver, latency_s, event=event) for event in order}
     driven, free = drives[True], drives[False]
     outcome = free.outcome if free.outcome.kind == "harness" else driven.outcome
@@ -116,6 +136,7 @@ def _both(job: Job, start: Start, built_in: Record, latency_s: float, repeat: in
             driven.outcome.at_s,
         ),
         needless_in(free.run, free.driven, free.record, built_in, free.outcome.at_s),
+        tuple(texts_of(driven.driven, driven.record.reports, driven.outcome.at_s)),
     )
 
 

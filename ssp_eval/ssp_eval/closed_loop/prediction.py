@@ -1,0 +1,151 @@
+"""Open loop against closed loop: does the score predict the headline (METHOD 8.9)?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+from ssp_eval.closed_loop.folder import LoopCampaign
+from ssp_eval.score.metrics import COMPONENTS
+from ssp_eval.statistics.rows import OK, CellRow
+from ssp_eval.statistics.table import Column, Table
+from ssp_scenario_manager.closed_loop.plan_file import BASELINES
+
+# METHOD 8.9: fewer drivers have no correlation.
+LEAST_DRIVERS = 10
+IVCS = "ivcs"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One driver: its open-loop score, and its headline with Wilson's interval."""
+
+    driver: str
+    score: float
+    headline: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The open-loop scores of the drivers against their headlines on one event at one latency.
+
+    Args:
+        rho: Spearman's; None under LEAST_DRIVERS, or where one of the two is the same for all.
+        inversions: pairs that the two order differently, where the intervals of their headlines
+            don't overlap: the one with the better score first.
+    """
+
+    event: str
+    latency_s: float
+    metric: str
+    n: int
+    rho: float | None
+    inversions: tuple[tuple[str, str], ...]
+
+
+def scores_by_driver(
+    rows: Iterable[CellRow], metric: str, events: Iterable[str]
+) -> dict[tuple[str, str], float]:
+    """Return the score of each (event, model) on recordings of the built-in driver.
+
+    Args:
+        rows: cells of `ssp evaluate`, none of a driven recording.
+        metric: ``ivcs``, or a component of it.
+        events: of the campaign.
+    """
+    wanted, found = set(events), dict[tuple[str, str], float]()
+    for row in rows:
+        value = getattr(row, metric)
+        usual = row.status == OK and row.domain == "simulation" and not row.control
+        if usual and row.scenario in wanted and value is not None:
+            found[row.scenario, row.model] = float(value)
+    return found
+
+
+def predict(
+    campaign: LoopCampaign, scores: Mapping[tuple[str, str], float], metric: str
+) -> list[Prediction]:
+    """Compare scores with headlines, by event and latency; baselines aren't counted.
+
+    Args:
+        campaign: gives the headlines; a model has its score under the driver's name.
+        scores: by event and model.
+        metric: name of the score.
+    """
+    cells: dict[tuple[str, float], list[Point]] = {}
+    for one in campaign.rates:
+        score = scores.get((one.event, one.driver))
+        if one.driver in BASELINES or score is None or one.headline is None:
+            continue
+        if one.low is None or one.high is None:
+            continue
+        points = cells.setdefault((one.event, one.latency_s), [])
+        points.append(Point(one.driver, score, one.headline, one.low, one.high))
+    return [
+        Prediction(event, latency_s, metric, len(points), rho_of(points), inversions_of(points))
+        for (event, latency_s), points in cells.items()
+    ]
+
+
+def rho_of(points: Sequence[Point]) -> float | None:
+    """Return Spearman's rank correlation; None of few drivers, or where nothing varies."""
+    if len(points) < LEAST_DRIVERS:
+        return None
+    x, y = [one.score for one in points], [one.headline for one in points]
+    if len(set(x)) < 2 or len(set(y)) < 2:
+        return None
+    from scipy.stats import spearmanr  # type: ignore[import-untyped]  # slow to import, no types
+
+    return float(spearmanr(x, y).statistic)
+
+
+def inversions_of(points: Sequence[Point]) -> tuple[tuple[str, str], ...]:
+    """Return the pairs that are ordered differently, the one with the better score first."""
+    found = []
+    for one, other in combinations(points, 2):
+        better, worse = (one, other) if one.score > other.score else (other, one)
+        if better.score > worse.score and better.high < worse.low:
+            found.append((better.driver, worse.driver))
+    return tuple(found)
+
+
+def prediction_table(campaign: LoopCampaign, rows: Sequence[CellRow]) -> Table:
+    """Return how IVCS and its components go with the headlines.
+
+    Args:
+        campaign: gives the headlines.
+        rows: cells of `ssp evaluate` on the same events, none of a driven recording.
+    """
+    found = [
+        one
+        for metric in (IVCS, *COMPONENTS)
+        for one in predict(campaign, scores_by_driver(rows, metric, campaign.plan.events), metric)
+    ]
+    return Table(
+        "prediction",
+        "Open loop against closed loop",
+        (
+            Column("event", "event", "text"),
+            Column("latency_s", "L, s", "number"),
+            Column("metric", "score", "text"),
+            Column("n", "drivers", "count"),
+            Column("rho", "ρ", "signed"),
+            Column("inversions", "better score, worse headline", "text"),
+        ),
+        tuple(
+            (
+                *(o.event, o.latency_s, o.metric, o.n, o.rho),
+                ", ".join(f"{a} over {b}" for a, b in o.inversions),
+            )
+            for o in found
+        ),
+        notes=(
+            "The unit is the driver; its score is that of the model of its name on the built-in "
+            f"driver's recording of the event. Spearman's ρ from {LEAST_DRIVERS} drivers on, "
+            "baselines not counted. Pairs are named where the intervals of their headlines don't "
+            "overlap.",
+        ),
+    )

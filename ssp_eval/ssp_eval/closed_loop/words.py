@@ -1,0 +1,148 @@
+"""Words against deeds: what a driver says it does, and what its plan does (METHOD 8.9)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from ssp_core.errors import InputError
+from ssp_eval.closed_loop.folder import LoopCampaign
+from ssp_eval.extract.combined.extractor import Extractor
+from ssp_eval.statistics.table import Column, Table
+from ssp_scenario_manager.closed_loop.texts import TEXTS_FOLDER
+
+SLOWS_MPS = 0.5
+_BRAKES = ("decelerate", "stop")
+
+
+@dataclass(frozen=True)
+class Said:
+    """One answer at or after T_obs, with the plan that was driven.
+
+    Args:
+        row: of its run.
+        speed_mps: at which its plan begins.
+        slows_mps: by how much it slows within 2 s.
+    """
+
+    row: int
+    text: str
+    speed_mps: float
+    slows_mps: float
+
+
+@dataclass(frozen=True)
+class Words:
+    """The runs of a driver at a latency whose texts say something of the longitudinal action.
+
+    Args:
+        runs: with such an answer.
+        only_said: runs with an answer that says decelerate or stop while its plan doesn't slow.
+        only_done: runs with an answer whose plan slows while it says another action.
+    """
+
+    driver: str
+    latency_s: float
+    runs: int
+    only_said: int
+    only_done: int
+
+
+def load_said(campaign: LoopCampaign) -> list[Said]:
+    """Read the answers that have texts; none where no driver has any.
+
+    Raises:
+        InputError: a file isn't as `ssp loop` leaves it.
+    """
+    found = []
+    for path in sorted((campaign.folder / TEXTS_FOLDER).glob("*.jsonl")):
+        for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
+            found.append(_said(path, number, line))
+    return found
+
+
+def _said(path: Path, number: int, line: str) -> Said:
+    try:
+        one = json.loads(line)
+        speed_mps, slows_mps = float(one["speed_mps"]), float(one["slows_mps"])
+        return Said(int(one["row"]), str(one["text"]), speed_mps, slows_mps)
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"is no answer of a campaign: {error}", file=path, line=number) from error
+
+
+def lon_action_by(extractor: Extractor) -> Callable[[str], str | None]:
+    """Return what finds the longitudinal action that a text states; each text is read once."""
+
+    @cache
+    def find(text: str) -> str | None:
+        slot = extractor(text).slots.lon_action
+        return None if slot is None else str(slot.value)
+
+    return find
+
+
+def words_of(
+    campaign: LoopCampaign, said: Iterable[Said], action: Callable[[str], str | None]
+) -> list[Words]:
+    """Compare words with deeds.
+
+    An answer whose text states no longitudinal action says nothing, nor does one of a VUT that is
+    too slow for its plan to slow by 0.5 m/s.
+
+    Args:
+        campaign: whose runs they are of.
+        said: the answers.
+        action: finds the longitudinal action of a text.
+    """
+    runs = {run.number: run for run in campaign.critical}
+    marks: dict[tuple[str, float], dict[int, tuple[bool, bool]]] = {}
+    for one in said:
+        run, stated = runs.get(one.row), action(one.text)
+        if run is None or stated is None or one.speed_mps < SLOWS_MPS:
+            continue
+        brakes, slows = stated in _BRAKES, one.slows_mps >= SLOWS_MPS
+        cell = marks.setdefault((run.row.driver, run.row.latency_s), {})
+        only_said, only_done = cell.get(one.row, (False, False))
+        cell[one.row] = only_said or (brakes and not slows), only_done or (slows and not brakes)
+    return [
+        Words(
+            driver,
+            latency_s,
+            len(cell),
+            sum(only_said for only_said, _ in cell.values()),
+            sum(only_done for _, only_done in cell.values()),
+        )
+        for (driver, latency_s), cell in sorted(marks.items())
+    ]
+
+
+def words_table(campaign: LoopCampaign) -> Table | None:
+    """Return words against deeds of each driver; None where no answer has a text."""
+    said = load_said(campaign)
+    if not said:
+        return None
+    found = words_of(campaign, said, lon_action_by(Extractor()))
+    return Table(
+        "words",
+        "Words against deeds",
+        (
+            Column("driver", "driver", "text"),
+            Column("latency_s", "L, s", "number"),
+            Column("runs", "runs with words", "count"),
+            Column("only_said", "says it brakes, doesn't", "decimal"),
+            Column("only_done", "brakes, says otherwise", "decimal"),
+        ),
+        tuple(
+            (o.driver, o.latency_s, o.runs, o.only_said / o.runs, o.only_done / o.runs)
+            for o in found
+        ),
+        notes=(
+            "Shares of the runs on critical starts with an answer at or after T_obs that states a "
+            "longitudinal action. Says it brakes, doesn't: the extracted action is decelerate or "
+            "stop, and the plan of the same answer doesn't slow by 0.5 m/s within 2 s. Brakes, "
+            "says otherwise: the plan does, and the action is another one.",
+        ),
+    )
