@@ -250,7 +250,7 @@ class _Following:
 
     def _stuck_manager(self) -> str:
         """End a manager that doesn't come to its end and return why; empty while it has time."""
-        trouble = self._client.trouble
+        trouble = self._client.session.trouble
         if trouble is None or time.monotonic() - trouble[0] < RESULT_S:
             return ""
         stuck = f"{names.SCENARIO_MANAGER} gave no result {RESULT_S:g} s after {trouble[1]}"
@@ -377,7 +377,7 @@ class _Following:
                 # Nobody is left to give a result; the objects stop by themselves.
                 self._let_objects_stop()
                 break
-            if self._told and not self._client.was_armed:
+            if self._told and not self._client.session.was_armed:
                 # Nothing was armed: there is nothing that has to come to stand.
                 self._client.cancel()
                 break
@@ -405,8 +405,8 @@ class _Following:
             typed: the word that aborts was typed.
             cancelled: number of signals that came.
         """
-        if self._client.first_event is not None and not self._told:
-            busy = self._waits.too_busy(*self._client.first_event)
+        if self._client.session.first_event is not None and not self._told:
+            busy = self._waits.too_busy(*self._client.session.first_event)
             outcome = with_busy_machine(outcome, busy)
         if typed:
             outcome = RunOutcome(outcome.verdict, (f"{ABORT} typed", *outcome.reasons))
@@ -474,7 +474,7 @@ class _Following:
     def _followed(self, outcome: RunOutcome) -> Followed:
         client, hands, injector = self._client, self._hands, self._injector
         if hands is None or injector is None:
-            return Followed(outcome, client.elapsed_s, client.running_wall_s)
+            return Followed(outcome, client.session.times.session_s, client.session.times.wall_s)
         goes_on = injector.release(hands.session_s, hands.wall_s)
         if goes_on:
             # It goes on where it stood still; what was on its way there is seen now.
@@ -492,7 +492,9 @@ class _Following:
             "injected": [asdict(one) for one in injector.injected],
             "heard": hands.heard,
         }
-        return Followed(outcome, hands.session_s, client.running_wall_s, faults, hands.witness())
+        return Followed(
+            outcome, hands.session_s, client.session.times.wall_s, faults, hands.witness()
+        )
 
 
 def obituary(node: NodeProcess) -> str:

@@ -24,6 +24,16 @@ def dead(name: str) -> MagicMock:
     return node
 
 
+def quiet_client(*, was_armed: bool) -> MagicMock:
+    """A client that hears its manager, and nothing else."""
+    client = MagicMock(silent_s=0.0, under_way=False, not_in_time=None)
+    client.other_managers.return_value = ()
+    client.session.trouble = client.session.first_event = None
+    client.session.was_armed = was_armed
+    client.session.times.session_s = client.session.times.wall_s = 0.0
+    return client
+
+
 @pytest.mark.parametrize("armed", [False, True])
 def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
     run: RunSpec, monkeypatch: pytest.MonkeyPatch, armed: bool
@@ -31,10 +41,8 @@ def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
     """Once something was armed, it has time to come to stand."""
     node = dead(names.OBJECT_TARGET)
     group = MagicMock(processes={names.OBJECT_TARGET: node, names.SCENARIO_MANAGER: MagicMock()})
-    client = MagicMock(outcome=None, silent_s=0.0, was_armed=armed, under_way=False)
-    client.not_in_time = client.trouble = client.first_event = None
-    client.other_managers.return_value = ()
-    client.elapsed_s = client.running_wall_s = 0.0
+    client = quiet_client(was_armed=armed)
+    client.outcome = None
     # It comes up, and ends when the run has begun.
     group.ended.side_effect = lambda: [node] if client.begin.called else []
 
@@ -71,15 +79,13 @@ def test_a_manager_that_lives_and_gives_no_result_doesnt_keep_the_run(
     manager = MagicMock()
     group = MagicMock(processes={names.SCENARIO_MANAGER: manager})
     group.ended.return_value = []
-    client = MagicMock(outcome=None, silent_s=0.0, was_armed=True, under_way=False, trouble=None)
-    client.not_in_time = client.first_event = None
-    client.other_managers.return_value = ()
-    client.elapsed_s = client.running_wall_s = 0.0
+    client = quiet_client(was_armed=True)
+    client.outcome = None
 
     def spin(timeout_s: float) -> None:
         now_s[0] += timeout_s
-        if now_s[0] >= 140.0 and client.trouble is None:
-            client.trouble = now_s[0], "clock_offset ot1: -5 s, limit 0.05 s"
+        if now_s[0] >= 140.0 and client.session.trouble is None:
+            client.session.trouble = now_s[0], "clock_offset ot1: -5 s, limit 0.05 s"
         assert now_s[0] < 180.0, "the run was not ended in time"
 
     client.spin.side_effect = spin
@@ -107,11 +113,8 @@ def test_a_camera_that_compiles_its_kernels_is_waited_for_before_the_run_begins(
         processes={names.SCENARIO_MANAGER: MagicMock(), names.FRONT_CAMERA: MagicMock()}
     )
     group.ended.return_value = []
-    client = MagicMock(silent_s=0.0, was_armed=False, under_way=False, trouble=None)
+    client = quiet_client(was_armed=False)
     client.outcome = RunOutcome(Verdict.VALID, ())
-    client.not_in_time = client.first_event = None
-    client.other_managers.return_value = ()
-    client.elapsed_s = client.running_wall_s = 0.0
     client.camera_is_there.side_effect = lambda: now_s[0] >= 100.0 + after_s
 
     def spin(timeout_s: float) -> None:

@@ -80,7 +80,7 @@ def test_a_goal_that_came_too_late_ends_nothing_for_the_next_one(
 
         def refused() -> bool:
             client.spin(0.05)
-            return client._result is not None
+            return client.not_in_time is not None
 
         peers.spin_until(refused, "the manager's refusal")
         assert client.not_in_time
