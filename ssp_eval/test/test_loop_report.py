@@ -29,7 +29,12 @@ from ssp_eval.closed_loop.prediction import (
     rho_of,
     scores_by_driver,
 )
-from ssp_eval.closed_loop.tables import groups_of, headline_table, pair_table
+from ssp_eval.closed_loop.tables import (
+    groups_of,
+    headline_table,
+    pair_table,
+    severity_table,
+)
 from ssp_eval.closed_loop.words import words_table
 from ssp_eval.report.cli import report
 from ssp_eval.statistics.rows import CellRow
@@ -279,6 +284,22 @@ def test_pairs_say_of_which_events_they_are(campaign: LoopCampaign) -> None:
     assert table.title.endswith("for these events: cut_in")
     found = {tuple(row[:3]): row[3:6] for row in table.rows}
     assert found["constant_velocity", MINE, 0.0] == (4, 0, 3)
+    beside = pair_table(campaign, groups_of(campaign)[0], [MINE])
+    assert {row[1] for row in beside.rows} == {MINE}
+    assert len(beside.rows) == 2 * 7
+
+
+def test_a_measure_without_a_bound_is_shown_by_its_median(campaign: LoopCampaign) -> None:
+    runs = [
+        replace(one, cells={**one.cells, "ttc_s": "900" if one.cells["seed"] == "0" else "2.5"})
+        for one in campaign.runs
+    ]
+    table = severity_table(replace(campaign, runs=tuple(runs)), "cut_in", [MINE])
+    shown = [texts(table, row) for row in table.rows]
+    place = [column.key for column in table.columns].index("ttc_s")
+    assert [row[place] for row in shown] == ["2.50", "2.50"]
+    # Of a mean the number of runs that have one stands behind it: at 0.5 s 3 of 4 collide.
+    assert shown[1][2] == "7.00 (3)"
 
 
 def test_an_avoided_run_that_is_needless_is_no_success_of_the_figure(

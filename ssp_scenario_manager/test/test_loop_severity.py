@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,11 +18,12 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import Brake, FollowPath
-from ssp_core.world.driver import DriveMode, DriveReport
+from ssp_core.world.driver import Answer, Answered, DriveMode, DriveReport
 from ssp_core.world.plant import StepReport
 from ssp_scenario_manager.closed_loop.careful import CAREFUL_DRIVER, careful_motion, is_defined
 from ssp_scenario_manager.closed_loop.severity import Severity, severity_facts
 from ssp_scenario_manager.closed_loop.start import Start
+from ssp_scenario_manager.closed_loop.texts import texts_of, write_texts
 from ssp_scenario_manager.run.in_process import Record
 from tests.support.runs import cut_in_run
 from tests.support.states import make_reference, object_state
@@ -237,3 +240,46 @@ def test_successive_plans_are_compared_one_second_behind_the_frame_of_the_later(
     reports = [report(1.5, vut, drive=plan(1.4, 10.0)), report(2.5, vut, drive=plan(2.4, 9.0))]
     # At 3.4 s: 34 m by the first, 30.6 m by the second.
     assert facts(run, reports).replan_m == pytest.approx(3.4)
+
+
+# -- texts -----------------------------------------------------------------------------------------
+
+
+def answered(number: int, text: str, speed: float, slows_mps2: float) -> DriveReport:
+    """An answer about the frame of 0.1 s · number, which is effective in its step."""
+    t: FloatArray = np.linspace(0.0, 4.0, 41)
+    v = np.maximum(speed - slows_mps2 * t, 0.0)
+    zeros = np.zeros(41)
+    reference = replace(
+        make_reference(purpose="plan", execute_at_ns=round(1e8 * number)),
+        reference_id=f"plan-{number}",
+        points=Points(np.vstack([t, t, zeros, zeros, v, zeros, zeros])),
+    )
+    answer = Answered(number, round(1e8 * number), 0.0, Answer(None, text))
+    return DriveReport(DriveMode.PLAN, answered=answer, effective=reference)
+
+
+def test_texts_are_kept_from_t_obs_on_with_what_their_own_plans_do(tmp_path: Path) -> None:
+    driven = Driven(
+        driver="mine", first_request_s=0.0, hand_over_s=1.0, end_s=9.0, observable_s=1.5
+    )
+    vut = object_state("vut")
+    reports = [
+        report(1.4, vut, drive=answered(14, "before T_obs", 10.0, 1.0)),
+        report(1.5, vut, drive=answered(15, "I brake.", 10.0, 0.2)),
+        report(1.6, vut, drive=answered(16, "  ", 10.0, 0.2)),
+        # Its plan was refused: the one before it goes on, and no text is held against it.
+        report(1.7, vut, drive=replace(answered(17, "refused", 10.0, 0.2), effective=None)),
+        report(1.8, vut, drive=answered(18, "I stop.", 3.0, 2.0)),
+        report(2.5, vut, drive=answered(25, "behind the contact", 10.0, 1.0)),
+    ]
+    kept = tuple(texts_of(driven, reports, decided_s=2.0))
+    assert [one["text"] for one in kept] == ["I brake.", "I stop."]
+    assert [one["stamp_s"] for one in kept] == [1.5, 1.8]
+    # Within 2 s of the frame.
+    assert [one["slows_mps"] for one in kept] == [0.4, 3.0]
+    write_texts(tmp_path, 3, 2, [(), kept])
+    lines = (tmp_path / "texts" / "000003.jsonl").read_text().splitlines()
+    assert [json.loads(line)["row"] for line in lines] == [8, 8]
+    write_texts(tmp_path, 4, 2, [(), ()])
+    assert len(list((tmp_path / "texts").iterdir())) == 1

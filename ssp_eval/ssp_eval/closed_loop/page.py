@@ -31,7 +31,7 @@ from ssp_eval.closed_loop.tables import (
     pair_table,
     severity_table,
 )
-from ssp_eval.report.render import grid
+from ssp_eval.report.render import Grid, grid
 from ssp_eval.statistics.table import Table
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES, ZERO
 from ssp_scenario_manager.closed_loop.rates import refused_for, rising
@@ -100,7 +100,7 @@ def render(campaign: LoopCampaign, further: Sequence[Table] = ()) -> str:
             ],
             parts=[_part(campaign, event, groups) for event in campaign.plan.events],
             over_events=[grid(over_events_table(campaign, group)) for group in groups],
-            pairs=[grid(pair_table(campaign, group)) for group in groups if len(group) > 1],
+            pairs=_pairs(campaign, groups, own),
             further=[grid(table) for table in further],
             failed=failed_of(campaign),
             most=MOST_FAILED,
@@ -147,8 +147,21 @@ def _part(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> dict[s
         "groups": shown,
         "chains": [_with_words(chain) for chain in chains],
         "longest_s": max([chain.whole_s for chain in chains], default=0.0) or 1.0,
-        "severity": [grid(severity_table(campaign, event, group)) for group in groups],
+        "severity": _severity(campaign, event, groups),
     }
+
+
+def _severity(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> list[Grid]:
+    """Return the tables of one event, with the note under the last one alone."""
+    tables = [severity_table(campaign, event, group) for group in groups]
+    found = [grid(table) for table in tables if table.rows]
+    return [*(replace(one, notes=()) for one in found[:-1]), *found[-1:]]
+
+
+def _pairs(campaign: LoopCampaign, groups: list[list[str]], own: list[str]) -> list[Grid]:
+    """Return the pairs with one of the plan's own drivers; of baselines alone where it has none."""
+    tables = [pair_table(campaign, group, own or None) for group in groups]
+    return [grid(table) for table in tables if table.rows]
 
 
 def _with_words(chain: Chain) -> dict[str, Any]:

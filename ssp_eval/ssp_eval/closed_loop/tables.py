@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from statistics import median
 
 from ssp_eval.closed_loop.comparisons import LEAST_EVENTS, over_events, pairs_of
 from ssp_eval.closed_loop.folder import LoopCampaign, Run
@@ -32,6 +33,9 @@ _SEVERITY = (
     ("jerk_mps3", "jerk, m/s³"),
     ("replan_m", "re-plan, m"),
 )
+
+# METHOD 8.8 wants means of these; a single TTC or deceleration would carry that of the others.
+_MEANS = ("v_i_mps", "severity")
 
 
 def groups_of(campaign: LoopCampaign) -> list[list[str]]:
@@ -111,26 +115,29 @@ def severity_table(campaign: LoopCampaign, event: str, drivers: Sequence[str]) -
         if run.row.event == event and run.row.driver in drivers:
             cells.setdefault((run.row.driver, run.row.latency_s), []).append(run)
     for (driver, latency_s), runs in cells.items():
-        rows.append((driver, latency_s, *(_mean(runs, name) for name, _ in _SEVERITY)))
+        rows.append((driver, latency_s, *(_middle(runs, name) for name, _ in _SEVERITY)))
     return Table(
         f"severity_{event}",
         event,
         tuple(columns),
         tuple(rows),
         notes=(
-            "Means over the runs that have a value, whose number stands behind it where it isn't "
-            "that of all runs. The smallest TTC and distance, the largest needed deceleration and "
-            "jerk of each run lie between the hand-over and its deciding fact.",
+            "Means of v_i and severity, medians of the others, over the runs that have a value; "
+            "their number stands behind it where it isn't that of all runs. The smallest TTC and "
+            "distance, the largest needed deceleration and jerk of each run lie between the "
+            "hand-over and its deciding fact.",
         ),
     )
 
 
-def _mean(runs: Sequence[Run], name: str) -> str:
+def _middle(runs: Sequence[Run], name: str) -> str:
+    """Return the mean or, of what has no bound, the median of a column, as a cell."""
     values = [value for run in runs if (value := run.value(name)) is not None]
     if not values:
         return NULL
     count = "" if len(values) == len(runs) else f" ({len(values)})"
-    return f"{math.fsum(values) / len(values):.2f}{count}"
+    middle = math.fsum(values) / len(values) if name in _MEANS else median(values)
+    return f"{middle:.2f}{count}"
 
 
 def over_events_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
@@ -172,8 +179,17 @@ def over_events_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
     )
 
 
-def pair_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
-    """Return McNemar's exact test of each two drivers of a group."""
+def pair_table(
+    campaign: LoopCampaign, drivers: Sequence[str], beside: Sequence[str] | None = None
+) -> Table:
+    """Return McNemar's exact test of each two drivers of a group.
+
+    Args:
+        campaign: whose critical starts they drove.
+        drivers: of the group.
+        beside: pairs without one of these are left out; None: none is.
+    """
+    shown = drivers if beside is None else beside
     events = ", ".join(campaign.plan.events)
     return Table(
         "pairs",
@@ -194,6 +210,7 @@ def pair_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
                 *(o.test.more, o.test.fewer, o.test.p, o.test.p_least),
             )
             for o in pairs_of(campaign.critical, drivers)
+            if o.first in shown or o.second in shown
         ),
         notes=(
             "McNemar's exact test on the same (event, start, L), for these events: it says nothing "
