@@ -65,14 +65,14 @@ def pytest_report_header() -> str | None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave the tests of CARLA out where its client can't be, and order what several workers take.
 
-    Each worker collects all tests, and knows how many workers there are.
+    Each worker collects all tests.
     """
     if not _HAS_CARLA:
         left_out = [item for item in items if item.get_closest_marker("carla")]
         items[:] = [item for item in items if not item.get_closest_marker("carla")]
         config.hook.pytest_deselected(items=left_out)
-    if worker := getattr(config, "workerinput", None):
-        items[:] = spread(items, worker["workercount"])
+    if hasattr(config, "workerinput"):
+        items[:] = spread(items)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -27,6 +27,8 @@ PACKAGES = (
 
 # Leaves out the tests that run whole sessions, browsers or clusters.
 QUICK = ("-m", "not system and not programs")
+# In the order of tests/support/order.py.
+WHOLE_FILES = ("--dist", "loadfile", "--no-loadscope-reorder")
 # Where the language model of --real-model lies, and the variable that tells its tests so.
 MODEL_FOLDER = ".venv/real-model"
 MODEL_VARIABLE = "SSP_REAL_MODEL"
@@ -59,14 +61,14 @@ def _checks(
     chosen = [*pytest, *(QUICK if quick else ())]
     if arguments:
         return [*checks, ("tests", [*chosen, *arguments])]
-    # A worker that has done its share takes of another's. Tests of nodes wait for processes more
-    # than they work: one worker more than there are processors.
+    # Tests of nodes wait for processes more than they work: one worker more than there are
+    # processors. A worker takes whole files, since what a file's tests share is made once then.
     at_once = str((os.cpu_count() or 1) + 1)
     return [
         *checks,
         ("tools of the site", DOCS_TOOLS),
         ("site", [*MKDOCS, "build", "--strict", "--site-dir", "log/site"]),
-        ("tests", [*chosen, "--dist", "worksteal", "-n", at_once]),
+        ("tests", [*chosen, *WHOLE_FILES, "-n", at_once]),
     ]
 
 

@@ -7,8 +7,6 @@ from itertools import groupby
 from types import SimpleNamespace
 from typing import Any
 
-import pytest
-
 from ssp_eval.checkout import _checks
 from tests.support.order import ROOT, spread
 
@@ -29,26 +27,22 @@ def made(name: str, marker: str | None) -> Any:
     return SimpleNamespace(path=ROOT / name, get_closest_marker=lambda asked: asked == marker)
 
 
-@pytest.mark.parametrize("workers", [1, 2, 3, 5, 20])
-def test_each_worker_gets_tests_that_wait_among_tests_that_work(workers: int) -> None:
+def test_files_that_wait_lie_among_files_that_work_and_the_longest_come_first() -> None:
     items = [made(name, marker) for name, (n, marker) in FILES.items() for _ in range(n)]
-    ordered = spread(items, workers)
+    ordered = spread(items)
     assert sorted(map(id, ordered)) == sorted(map(id, items))
     files = [path.relative_to(ROOT).as_posix() for path, _ in groupby(i.path for i in ordered)]
     assert sorted(files) == sorted(FILES), "a file's tests stay together"
     waiting = [name for name in files if FILES[name][1]]
-    if workers == 1:
-        assert files[0] == "tests/system/live/test_live.py", "those that take longest come first"
-        assert waiting[1] == "tests/system/test_page.py"
-        assert all(FILES[name][1] is None for name in (files[1], files[-1]))
-    if workers == 3:
-        share = len(items) / workers
-        begins = [ordered[round(number * share)].path.name for number in range(3)]
-        assert begins[0] == "test_live.py"
-        assert [waiting[1], waiting[2]] == [
-            "tests/system/test_page.py",
-            "ssp_msgs/test/test_node.py",
-        ]
+    assert waiting == [
+        "tests/system/live/test_live.py",
+        "tests/system/test_page.py",
+        "ssp_msgs/test/test_node.py",
+    ]
+    assert files[0] == waiting[0]
+    assert [files.index(name) for name in waiting] == [0, 2, 5]
+    assert FILES[files[-1]][1] is None
+    assert spread(items[:40]) == items[:40], "without any that wait the order is kept"
 
 
 def test_one_more_than_there_are_processors_runs_all_of_them() -> None:

@@ -437,22 +437,6 @@ def test_a_publisher_of_another_type_keeps_the_recorder_from_being_ready(session
     session.wait_ready()
 
 
-@pytest.mark.parametrize(
-    ("parameter", "match"),
-    [
-        ("include:=(", "parameter include: is no regular expression"),
-        ("video:=mpeg", "video: is no codec"),
-    ],
-)
-def test_wrong_parameters_are_one_message(domain, run_file, tmp_path, parameter, match):
-    process = start(run_file, tmp_path / "bag", parameter)
-    _, err = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 1
-    assert match in err
-    assert "Traceback" not in err
-    assert not (tmp_path / "bag").exists()
-
-
 def test_a_bag_that_vanishes_is_said_aloud(session, monitor, tmp_path):
     session.offer_all()
     session.wait_ready()
@@ -471,21 +455,26 @@ def test_a_bag_that_vanishes_is_said_aloud(session, monitor, tmp_path):
     assert "Traceback" not in err
 
 
-@pytest.mark.parametrize(
-    ("break_it", "match"),
-    [
-        (lambda run, bag: bag.mkdir(), "bag: exists already"),
-        (lambda run, bag: run.write_text("{}"), "run.yaml: "),
-        (lambda run, bag: run.unlink(), "run.yaml: can't be read"),
-    ],
-)
-def test_wrong_input_is_one_message_and_exit_1(domain, run_file, tmp_path, break_it, match):
-    break_it(run_file, tmp_path / "bag")
-    process = start(run_file, tmp_path / "bag")
-    _, err = process.communicate(timeout=DEADLINE_S)
-    assert process.returncode == 1
-    assert match in err
-    assert "Traceback" not in err
+def test_wrong_input_is_one_message_and_exit_1(domain, run_mapping, tmp_path):
+    """A folder that is taken, wrong or missing run files, and wrong parameters; all at once."""
+    sound, empty = tmp_path / "run.yaml", tmp_path / "empty.yaml"
+    sound.write_text(json.dumps(run_mapping))
+    empty.write_text("{}")
+    (tmp_path / "taken").mkdir()
+    wrong = [
+        (sound, "taken", (), "taken: exists already"),
+        (empty, "bag", (), "empty.yaml: "),
+        (tmp_path / "none.yaml", "bag", (), "none.yaml: can't be read"),
+        (sound, "bag", ("include:=(",), "parameter include: is no regular expression"),
+        (sound, "bag", ("video:=mpeg",), "video: is no codec"),
+    ]
+    started = [(start(run, tmp_path / bag, *given), says) for run, bag, given, says in wrong]
+    for process, says in started:
+        _, err = process.communicate(timeout=DEADLINE_S)
+        assert process.returncode == 1, says
+        assert says in err
+        assert "Traceback" not in err
+    assert not (tmp_path / "bag").exists()
 
 
 def test_the_bag_states_the_profiles_that_publishers_have():

@@ -293,7 +293,8 @@ class Polyline:
 
     @cached_property
     def _starts_m(self) -> list[float]:
-        return [float(station) for station in self.stations_m[:-1]]
+        starts: list[float] = self.stations_m[:-1].tolist()
+        return starts
 
     @cached_property
     def _pieces(self) -> list[_Piece]:

@@ -25,6 +25,7 @@ from tests.system.recordings import Recordings
 
 START_DEADLINE_S = 300.0
 END_DEADLINE_S = 300.0
+EVENTS = ("cut_in", "vru_crossing")
 # In lockstep, and with a trigger that never fires: a run that lasts until it is struck.
 LONG = """schema: ssp.faults/1
 faults: [{kind: trigger_never, at_s: 0.0}]
@@ -129,8 +130,11 @@ def in_terminal(command: list[str]) -> subprocess.Popen[str]:
 
 
 @pytest.fixture
-def start_session(tmp_path: Path) -> Iterator[Any]:
-    """Starts ``ssp run`` in a folder of the test; nothing of it outlives the test."""
+def start_session(tmp_path: Path, recordings: Recordings) -> Iterator[Any]:
+    """Starts ``ssp run`` in a folder of the test; nothing of it outlives the test.
+
+    A shipped event is compiled once for all of them.
+    """
     started: list[Session] = []
 
     def start(
@@ -142,7 +146,8 @@ def start_session(tmp_path: Path) -> Iterator[Any]:
         enter: tuple[str, ...] = (),
     ) -> Session:
         folder = folder or tmp_path / name
-        command = [*enter, *ssp_command("run", scenario, "--out", str(folder), *arguments)]
+        what = str(recordings.task(scenario)) if scenario in EVENTS else scenario
+        command = [*enter, *ssp_command("run", what, "--out", str(folder), *arguments)]
         if terminal:
             process = in_terminal(command)
         else:

@@ -123,13 +123,32 @@ class Recordings:
         return load_event(str(self.k_star(event)))[1]
 
     def get(self, event: str, domain: str) -> Path:
-        """A run's folder. A session also left there what it said with ``--json``."""
+        """A run's folder; over DDS its bag would be the same (test_in_process)."""
         bound = self.k_star(event)
         target = self.folder / f"{event}-{domain}"
         with self._once(target.name) as missing:
             if missing and domain == "synthetic":
                 self._import(event, target)
             elif missing:
+                run = ("run", bound, "--site", SITES[domain], "--seed", 11, "--out", target)
+                succeed(*run, "--in-process", "--record")
+        return target
+
+    def task(self, event: str) -> Path:
+        """A shipped event, compiled for the simulation."""
+        target = self.folder / f"{event}-task"
+        with self._once(target.name) as missing:
+            if missing:
+                site = SITES["simulation"]
+                succeed("compile", event, "--target", "sumo", "--site", site, "--out", target)
+        return target
+
+    def session(self, event: str, domain: str) -> Path:
+        """The folder of a session in processes, which left there what it said with ``--json``."""
+        bound = self.k_star(event)
+        target = self.folder / f"{event}-{domain}-session"
+        with self._once(target.name) as missing:
+            if missing:
                 run = ("run", bound, "--site", SITES[domain], "--seed", 11, "--json")
                 command = [sys.executable, "-m", "ssp_core.cli", *map(str, run)]
                 done = subprocess.run(

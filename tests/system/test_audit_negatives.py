@@ -20,8 +20,6 @@ from ssp_eval.data.audit import Audit, RecordingEntry, load_audit
 from ssp_eval.pictures.footage import Grey, read_grey
 from tests.system.recordings import Changes, Recordings, changed_run, ssp, succeed
 
-pytestmark = [pytest.mark.ros, pytest.mark.system]
-
 # Runs the verbs with another program in place of the object target.
 WITH_ROGUE = """
 import sys
@@ -255,6 +253,8 @@ def test_a_safety_abort(recordings: Recordings, tmp_path: Path) -> None:
     assert len(entry.safety_events) >= 1
 
 
+@pytest.mark.ros
+@pytest.mark.system
 def test_an_id_that_changes_mid_run(recordings: Recordings, tmp_path: Path) -> None:
     run = broken_run(tmp_path, recordings, "cut_in", {}, program=WITH_ROGUE)
     entry = refused(audit(tmp_path, recordings, "cut_in", run)[1])

@@ -107,7 +107,7 @@ def test_a_recording_of_one_process_says_what_that_of_a_session_says(
     recordings: Recordings, tmp_path: Path
 ) -> None:
     """Frames, states, poses, references, decisions and the run's end, to the last byte."""
-    session = recordings.get("cut_in", "simulation")
+    session = recordings.session("cut_in", "simulation")
     again = tmp_path / session.name
     succeed("run", session, "--out", again, "--in-process", "--record")
     theirs, ours = contents(session / "bag"), contents(again / "bag")

@@ -347,7 +347,16 @@ class SlowWay:
         kept.put((0.0, b""))
 
 
-def test_on_a_slow_way_nothing_passes_for_now(stage: Stage, tab: Browser) -> None:
+REPLAYING = """
+import rclpy
+rclpy.init()
+rclpy.spin(rclpy.create_node("replay", namespace="/ssp"))
+"""
+
+
+def test_on_a_slow_way_nothing_passes_for_now_and_no_replay_for_a_session(
+    stage: Stage, tab: Browser
+) -> None:
     stage.manager()
     stage.objects(moving=True)
     _, port = stage.page()
@@ -362,30 +371,16 @@ def test_on_a_slow_way_nothing_passes_for_now(stage: Stage, tab: Browser) -> Non
         keep(tab, "slow")
         way.delay_s = 0.0
         tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
+        assert tab.evaluate("document.getElementById('replay').hidden")
+        assert tab.evaluate("document.getElementById('not-started') === null")
+        stage.start("replay", "-c", REPLAYING)
+        shown = "!document.getElementById('replay').hidden"
+        tab.wait(f"{shown} && document.title.startsWith('REPLAY')")
+        tab.wait("[...document.querySelectorAll('#commands button')].every(b => b.disabled)")
+        assert not tab.evaluate("document.getElementById('abort').disabled")
+        keep(tab, "replay")
     finally:
         way.close()
-
-
-REPLAYING = """
-import rclpy
-rclpy.init()
-rclpy.spin(rclpy.create_node("replay", namespace="/ssp"))
-"""
-
-
-def test_a_replay_is_seen_to_be_one(stage: Stage, tab: Browser) -> None:
-    stage.manager()
-    stage.objects()
-    _, port = stage.page()
-    tab.go(f"http://127.0.0.1:{port}/#token={TOKEN}")
-    tab.wait(f"{BANNER}.hidden && {STATE} === 'LOADED'")
-    assert tab.evaluate("document.getElementById('replay').hidden")
-    assert tab.evaluate("document.getElementById('not-started') === null")
-    stage.start("replay", "-c", REPLAYING)
-    tab.wait("!document.getElementById('replay').hidden && document.title.startsWith('REPLAY')")
-    tab.wait("[...document.querySelectorAll('#commands button')].every(b => b.disabled)")
-    assert not tab.evaluate("document.getElementById('abort').disabled")
-    keep(tab, "replay")
 
 
 TALKING = """

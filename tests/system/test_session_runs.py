@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
-from itertools import pairwise, product
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +22,11 @@ from tests.system.recordings import SAID_FILE, Recordings
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 
-# They are held for the audit too.
-SHARED = {"boulevard": "simulation", "north_track": "physical"}
-
-
-@pytest.mark.parametrize(("event", "site"), list(product(("cut_in", "vru_crossing"), SHARED)))
-def test_a_recording_holds_the_event(event: str, site: str, recordings: Recordings) -> None:
-    folder = recordings.get(event, SHARED[site])
+@pytest.mark.parametrize(
+    ("event", "domain"), [("cut_in", "simulation"), ("vru_crossing", "physical")]
+)
+def test_a_recording_holds_the_event(event: str, domain: str, recordings: Recordings) -> None:
+    folder = recordings.session(event, domain)
     result = json.loads((folder / "result.json").read_text())
     assert json.loads((folder / SAID_FILE).read_text()) == result
     check_event(folder, result)
@@ -40,7 +38,7 @@ def test_a_recording_holds_the_event(event: str, site: str, recordings: Recordin
 def test_the_bag_reads_with_types_from_the_file_and_agrees_with_its_metadata(
     recordings: Recordings,
 ) -> None:
-    bag = recordings.get("cut_in", "simulation") / "bag"
+    bag = recordings.session("cut_in", "simulation") / "bag"
     listed = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     with AnyReader([bag]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}

@@ -16,8 +16,6 @@ from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task
 from ssp_scenario_manager.event_spec.log import parse_log, read_log
 from tests.system.recordings import Recordings
 
-pytestmark = [pytest.mark.ros, pytest.mark.system]
-
 
 def compile_to(folder: Path, event: str, target: str, site: str, *more: str) -> int:
     arguments = ["--target", target, "--site", site, "--out", str(folder), *more]

@@ -84,11 +84,11 @@ def bag_hash(bag: Path) -> str:
     return sha256_file(file)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def evidence(
     tmp_path_factory: pytest.TempPathFactory, bag_writer: Writer, task_writer: Writer
 ) -> Path:
-    """What a demonstration leaves of one scenario and one model."""
+    """What a demonstration leaves of one scenario and one model; for tests that only read it."""
     root = tmp_path_factory.mktemp("evidence") / "demo"
     clip = root / "clips" / "cut_in.avi"
     write_video(clip)
@@ -186,7 +186,7 @@ def judged_once(judged: dict[object, tuple[Audit, Drawn]]) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def made(evidence: Path) -> Path:
     out = evidence.parent / "package"
     make_package([evidence], out)

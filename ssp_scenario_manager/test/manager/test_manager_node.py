@@ -311,19 +311,24 @@ STRANGE = {
 }
 
 
-@pytest.mark.parametrize("topic", STRANGE)
-def test_a_second_publisher_is_named(peers: Peers, run_file: Path, topic: str) -> None:
-    bring(peers, run_file, "ARMED")
-    intruder = rclpy.create_node("intruder", namespace=names.NAMESPACE, context=peers.context)
-    intruder.create_publisher(STRANGE[topic], topic, ros.LATCHED)
-    peers.spin_until(lambda: peers.seen[-1].reasons, "a reason")
-    last = peers.seen[-1]
-    assert last.verdict == msg.SessionState.VERDICT_INVALID_HARNESS
-    assert last.reasons[0].startswith(f"foreign_manager: 1, limit 0 ({topic} has")
+def test_a_second_publisher_of_each_topic_is_named(peers: Peers, run_file: Path) -> None:
+    """One session after the other: an intruder that is gone keeps none of them from arming."""
     # The graph may have no name for it in time; which process it is, it always has.
     whence = f"{NAMELESS} (process {os.getpid() & 0xFFFF} of this host)"
-    assert "/ssp/intruder" in last.reasons[0] or whence in last.reasons[0]
-    intruder.destroy_node()
+    for topic, kind in STRANGE.items():
+        bring(peers, run_file, "ARMED")
+        assert list(peers.seen[-1].reasons) == [], topic
+        intruder = rclpy.create_node("intruder", namespace=names.NAMESPACE, context=peers.context)
+        intruder.create_publisher(kind, topic, ros.LATCHED)
+        peers.spin_until(lambda: peers.seen[-1].reasons, f"a reason for {topic}")
+        last = peers.seen[-1]
+        assert last.verdict == msg.SessionState.VERDICT_INVALID_HARNESS
+        assert last.reasons[0].startswith(f"foreign_manager: 1, limit 0 ({topic} has")
+        assert "/ssp/intruder" in last.reasons[0] or whence in last.reasons[0]
+        intruder.destroy_node()
+        peers.wait_for(SessionPhase.ABORTED)
+        peers.obtain("all_clear")
+        peers.wait_for(SessionPhase.IDLE)
 
 
 def test_an_object_with_another_run_file_is_not_armed(peers: Peers, run_file: Path) -> None:

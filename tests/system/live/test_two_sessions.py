@@ -17,6 +17,7 @@ from ssp_core.vocabulary import ControlState, SessionPhase
 from tests.support.bags import messages
 from tests.system.conftest import ssp_command
 from tests.system.live.conftest import ASKS, ODOMETRY
+from tests.system.recordings import Recordings
 
 PORT = 21_000
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -84,25 +85,32 @@ def ends_unarmed(stage: Any, run: Any) -> None:
     assert all(row.speed_mps == 0.0 for row in stage.rows())
 
 
-def simulated(stage: Any, name: str, domain: int, *program: str) -> tuple[dict[str, Any], int]:
-    """A whole simulated session, started in the same environment but for the domain."""
-    command = [*(program or ssp_command()), "run", "cut_in", "--no-camera"]
+def simulated(stage: Any, task: Path, name: str, domain: int, *program: str) -> Any:
+    """Start a whole simulated session, in the same environment but for the domain."""
+    command = [*(program or ssp_command()), "run", str(task), "--no-camera"]
     command += ["--out", str(stage.folder / name)]
-    process = stage.start(name, command, ("env", f"ROS_DOMAIN_ID={domain}"))
+    return stage.start(name, command, ("env", f"ROS_DOMAIN_ID={domain}"))
+
+
+def ended(stage: Any, name: str, process: Any) -> tuple[dict[str, Any], int]:
     stage.wait_for(lambda: process.poll() is not None, f"the end of the session {name}")
     result = json.loads((stage.folder / name / "result.json").read_text())
     return result, process.wait()
 
 
-def is_left_alone(stage: Any, name: str, domain: int) -> None:
-    """A simulated session by the side of the waiting one does what it does without it."""
-    result, status = simulated(stage, name, domain)
-    assert (result["verdict"], status) == ("valid", 0), (result, stage.said(name))
+def are_left_alone(stage: Any, task: Path, domains: dict[str, int]) -> None:
+    """Simulated sessions by the side of the waiting one do what they do without it."""
+    started = {name: simulated(stage, task, name, domain) for name, domain in domains.items()}
+    for name, process in started.items():
+        result, status = ended(stage, name, process)
+        assert (result["verdict"], status) == ("valid", 0), (result, stage.said(name))
 
 
-def is_met_and_not_armed(stage: Any, domain: int) -> None:
+def is_met_and_not_armed(stage: Any, task: Path, domain: int) -> None:
     """A simulated session that isn't isolated meets the waiting one, and takes nothing of it."""
-    result, status = simulated(stage, "not_isolated", domain, sys.executable, "-c", NOT_ISOLATED)
+    name = "not_isolated"
+    process = simulated(stage, task, name, domain, sys.executable, "-c", NOT_ISOLATED)
+    result, status = ended(stage, name, process)
     assert (result["verdict"], status) == ("invalid_harness", 1), result
     assert "foreign_manager" in " ".join(result["reasons"]), result
 
@@ -128,7 +136,7 @@ def second_is_refused(stage: Any) -> None:
 @pytest.mark.timeout(1800)  # up to five sessions, on a busy machine
 @pytest.mark.parametrize("on_server", [False, True])
 def test_no_other_session_reaches_a_waiting_live_one(
-    waiting_session: Any, discovery_server: str, on_server: bool
+    waiting_session: Any, discovery_server: str, recordings: Recordings, on_server: bool
 ) -> None:
     """Simulated ones on its discovery server, in its domain and both; one that isn't isolated; and
     a second live one. The waiting session outlives them all, and arms nothing."""
@@ -136,10 +144,12 @@ def test_no_other_session_reaches_a_waiting_live_one(
         env = {"ROS_DOMAIN_ID": str(domain)}
         if on_server:
             env["ROS_DISCOVERY_SERVER"] = discovery_server
+        simulation = recordings.task("cut_in")
         stage, run = waiting_session(env)
-        is_left_alone(stage, "same_domain", domain)
         if on_server:
-            is_left_alone(stage, "other_domain", other)
-            is_met_and_not_armed(stage, domain)
+            are_left_alone(stage, simulation, {"same_domain": domain, "other_domain": other})
+            is_met_and_not_armed(stage, simulation, domain)
+        else:
+            are_left_alone(stage, simulation, {"same_domain": domain})
         second_is_refused(stage)
         ends_unarmed(stage, run)

@@ -26,8 +26,7 @@ def replace(bag: Path) -> None:
     shutil.copytree(bag.with_name("elsewhere"), bag)
 
 
-@pytest.mark.parametrize("strike", [remove, replace])
-@pytest.mark.parametrize("split", ["0", "0.2"])
+@pytest.mark.parametrize(("strike", "split"), [(remove, "0"), (replace, "0.2")])
 def test_a_recording_whose_bag_is_gone_ends_and_says_so(
     field_: Field, strike: object, split: str
 ) -> None:
