@@ -349,6 +349,14 @@ def test_a_campaign_that_is_refused_or_unfinished_says_so(campaign: LoopCampaign
     assert any(text.startswith("Only 71 of 72 runs are done") for text in told)
 
 
+def test_a_campaign_that_goes_on_is_reported_as_far_as_it_got(folder: Path) -> None:
+    text = (folder / "runs.csv").read_text()
+    (folder / "runs.csv").write_text(text[: len(text) // 2])
+    campaign = load_loop(folder)
+    assert 0 < len(campaign.runs) < 72
+    assert "Only " in render(campaign)
+
+
 # -- words, scores and deeds -----------------------------------------------------------------------
 
 
@@ -469,6 +477,9 @@ def test_the_command_makes_the_page_of_either_kind_of_campaign(
         ("cards.json", '"d_max_mps2": 7.0', '"d_max_mps2": 9.0', "was changed after it was"),
         ("runs.csv", "outcome,", "result,", "has other columns"),
         ("runs.csv", ",0.5,", ",fast,", "is no row of a campaign"),
+        ("plan.json", '"plan": {', '"plan": "sha256:1", "old": {', "plan.json"),
+        ("plan.json", '"version"', "version", "can't be read"),
+        ("starts.json", '{"starts"', '[{"starts"', "can't be read"),
     ],
 )
 def test_a_folder_that_was_changed_is_refused(

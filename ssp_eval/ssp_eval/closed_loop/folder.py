@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import csv
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.hashing import sha256_json
 from ssp_scenario_manager.closed_loop.cards import CARDS_FILE, load_cards
 from ssp_scenario_manager.closed_loop.plan_file import LoopPlan
 from ssp_scenario_manager.closed_loop.rates import Rates, RunRow, rates_of
-from ssp_scenario_manager.closed_loop.seal import PLAN_FILE, STARTS_FILE
-from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, RUNS_FILE, read_row
+from ssp_scenario_manager.closed_loop.seal import sealed_plan, sealed_starts
+from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, RUNS_FILE, read_row, rows_there
 
 CRITICAL = "critical"
-_Content = TypeVar("_Content")
 
 
 @dataclass(frozen=True)
@@ -85,31 +82,27 @@ def load_loop(folder: Path) -> LoopCampaign:
     Raises:
         InputError: a file is missing, damaged, or was changed after it was sealed.
     """
-    sealed = _read(folder / PLAN_FILE, json.loads)
-    starts = _read(folder / STARTS_FILE, json.loads)
-    if starts.get("hash") != sha256_json(starts.get("starts")):
-        raise InputError("was changed after it was sealed", file=folder / STARTS_FILE)
+    plan, version = sealed_plan(folder)
     return LoopCampaign(
         folder=folder,
-        plan=LoopPlan.model_validate(sealed["plan"]),
-        version=str(sealed["version"]),
-        starts=tuple(starts["starts"]),
+        plan=plan,
+        version=version,
+        starts=tuple(sealed_starts(folder)),
         cards=tuple(load_cards(folder / CARDS_FILE)),
         runs=tuple(_runs(folder / RUNS_FILE)),
     )
 
 
-def _read(path: Path, parse: Callable[[str], _Content]) -> _Content:
+def _runs(path: Path) -> list[Run]:
+    """Return the rows that are whole: one that is being written, or was cut off, is none yet."""
     try:
-        return parse(path.read_text("utf-8"))
-    except (OSError, ValueError) as error:
+        with path.open(encoding="utf-8", newline="") as stream:
+            header = next(csv.reader(stream), [])
+        rows = rows_there(path)
+    except (OSError, UnicodeError) as error:
         raise InputError(
             f"can't be read: {error}", file=path, remedy="name a folder that `ssp loop` wrote"
         ) from error
-
-
-def _runs(path: Path) -> list[Run]:
-    header, *rows = _read(path, lambda text: [*csv.reader(text.splitlines())]) or [[]]
     if header != RUN_COLUMNS:
         raise InputError("has other columns than those of a campaign", file=path, line=1)
     return [_run(path, k, row) for k, row in enumerate(rows, 1)]

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.closed_loop.careful import CAREFUL
-from ssp_scenario_manager.closed_loop.plan_file import LoopPlan
 from ssp_scenario_manager.closed_loop.runs import drivable, identity_of, jobs_of
-from ssp_scenario_manager.closed_loop.seal import PLAN_FILE, STARTS_FILE, TASKS_FOLDER
+from ssp_scenario_manager.closed_loop.seal import TASKS_FOLDER, sealed_plan, sealed_starts
 from ssp_scenario_manager.closed_loop.tables import RUNS_FILE, rows_there
 from ssp_scenario_manager.compile.task import TASK_FOLDER
 
@@ -26,15 +23,13 @@ def run_of_row(folder: Path, number: int) -> tuple[RunSpec, Path]:
     Raises:
         InputError: it is no campaign, or has no such row.
     """
+    plan, _ = sealed_plan(folder)
     rows = rows_there(folder / RUNS_FILE)
     if not 1 <= number <= len(rows):
         raise InputError(
             f"has {len(rows)} runs", file=folder / RUNS_FILE, field="--again", value=number
         )
-    plan = parse_model(
-        LoopPlan, json.loads((folder / PLAN_FILE).read_text())["plan"], folder / PLAN_FILE
-    )
-    starts = json.loads((folder / STARTS_FILE).read_text())["starts"]
+    starts = sealed_starts(folder)
     left = number - 1
     for job in jobs_of(plan, starts):
         wanted = identity_of(job)

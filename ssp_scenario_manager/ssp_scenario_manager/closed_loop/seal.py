@@ -65,12 +65,7 @@ def draw_starts(
     _claim(folder, sealed)
     path = folder / STARTS_FILE
     if path.is_file():
-        there = json.loads(path.read_text())
-        if there.get("hash") != sha256_json(there.get("starts")):
-            raise InputError(
-                "was changed after it was sealed", file=path, remedy="name a new folder with --out"
-            )
-        return list(there["starts"])
+        return sealed_starts(folder)
     # Tasks of a call that was cut off before the seal may be half written.
     shutil.rmtree(folder / TASKS_FOLDER, ignore_errors=True)
     starts = []
@@ -80,6 +75,45 @@ def draw_starts(
     kept = {"schema": STARTS_SCHEMA, "starts": starts}
     write_json(path, {**kept, "hash": sha256_json(starts)})
     return starts
+
+
+def sealed_starts(folder: Path) -> list[dict[str, Any]]:
+    """Return the starts of a campaign as they were sealed.
+
+    Raises:
+        InputError: there are none, or they were changed since.
+    """
+    path = folder / STARTS_FILE
+    there = _sealed(path)
+    if there.get("hash") != sha256_json(there.get("starts")):
+        raise InputError(
+            "was changed after it was sealed", file=path, remedy="name a new folder with --out"
+        )
+    return list(there["starts"])
+
+
+def sealed_plan(folder: Path) -> tuple[LoopPlan, str]:
+    """Return the plan of a campaign, and the version of the software that began it.
+
+    Raises:
+        InputError: it is no campaign's folder.
+    """
+    path = folder / PLAN_FILE
+    there = _sealed(path)
+    return parse_model(LoopPlan, there.get("plan"), path), str(there.get("version", ""))
+
+
+def _sealed(path: Path) -> dict[str, Any]:
+    try:
+        there = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise InputError(
+            f"can't be read: {why}", file=path, remedy="name a folder that `ssp loop` wrote"
+        ) from error
+    if not isinstance(there, dict):
+        raise InputError("holds no campaign", file=path, remedy="name a new folder with --out")
+    return there
 
 
 def _sources() -> dict[str, str]:
@@ -100,7 +134,7 @@ def _claim(folder: Path, sealed: Mapping[str, Any]) -> None:
     """
     path = folder / PLAN_FILE
     if path.is_file():
-        there = json.loads(path.read_text())
+        there = _sealed(path)
         changed = [name for name in sealed if there.get(name) != sealed[name]]
         if changed:
             raise InputError(_OTHER[changed[0]], file=path, remedy="name a new folder with --out")
