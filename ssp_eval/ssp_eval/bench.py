@@ -28,6 +28,7 @@ BENCHMARKS = (
     "iso",
     "sil",
     "sil_in_process",
+    "sil_driven",
     "carla",
     "recorder",
     "recording",

@@ -32,12 +32,13 @@ from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_ot_controller.driving.frames import QuestionFrames
 from ssp_scenario_manager.cli.run import run as run_command
 from ssp_scenario_manager.closed_loop.answers import answers_of
-from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of
+from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of, told_of
 from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver
 from ssp_scenario_manager.closed_loop.runs import Job, rows_of
 from ssp_scenario_manager.closed_loop.single import parse_drive
 from ssp_scenario_manager.closed_loop.start import Start, make_start
 from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS
+from ssp_scenario_manager.closed_loop.top_view import top_view
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
@@ -220,10 +221,16 @@ def test_a_model_that_can_not_be_loaded_ends_one_run_and_is_refused_by_a_command
     start: Start, folder: Path
 ) -> None:
     options = python(folder, "is_not_there")
-    outcome, result, _ = drive(driven_run(start, options), start)
-    assert (outcome.kind, result.verdict.name) != ("avoided", "VALID")
-    assert "it can't be loaded" in " ".join((outcome.why, *result.reasons))
-    with pytest.raises(InputError, match=r"driver mine: can't be loaded.*is_not_there"):
+    run = driven_run(start, options)
+    outcome, _, record = drive(run, start)
+    assert outcome.kind == "died"
+    assert outcome.why.startswith("it can't be loaded")
+    assert run.driven is not None
+    # The view from above shows no plan, where there is none.
+    assert "<svg" in top_view(run, record, told_of(run.driven, record, outcome, None))
+    with pytest.raises(
+        InputError, match=r"driver mine: can't be loaded: backend_options.*is_not_there"
+    ):
         parse_drive(f"mine={json.dumps(options)}", "zero")
 
 

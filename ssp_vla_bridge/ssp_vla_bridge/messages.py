@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import astuple, dataclass, field, fields
 from enum import IntEnum
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Annotated, Any, TypeVar, cast
 
@@ -383,6 +383,7 @@ def _all_decode(jpegs: Sequence[bytes]) -> list[bool]:
         return list(pool.map(_decodes, jpegs))
 
 
+@lru_cache(maxsize=32)  # a frame stands in several requests, one after the other
 def _decodes(jpeg: bytes) -> bool:
     # A cut-off JPEG decodes to a picture with a grey rest, so its end marker is asked for too;
     # some cameras pad with zeros after it.

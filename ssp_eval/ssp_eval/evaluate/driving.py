@@ -62,9 +62,9 @@ def driver_options(
         )
     if spec.backend_name not in BACKENDS and ":" not in spec.backend_name:
         raise InputError(
-            "is no driver",
-            field="driver",
-            value=name,
+            "is no driver" if spec.backend_name == name else "is no backend of a driver",
+            field="driver" if spec.backend_name == name else f"driver {name}",
+            value=spec.backend_name,
             remedy=f"there is {', '.join(others)}; a model of yours is named as with ssp evaluate, "
             'NAME={"backend": …}, with one of the backends ' + ", ".join(sorted(BACKENDS)),
         )

@@ -150,7 +150,9 @@ def _places(plan: Reference) -> list[Point]:
 
 def _effective(plans: Sequence[Reference], end_s: float) -> list[list[Point]]:
     """Return of each plan the part that was tracked: from its dispatch until the next one's."""
-    found = []
+    found: list[list[Point]] = []
+    if not plans:
+        return found
     ends_ns = [plan.dispatched_ns for plan in plans[1:]] + [seconds_to_ns(end_s)]
     for plan, end_ns in zip(plans, ends_ns, strict=True):
         t, x, y = plan.columns[:3]

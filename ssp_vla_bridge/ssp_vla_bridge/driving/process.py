@@ -170,20 +170,20 @@ class ModelProcess:
         self._process.start()
         theirs.close()
         try:
-            self._await_ready(model, start_s)
+            self._await_ready(start_s)
         except BaseException:
             self.close()
             raise
 
-    def _await_ready(self, model: str, start_s: float) -> None:
+    def _await_ready(self, start_s: float) -> None:
         if not self._connection.poll(start_s):
-            raise PeerError(f"{model}: isn't ready within {start_s:g} s")
+            raise PeerError(f"it isn't ready within {start_s:g} s")
         try:
             word, reason = self._connection.recv()
         except (EOFError, OSError):
-            raise PeerError(f"{model}: {self._ending()} while it was loaded") from None
+            raise PeerError(f"{self._ending()} while it was loaded") from None
         if word == _REFUSED:
-            raise InputError(reason, field=f"driver {model}")
+            raise InputError(reason)
 
     @property
     def pid(self) -> int:
