@@ -34,6 +34,7 @@ from ssp_eval.closed_loop.tables import (
     headline_table,
     pair_table,
     severity_table,
+    unlike_pair_table,
 )
 from ssp_eval.closed_loop.words import words_table
 from ssp_eval.report.cli import report
@@ -276,6 +277,14 @@ def test_unlike_cards_never_share_a_column(folder: Path) -> None:
     (folder / "cards.json").write_text(json.dumps({"cards": cards}))
     groups = groups_of(load_loop(folder))
     assert [MINE] in groups
+    page = render(load_loop(folder))
+    assert "Pairs under unlike conditions, for these events: cut in" in page
+    table = unlike_pair_table(load_loop(folder), [MINE], ["constant_velocity"])
+    assert [row[:6] for row in table.rows] == [
+        (MINE, "constant_velocity", 0.0, 4, 3, 0),
+        (MINE, "constant_velocity", 0.5, 4, 1, 0),
+    ]
+    assert "cards of the two differ" in table.notes[0]
     assert all(len(one) == 1 or MINE not in one for one in groups)
 
 

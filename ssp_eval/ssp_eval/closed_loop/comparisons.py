@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -78,7 +78,9 @@ def shares_of(runs: Iterable[Run]) -> dict[tuple[str, float], dict[Place, float]
     }
 
 
-def pairs_of(runs: Sequence[Run], drivers: Sequence[str]) -> list[Pair]:
+def pairs_of(
+    runs: Sequence[Run], drivers: Sequence[str], others: Sequence[str] | None = None
+) -> list[Pair]:
     """Compare each two drivers by McNemar's exact test.
 
     The unit is the start. With repeats the two shares of successes are compared, which is the same
@@ -87,12 +89,14 @@ def pairs_of(runs: Sequence[Run], drivers: Sequence[str]) -> list[Pair]:
     Args:
         runs: of critical starts.
         drivers: to compare, in their order.
+        others: with whom each of them is compared; None: with each other.
     """
+    each = [*combinations(drivers, 2)] if others is None else [*product(drivers, others)]
     shares = shares_of(runs)
     latencies = sorted({latency_s for _, latency_s in shares})
     found = []
     for latency_s in latencies:
-        for first, second in combinations(drivers, 2):
+        for first, second in each:
             one = shares.get((first, latency_s), {})
             other = shares.get((second, latency_s), {})
             both = sorted(one.keys() & other.keys())

@@ -30,10 +30,11 @@ from ssp_eval.closed_loop.tables import (
     over_events_table,
     pair_table,
     severity_table,
+    unlike_pair_table,
 )
 from ssp_eval.report.render import Grid, grid
 from ssp_eval.statistics.table import Table
-from ssp_scenario_manager.closed_loop.plan_file import BASELINES, ZERO
+from ssp_scenario_manager.closed_loop.plan_file import BASELINES, PRIVILEGED, ZERO
 from ssp_scenario_manager.closed_loop.rates import refused_for, rising
 from ssp_scenario_manager.closed_loop.runs import jobs_of
 
@@ -62,11 +63,15 @@ def tables_of(campaign: LoopCampaign) -> list[Table]:
     """Return all tables of a campaign, for files; those of a group of drivers have its number."""
     found = []
     for k, group in enumerate(groups_of(campaign)):
+        others = [one for one in campaign.drivers if one not in group]
         own = [
             *(severity_table(campaign, event, group) for event in campaign.plan.events),
             *(headline_table(campaign, event, group) for event in campaign.plan.events),
             over_events_table(campaign, group),
             pair_table(campaign, group),
+            unlike_pair_table(
+                campaign, group, [one for one in campaign.drivers if one not in group]
+            ),
         ]
         found += [replace(one, name=f"{one.name}_{k + 1}") for one in own]
     return found
@@ -161,7 +166,14 @@ def _severity(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> li
 def _pairs(campaign: LoopCampaign, groups: list[list[str]], own: list[str]) -> list[Grid]:
     """Return the pairs with one of the plan's own drivers; of baselines alone where it has none."""
     tables = [pair_table(campaign, group, own or None) for group in groups]
+    tables += [_unlike(campaign, group, own) for group in groups]
     return [grid(table) for table in tables if table.rows]
+
+
+def _unlike(campaign: LoopCampaign, group: list[str], own: list[str]) -> Table:
+    drivers = [one for one in group if one in own]
+    others = [one for one in campaign.drivers if one not in group and one not in PRIVILEGED]
+    return unlike_pair_table(campaign, drivers, others)
 
 
 def _with_words(chain: Chain) -> dict[str, Any]:

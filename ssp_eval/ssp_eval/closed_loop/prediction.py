@@ -15,6 +15,7 @@ from ssp_scenario_manager.closed_loop.plan_file import BASELINES
 # METHOD 8.9: fewer drivers have no correlation.
 LEAST_DRIVERS = 10
 IVCS = "ivcs"
+_NOBODY = "No model with a score bears the name of a driver of this campaign: give one a label."
 
 
 @dataclass(frozen=True)
@@ -147,5 +148,6 @@ def prediction_table(campaign: LoopCampaign, rows: Sequence[CellRow]) -> Table:
             f"driver's recording of the event. Spearman's ρ from {LEAST_DRIVERS} drivers on, "
             "baselines not counted. Pairs are named where the intervals of their headlines don't "
             "overlap.",
+            *([] if found else [_NOBODY]),
         ),
     )

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from statistics import median
 
-from ssp_eval.closed_loop.comparisons import LEAST_EVENTS, over_events, pairs_of
+from ssp_eval.closed_loop.comparisons import LEAST_EVENTS, Pair, over_events, pairs_of
 from ssp_eval.closed_loop.folder import LoopCampaign, Run
 from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.table import Column, Table, Value
@@ -179,6 +180,24 @@ def over_events_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
     )
 
 
+def unlike_pair_table(
+    campaign: LoopCampaign, drivers: Sequence[str], others: Sequence[str]
+) -> Table:
+    """Return McNemar's exact test of drivers against others that drove under other conditions.
+
+    Args:
+        campaign: whose critical starts they drove.
+        drivers: of one group.
+        others: of other groups.
+    """
+    pairs = pairs_of(campaign.critical, drivers, others)
+    table = _pairs("pairs_unlike", "under unlike conditions", campaign, pairs)
+    note = (
+        "The cards of the two differ: a difference may come of what they get, not of what they do."
+    )
+    return replace(table, notes=(note, *table.notes))
+
+
 def pair_table(
     campaign: LoopCampaign, drivers: Sequence[str], beside: Sequence[str] | None = None
 ) -> Table:
@@ -190,10 +209,19 @@ def pair_table(
         beside: pairs without one of these are left out; None: none is.
     """
     shown = drivers if beside is None else beside
+    pairs = [
+        one
+        for one in pairs_of(campaign.critical, drivers)
+        if one.first in shown or one.second in shown
+    ]
+    return _pairs("pairs", "of drivers", campaign, pairs)
+
+
+def _pairs(name: str, what: str, campaign: LoopCampaign, pairs: Sequence[Pair]) -> Table:
     events = ", ".join(campaign.plan.events)
     return Table(
-        "pairs",
-        f"Pairs of drivers, for these events: {events}",
+        name,
+        f"Pairs {what}, for these events: {events}",
         (
             Column("first", "driver", "text"),
             Column("second", "against", "text"),
@@ -209,8 +237,7 @@ def pair_table(
                 *(o.first, o.second, o.latency_s, o.starts),
                 *(o.test.more, o.test.fewer, o.test.p, o.test.p_least),
             )
-            for o in pairs_of(campaign.critical, drivers)
-            if o.first in shown or o.second in shown
+            for o in pairs
         ),
         notes=(
             "McNemar's exact test on the same (event, start, L), for these events: it says nothing "
