@@ -33,7 +33,7 @@ from ssp_eval.closed_loop.tables import (
     unlike_pair_table,
 )
 from ssp_eval.report.render import Grid, grid
-from ssp_eval.statistics.table import Table
+from ssp_eval.statistics.table import Table, counted
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES, PRIVILEGED, ZERO
 from ssp_scenario_manager.closed_loop.rates import refused_for, rising
 from ssp_scenario_manager.closed_loop.runs import jobs_of
@@ -69,9 +69,7 @@ def tables_of(campaign: LoopCampaign) -> list[Table]:
             *(headline_table(campaign, event, group) for event in campaign.plan.events),
             over_events_table(campaign, group),
             pair_table(campaign, group),
-            unlike_pair_table(
-                campaign, group, [one for one in campaign.drivers if one not in group]
-            ),
+            unlike_pair_table(campaign, group, others),
         ]
         found += [replace(one, name=f"{one.name}_{k + 1}") for one in own]
     return found
@@ -233,10 +231,11 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
                 )
             )
     if plan.starts < FEW_STARTS:
-        found.append((f"{plan.starts} critical starts per event leave wide intervals.", False))
+        starts = counted(plan.starts, "critical start")
+        found.append((f"Intervals are wide: {starts} per event.", False))
     if len(plan.events) < LEAST_EVENTS:
         found.append(
-            (f"{len(plan.events)} events: no interval says anything of other events.", False)
+            (f"{counted(len(plan.events), 'event')}: no interval says anything of others.", False)
         )
     return found
 

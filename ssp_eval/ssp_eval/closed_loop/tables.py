@@ -12,6 +12,7 @@ from ssp_eval.closed_loop.folder import LoopCampaign, Run
 from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.table import Column, Table, Value
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
+from ssp_scenario_manager.closed_loop.plan_file import BASELINES
 from ssp_scenario_manager.closed_loop.rates import Rates
 
 # What must be like for two drivers' results to stand under one another.
@@ -40,14 +41,17 @@ _MEANS = ("v_i_mps", "severity")
 
 
 def groups_of(campaign: LoopCampaign) -> list[list[str]]:
-    """Return the drivers in groups with like conditions: others never share a column."""
+    """Return the drivers in groups with like conditions: others never share a column.
+
+    Those with drivers of the plan come first.
+    """
     found: dict[str, list[str]] = {}
     for driver in campaign.drivers:
         card = campaign.card(driver)
         contains = [one["contains"] for one in card["latencies"]]
         key = repr([*(card[name] for name in CONDITIONS), card["limits"], contains])
         found.setdefault(key, []).append(driver)
-    return list(found.values())
+    return sorted(found.values(), key=lambda group: all(one in BASELINES for one in group))
 
 
 def conditions_of(campaign: LoopCampaign, drivers: Sequence[str]) -> str:
@@ -159,7 +163,7 @@ def over_events_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
     note = (
         "The interval is a bootstrap over events, then starts (expanded percentile, 95 %)."
         if events >= LEAST_EVENTS
-        else f"{events} events carry no interval: there is one from {LEAST_EVENTS} on."
+        else f"There is an interval from {LEAST_EVENTS} events on."
     )
     return Table(
         "over_events",
