@@ -26,6 +26,7 @@ from ssp_core.world.driver import (
     LatencyParts,
     Question,
     driver_options,
+    model_facts,
 )
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
@@ -357,6 +358,22 @@ def test_a_driver_is_named_as_a_model_is_elsewhere(tmp_path: Path) -> None:
     assert inline == {"model": {"backend": "http", "options": {"url": "http://127.0.0.1:1"}}}
     assert driver_options("mine", inline) == inline
     assert driver_options("aeb", {"ttc_s": 1.4}) == {"ttc_s": 1.4}
+
+
+def test_what_a_card_says_of_a_model_is_what_its_driver_does() -> None:
+    entry = {"backend": "http", "frames": 4, "weights_sha256": "sha256:1"}
+    service = {"url": "http://127.0.0.1:1", "timeout_s": 3.0}
+    told = model_facts("mine", driver_options("mine", {"model": {**entry, "options": service}}))
+    assert told == {
+        "model": "http",
+        "weights_sha256": "sha256:1",
+        "interface": "waypoints",
+        "adapter": "waypoints:ego_xy",
+        "frames": 4,
+        "frame_spacing_s": 0.1,
+        "history_s": 2.0,
+        "timeout_s": 3.0,
+    }
 
 
 @pytest.mark.parametrize(

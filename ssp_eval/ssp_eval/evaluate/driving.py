@@ -85,17 +85,32 @@ def _entry(name: str, models_file: Path) -> dict[str, Any]:
     return dict(read_mapping(models_file)["models"][name] or {})
 
 
-def history_s(name: str, options: Mapping[str, Any]) -> float:
-    """Return how long the history is that a model's requests hold."""
-    return _spec(name, options).rules.history_s
+def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the facts of a model, see ssp_core.world.driver.model_facts."""
+    model, spec = _model(name, options), _spec(name, options)
+    named = spec.options.get("model")
+    return {
+        "model": named if isinstance(named, str) else model.backend,
+        "weights_sha256": dict(options.get(MODEL, {})).get("weights_sha256"),
+        "interface": model.interface.name,
+        "adapter": model.adapter,
+        "frames": model.rules.frames,
+        "frame_spacing_s": model.rules.frame_spacing_s,
+        "history_s": model.rules.history_s,
+        "timeout_s": model.limit_s,
+    }
 
 
 def make_driver(
     name: str, options: Mapping[str, Any], recorded: Sequence[RecordedAnswer] | None = None
 ) -> BridgeDriver:
     """Return a fresh driver, see ssp_core.world.driver.make_driver."""
+    return BridgeDriver(_model(name, options), recorded)
+
+
+def _model(name: str, options: Mapping[str, Any]) -> DriverModel:
     spec = _spec(name, options)
-    model = DriverModel(
+    return DriverModel(
         name=name,
         backend=spec.backend_name,
         options=spec.options,
@@ -104,7 +119,6 @@ def make_driver(
         rules=spec.rules,
         timeout_s=spec.timeout_s,
     )
-    return BridgeDriver(model, recorded)
 
 
 def _spec(name: str, options: Mapping[str, Any]) -> ModelSpec:

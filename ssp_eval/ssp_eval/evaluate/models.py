@@ -244,6 +244,7 @@ class ModelEntry(Strict):
     total_b: float | None = Field(None, gt=0.0, description="billions of parameters, above 0")
     active_b: float | None = Field(None, gt=0.0, description="billions of parameters, above 0")
     architecture: str = Field("", description="a word such as dense or moe")
+    weights_sha256: str = Field("", description="the hash of its weights, for cards of drivers")
 
 
 class ModelsFile(Strict):

@@ -334,12 +334,20 @@ def sees_frames(name: str) -> bool:
     return not known
 
 
+def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is fixed of a model before it drives: what it is shown, and how long it may take.
+
+    Args:
+        name: of a model.
+        options: of it, as ``driver_options`` returned them.
+    """
+    facts: dict[str, Any] = importlib.import_module(BRIDGE_MODULE).model_facts(name, options)
+    return facts
+
+
 def history_s_of(name: str, options: Mapping[str, Any]) -> float:
     """Return how long the history is that a model's questions hold; 0 for a baseline."""
-    if not sees_frames(name):
-        return 0.0
-    length_s: float = importlib.import_module(BRIDGE_MODULE).history_s(name, options)
-    return length_s
+    return float(model_facts(name, options)["history_s"]) if sees_frames(name) else 0.0
 
 
 def make_driver(

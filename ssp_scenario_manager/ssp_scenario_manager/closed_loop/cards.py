@@ -21,7 +21,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import RunSpec
-from ssp_core.world.driver import sees_frames
+from ssp_core.world.driver import model_facts, sees_frames
 from ssp_scenario_manager.closed_loop.careful import CAREFUL, CAREFUL_DRIVER
 from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, LoopPlan
 from ssp_scenario_manager.closed_loop.values import LIMITS
@@ -30,7 +30,6 @@ CARDS_FILE = "cards.json"
 CARDS_SCHEMA = "ssp.loop_cards/1"
 # The drivers' package, which is used through its names alone, as make_driver is.
 _FACTS_MODULE = "ssp_ot_controller.driving.facts"
-_TIMEOUT_S = 60.0  # METHOD 8.3, unless it is set
 _VERSIONS = ("numpy", "scipy", "pydantic")
 
 
@@ -89,6 +88,7 @@ def _card(
         "kind": driver.driver,
         "options": asdict(CAREFUL_DRIVER) if is_prescribed else driver.options,
         "privileged": driver.is_privileged,
+        "history_s": facts["history_s"],
         **_seen(driver, starts[0]),
         # Models get no centre line of their lane.
         "route_m": None if is_prescribed or sees_frames(driver.driver) else facts["route_m"],
@@ -99,7 +99,6 @@ def _card(
             for text, value in zip(plan.latencies, plan.latencies_s, strict=True)
         ],
         "d_max_mps2": facts["d_max_mps2"],
-        "history_s": facts["history_s"],
         "tracker": None if is_prescribed else facts["tracker"],
         "starts": plan.starts,
         "repeats": plan.repeats,
@@ -119,17 +118,13 @@ def _card(
 def _seen(driver: CampaignDriver, start: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a driver sees, and what is known of its model; None: it has none of it."""
     if not sees_frames(driver.driver):
-        nothing = dict.fromkeys(("model", "weights_sha256", "prompt", "timeout_s"))
+        nothing = dict.fromkeys(("model", "weights_sha256", "timeout_s"))
         return {"cameras": [], **nothing}
-    model = dict(driver.options.get("model", {}))
     camera = start.get("camera") or {}
     named = ("width_px", "height_px", "hfov_deg", "rate_hz", "renderer")
     return {
         "cameras": [{name: camera[name] for name in named if name in camera}],
-        "model": model.get("model") or model.get("backend"),
-        "weights_sha256": model.get("weights_sha256"),
-        "prompt": model.get("prompt"),
-        "timeout_s": model.get("timeout_s", _TIMEOUT_S),
+        **model_facts(driver.driver, driver.options),
     }
 
 
