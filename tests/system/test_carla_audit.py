@@ -28,13 +28,11 @@ from support.carla_commands import left_as_found, ssp
 from support.carla_counterpart import Behaviour, Counterpart
 from tests.support.carla_tasks import MAP, compiled, equal_states
 from tests.system import recordings as made
-from tests.system.recordings import SITES, Recordings, succeed
+from tests.system.recordings import Recordings, succeed
 
-pytestmark = [pytest.mark.system, pytest.mark.carla]
+pytestmark = [pytest.mark.programs, pytest.mark.carla]
 EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 WALKING = ("vru_crossing", "occluded_crossing")
-# Other tests have sessions of these too.
-SHARED = ("cut_in", "vru_crossing")
 DOMAINS = ("synthetic", "simulation", "physical")
 
 
@@ -114,11 +112,8 @@ def three(event: str, drawn: Drawn, recordings: Recordings, folder: Path) -> lis
         if domain == "simulation":
             shutil.copytree(drawn.folder / event, mine)
             shutil.copyfile(drawn.folder / PROBE_FILE, mine / PROBE_FILE)
-        elif domain == "synthetic" or event in SHARED:
-            shutil.copytree(recordings.get(event, domain), mine)
         else:
-            given = ("--site", SITES[domain], "--seed", 11, "--in-process", "--record")
-            succeed("run", recordings.k_star(event), *given, "--out", mine)
+            shutil.copytree(recordings.get(event, domain), mine)
         found.append(mine)
     truth = recordings.folder / f"{event}.truth.json"
     succeed("labels", "new", *found, "--truth", truth)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import json
-import subprocess
+from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,16 +13,16 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
-from ssp_core.run_file.model import load_run
+from ssp_core.files import TAKEN_FILE, taken_folder
+from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.safety.object_rules import rules_of
 from tests.support.bags import messages
 from tests.support.event_bags import check_event
-from tests.system.conftest import END_DEADLINE_S, ssp_command
-from tests.system.recordings import SAID_FILE, Recordings
-
-pytestmark = [pytest.mark.ros, pytest.mark.system]
+from tests.system.recordings import SAID_FILE, Recordings, ssp
 
 
+@pytest.mark.ros
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("event", "domain"), [("cut_in", "simulation"), ("vru_crossing", "physical")]
 )
@@ -35,6 +36,8 @@ def test_a_recording_holds_the_event(event: str, domain: str, recordings: Record
     assert [m.digest for m in rules] == [rules_of(run, "ot1").digest]
 
 
+@pytest.mark.ros
+@pytest.mark.system
 def test_the_bag_reads_with_types_from_the_file_and_agrees_with_its_metadata(
     recordings: Recordings,
 ) -> None:
@@ -58,27 +61,33 @@ def test_the_bag_reads_with_types_from_the_file_and_agrees_with_its_metadata(
     assert {b - a for a, b in pairwise(moving)} == {100_000_000}
 
 
-def test_a_folder_that_holds_something_is_refused(start_session: Any, tmp_path: Path) -> None:
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "mine.txt").write_text("keep")
-    session = start_session("cut_in")
-    _, err = session.process.communicate(timeout=120)
-    assert session.process.returncode == 1
-    assert "is not empty" in err
-    assert (tmp_path / "run" / "mine.txt").read_text() == "keep"
-
-
-def test_of_two_runs_into_one_new_folder_one_is_refused_and_the_other_whole(
-    start_session: Any, tmp_path: Path
+def test_a_folder_that_holds_something_is_refused(
+    recordings: Recordings, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    both = [start_session("cut_in", "--no-camera") for _ in range(2)]
-    said = [session.process.communicate(timeout=END_DEADLINE_S)[1] for session in both]
-    done, refused = sorted(range(2), key=lambda k: both[k].process.returncode)
-    statuses = [both[k].process.returncode for k in (done, refused)]
-    assert statuses == [0, 1], said
-    assert f"{tmp_path / 'run'}: is what another command writes into" in said[refused]
-    assert "Traceback" not in said[refused], said[refused]
-    result = json.loads((tmp_path / "run" / "result.json").read_text())
-    check_event(tmp_path / "run", result)
-    checked = subprocess.run(ssp_command("bag", "check", str(tmp_path / "run" / "bag")))
-    assert checked.returncode == 0
+    (tmp_path / "mine.txt").write_text("keep")
+    assert ssp("run", recordings.task("cut_in"), "--out", tmp_path) == 1
+    assert "is not empty" in capsys.readouterr().err
+    assert (tmp_path / "mine.txt").read_text() == "keep"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_of_two_runs_into_one_new_folder_the_later_is_refused(
+    recordings: Recordings,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """They would destroy each other's recording. Both find it empty; which gets it: test_files."""
+    folder, task = tmp_path / "run", recordings.task("cut_in")
+    module = importlib.import_module("ssp_scenario_manager.cli.run")
+    prepare = module.prepare_run
+    with ExitStack() as other:
+
+        def prepare_while_another_begins(*given: Any, **options: Any) -> RunSpec:
+            other.enter_context(taken_folder(folder, empty=True))
+            return prepare(*given, **options)
+
+        monkeypatch.setattr(module, "prepare_run", prepare_while_another_begins)
+        assert ssp("run", task, "--no-camera", "--out", folder) == 1
+        assert f"{folder}: is what another command writes into" in capsys.readouterr().err
+        assert [entry.name for entry in folder.iterdir()] == [TAKEN_FILE]
