@@ -248,7 +248,7 @@ def test_a_failed_run_drops_no_campaign_and_the_next_has_a_fresh_model(
     }
     options = driver_options("mine", python(folder, "leave"))
     driver = CampaignDriver(driver="mine", options=options)
-    rows = rows_of(Job(json.dumps(sealed), driver, (0.0, 0.5), 1, SEED))
+    rows = rows_of(Job(json.dumps(sealed), driver, (0.0, 0.5), 1, SEED)).rows
     kinds = [row[RUN_COLUMNS.index("outcome")] for row in rows]
     reasons = {row[RUN_COLUMNS.index("why")] for row in rows}
     assert (kinds, reasons) == (["died"] * 2, {"its process ended with exit status 3"})
