@@ -8,8 +8,9 @@ from functools import cache
 
 import pytest
 
+from ssp_core.errors import PeerError
 from ssp_core.motion.trajectory import Trajectory
-from ssp_core.world.driver import Answer, DriverEnded, Question
+from ssp_core.world.driver import Answer, Question
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.closed_loop.needless import needless_in
@@ -93,7 +94,7 @@ def stop_before_the_event(now: Now) -> Answer:
 def hang_at_the_right_moment(now: Now) -> Answer:
     """Give no answer once it looks bad: the world holds, and the driver's time runs out."""
     if now.at_s >= now.start.observable_s:
-        raise DriverEnded("no answer within 60 s", 60.0)
+        raise PeerError("no answer within 60 s")
     return lane_plan(now.question)
 
 
