@@ -29,6 +29,7 @@ BENCHMARKS = (
     "sil",
     "sil_in_process",
     "sil_driven",
+    "closed_loop",
     "carla",
     "recorder",
     "recording",

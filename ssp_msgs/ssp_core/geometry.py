@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ssp_core.value_class import value_class
 
 FloatArray = NDArray[np.float64]
 Point = tuple[float, float]
@@ -51,7 +52,7 @@ def wrap_angles(angles_rad: FloatArray) -> FloatArray:
     return np.where(turned <= -math.pi, math.pi, turned)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Pose2:
     """Position and heading in the plane: m, m, rad counter-clockwise from the x axis."""
 
@@ -71,7 +72,7 @@ class Pose2:
         return c * dx + s * dy, -s * dx + c * dy
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Box:
     """An oriented rectangle on the ground, given from a reference point inside or near it."""
 
@@ -110,7 +111,16 @@ def _overlap(a: Box, b: Box, ca: Sequence[Point], cb: Sequence[Point]) -> bool:
 
 def boxes_overlap(a: Box, b: Box) -> bool:
     """Tell whether two rectangles share area or touch."""
+    away_m = math.hypot(a.pose.x_m - b.pose.x_m, a.pose.y_m - b.pose.y_m)
+    # More than rounding can do.
+    if away_m > (_reach_m(a) + _reach_m(b)) * (1.0 + 1e-6):
+        return False
     return _overlap(a, b, a.corners(), b.corners())
+
+
+def _reach_m(box: Box) -> float:
+    """Return how far from its reference point a rectangle reaches."""
+    return math.hypot(max(abs(box.front_m), abs(box.rear_m)), 0.5 * box.width_m)
 
 
 def _to_box_m(corners: Sequence[Point], box: Box) -> float:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from ssp_core.geometry import Box, Pose2
 from ssp_core.motion.state import Size
 from ssp_core.safety.fence import (
+    KnownRoom,
     _is_inside,
     _is_inside_few,
     box_excess_m,
@@ -204,3 +205,28 @@ def test_a_long_fence_that_changes_in_its_place_is_judged_anew() -> None:
     assert box_excess_m(box(0.0, 0.0), fence) > 300.0
     fence[0:300] = fence[300:600]
     assert box_excess_m(box(math.nan, 0.0), fence) == math.inf
+
+
+def test_a_known_room_holds_no_circle_that_is_not_inside() -> None:
+    """Along a way as an object drives it, near the notch and far from it, and beyond the fence."""
+    random = np.random.default_rng(5)
+    held = 0
+    for _ in range(40):
+        known = KnownRoom(NOTCHED)
+        x_m, y_m = random.uniform(-10.0, 110.0), random.uniform(-10.0, 60.0)
+        step_x, step_y = random.uniform(-1.0, 1.0, 2)
+        for _ in range(60):
+            x_m, y_m, radius_m = x_m + step_x, y_m + step_y, random.uniform(0.1, 12.0)
+            holds = known.holds(x_m, y_m, radius_m)
+            held += holds
+            assert not holds or room_m(x_m, y_m, NOTCHED) > radius_m
+    assert held > 300
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_known_room_holds_nothing_that_cannot_be_located(bad: float) -> None:
+    known = KnownRoom(SQUARE)
+    assert known.holds(50.0, 25.0, 5.0)
+    assert not known.holds(bad, 25.0, 5.0)
+    assert not known.holds(50.0, 25.0, bad)
+    assert known.holds(50.0, 25.0, 5.0)

@@ -20,6 +20,7 @@ from ssp_core.cdr.codec import (
 )
 from ssp_core.cdr.states import read_states, write_states
 from ssp_core.motion.state import ObjectState
+from ssp_core.value_class import value_class
 from ssp_core.vocabulary import SessionPhase
 
 _TICK = "mQ??QQ"
@@ -30,7 +31,7 @@ _DONE = "tQQBQQQ"
 _HEARTBEAT = "mtQsBtt"
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class WorldTick:
     """One step of the simulated world; fields as in WorldTick.msg.
 
@@ -85,7 +86,7 @@ class StepDone:
     safety_events_sent: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Heartbeat:
     """Sign of life of the manager; fields as in Heartbeat.msg.
 

@@ -6,11 +6,11 @@ Everything is measured along the VUT's path, so that it holds for straight and c
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 from ssp_core.geometry import Box, Polyline, Pose2, wrap_angle
 from ssp_core.motion.state import ObjectState
+from ssp_core.value_class import value_class
 
 # METHOD 1: a swept corridor is the vehicle's width plus this on each side.
 CORRIDOR_MARGIN_M = 0.3
@@ -27,7 +27,7 @@ _SLOWEST_MPS = 0.05
 Observable = Literal["lateral", "braking"]
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Encounter:
     """One object relative to the VUT at one instant.
 

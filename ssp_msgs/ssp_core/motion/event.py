@@ -32,6 +32,7 @@ from ssp_core.motion.encounter import (
 )
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Packed, Series, StateSeries
+from ssp_core.value_class import value_class
 from ssp_core.vocabulary import Phase
 
 TRIGGER_CONFIRMATION_S = 0.2
@@ -69,7 +70,7 @@ class PhaseBegan:
     evidence: str
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class PhaseWatch:
     """Present phase, and since when the condition of the next one has held.
 
@@ -145,7 +146,7 @@ def next_phase(
 # -- phases of a recording -------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Instant:
     """VUT and one object at one time."""
 
@@ -343,7 +344,7 @@ def _braking(instants: Sequence[Instant], meetings: Sequence[Encounter]) -> int 
 _TOGETHER = 16
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Extent:
     """Stations and offsets that a box covers along a path, m; offsets are + to the left."""
 

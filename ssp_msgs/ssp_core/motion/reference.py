@@ -13,9 +13,10 @@ import numpy as np
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import FloatArray, wrap_angle
+from ssp_core.value_class import value_class
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class ReferencePoint:
     """One point for the object's reference point, frame map.
 
@@ -131,7 +132,7 @@ class Reference:
         times: list[float] = self.columns[0].tolist()
         return times
 
-    @property
+    @cached_property
     def end_ns(self) -> int:
         """Time of the last point. Raises IndexError for a reference without points."""
         return self.execute_at_ns + seconds_to_ns(self.times_s[-1])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import Box, Pose2, wrap_angle
+from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ControlState, ObjectClass, Role
 
 # No coordinate, speed or angle of a vehicle comes near this, in SI units.
@@ -38,7 +39,7 @@ DEFAULT_SIZES: dict[ObjectClass, Size] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class ObjectState:
     """State of the reference point in frame map; fields mean what they do in ObjectState.msg."""
 
@@ -82,22 +83,23 @@ class ObjectState:
             + abs(self.yaw_rate_radps)
         ) < _UNBELIEVABLE
 
-    def place_at(self, stamp_ns: int) -> tuple[float, float, float]:
-        """Return x, y and yaw at another time; see ``extrapolated``."""
+    def point_at(self, stamp_ns: int) -> tuple[float, float]:
+        """Return x and y at another time; see ``extrapolated``."""
         dt = ns_to_seconds(stamp_ns - self.stamp_ns)
-        turn = self.yaw_rate_radps * dt
-        half = 0.5 * turn
+        half = 0.5 * (self.yaw_rate_radps * dt)
         # The chord of the arc: no difference of nearly equal numbers for a slight turn.
         chord = self.speed_mps * dt * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
         middle = self.yaw_rad + half
-        x, y = self.x_m + chord * math.cos(middle), self.y_m + chord * math.sin(middle)
-        return x, y, wrap_angle(self.yaw_rad + turn)
+        return self.x_m + chord * math.cos(middle), self.y_m + chord * math.sin(middle)
 
     def extrapolated(self, stamp_ns: int) -> ObjectState:
         """Return the state at another time, speed and yaw rate held: straight or on a circle."""
         if stamp_ns == self.stamp_ns:
             return self
-        x, y, yaw = self.place_at(stamp_ns)
+        x, y = self.point_at(stamp_ns)
+        yaw = wrap_angle(
+            self.yaw_rad + self.yaw_rate_radps * ns_to_seconds(stamp_ns - self.stamp_ns)
+        )
         # Spelt out: dataclasses.replace takes four times as long, and this is asked all the time.
         return ObjectState(
             self.object_id,
@@ -118,4 +120,36 @@ class ObjectState:
             self.error_longitudinal_m,
             self.error_lateral_m,
             self.error_yaw_rad,
+        )
+
+    def reported(
+        self,
+        control_state: ControlState,
+        reference_id: str,
+        errors: tuple[float, float, float],
+    ) -> ObjectState:
+        """Return the state as its object reports it.
+
+        Args:
+            control_state: of the object.
+            reference_id: of the reference that it tracks; empty for none.
+            errors: longitudinal and lateral ones in m, and that of the yaw in rad.
+        """
+        return ObjectState(
+            self.object_id,
+            self.object_class,
+            self.role,
+            self.stamp_ns,
+            self.x_m,
+            self.y_m,
+            self.yaw_rad,
+            self.speed_mps,
+            self.acceleration_mps2,
+            self.yaw_rate_radps,
+            self.size,
+            self.sequence,
+            control_state,
+            self.position_std_m,
+            reference_id,
+            *errors,
         )

@@ -13,6 +13,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.state import ObjectState
@@ -122,6 +123,26 @@ class Contradiction:
 _NEVER = Contradiction("", "", 0.0, 0, False)
 
 
+class _Sample(NamedTuple):
+    """One state; a tuple, since one is made for each state of each object.
+
+    Args:
+        t_s: since the first.
+        yaw_rad: without jumps by a whole turn.
+        way_m: integral of the stated speed.
+        turn_rads: integral of the yaw.
+    """
+
+    t_s: float
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    speed_mps: float
+    std_m: float
+    way_m: float
+    turn_rads: float
+
+
 class ConsistencyWatch:
     """The states of one object, as they come; each is judged by those before it.
 
@@ -148,13 +169,7 @@ class ConsistencyWatch:
         self.doubt: Contradiction | None = None
         self._zero_ns = 0
         self._t: list[float] = []
-        self._x: list[float] = []
-        self._y: list[float] = []
-        self._yaw: list[float] = []  # without jumps by a whole turn
-        self._speed: list[float] = []
-        self._std: list[float] = []
-        self._odo: list[float] = []  # integral of the stated speed
-        self._turn: list[float] = []  # integral of the yaw
+        self._samples: list[_Sample] = []
         self._begin = self._speed_from = self._way_from = 0
         self._since = 0.0
         self._kinds: dict[str, float] = {}
@@ -209,32 +224,25 @@ class ConsistencyWatch:
     def _append(
         self, t: float, x_m: float, y_m: float, yaw_rad: float, speed_mps: float, std_m: float
     ) -> None:
-        most = self._bounds.position_std_m
-        odo = turn = 0.0
-        if self._t:
-            before = self._yaw[-1]
-            yaw_rad = before + math.remainder(yaw_rad - before, math.tau)
-            dt = t - self._t[-1]
-            odo = self._odo[-1] + 0.5 * (self._speed[-1] + speed_mps) * dt
-            turn = self._turn[-1] + 0.5 * (before + yaw_rad) * dt
+        most, samples = self._bounds.position_std_m, self._samples
+        way = turn = 0.0
+        if samples:
+            last_t, _, _, last_yaw, last_speed, _, way, turn = samples[-1]
+            yaw_rad = last_yaw + math.remainder(yaw_rad - last_yaw, math.tau)
+            dt = t - last_t
+            way += 0.5 * (last_speed + speed_mps) * dt
+            turn += 0.5 * (last_yaw + yaw_rad) * dt
             if dt > self._bounds.pause_s:
-                self._restart(len(self._t))
+                self._restart(len(samples))
+        std_m = std_m if std_m <= most else most
+        samples.append(_Sample(t, x_m, y_m, yaw_rad, speed_mps, std_m, way, turn))
         self._t.append(t)
-        self._x.append(x_m)
-        self._y.append(y_m)
-        self._yaw.append(yaw_rad)
-        self._speed.append(speed_mps)
-        self._std.append(std_m if std_m <= most else most)
-        self._odo.append(odo)
-        self._turn.append(turn)
         # Now and then, so that it costs nothing.
-        if len(self._t) >= 64 and self._t[len(self._t) // 2] < t - _REMEMBERED_S:
-            self._forget(len(self._t) // 2)
+        if len(samples) >= 64 and self._t[len(samples) // 2] < t - _REMEMBERED_S:
+            self._forget(len(samples) // 2)
 
     def _forget(self, number: int) -> None:
-        columns = (self._t, self._x, self._y, self._yaw, self._speed, self._std)
-        for column in (*columns, self._odo, self._turn):
-            del column[:number]
+        del self._t[:number], self._samples[:number]
         self._begin = max(self._begin - number, 0)
         self._speed_from = max(self._speed_from - number, 0)
         self._way_from = max(self._way_from - number, 0)
@@ -263,6 +271,9 @@ class ConsistencyWatch:
         if share > NEAR_SHARE:
             self.near_misses += 1
             self.nearest = max(self.nearest, share)
+        if share <= 1.0 and self._speed_delays.is_at_rest and self._yaw_delays.is_at_rest:
+            self._agrees(moves)
+            return
         found = None
         if share <= 1.0 and self._fits_as_before(start):
             self._speed_delays.begin_anew()
@@ -306,15 +317,18 @@ class ConsistencyWatch:
             The share; whether the object moves, as it says or by its places; and whether its speed
             is off by more than AXES_SHARE.
         """
-        span = self._t[n] - self._t[start]
-        dx, dy = self._x[n] - self._x[start], self._y[n] - self._y[start]
+        t0, x0, y0, _, _, std0, way0, turn0 = self._samples[start]
+        t1, x1, y1, _, _, std1, way1, turn1 = self._samples[n]
+        span = t1 - t0
+        dx, dy = x1 - x0, y1 - y0
         way = math.hypot(dx, dy) / span
-        speed = (self._odo[n] - self._odo[start]) / span
+        speed = (way1 - way0) / span
         stated = abs(speed)
         larger = stated if stated > way else way
-        noise = max(self._std[start], self._std[n]) * SIGMAS / span
-        share = abs(stated - way) / speed_bound_mps(stated, way, noise)
-        off = abs(stated - way) > max(AXES_SHARE * larger, SPEED_MPS, noise)
+        noise = max(std0, std1) * SIGMAS / span
+        excess = abs(stated - way)
+        share = excess / speed_bound_mps(larger, larger, noise)
+        off = excess > SPEED_MPS and excess > AXES_SHARE * larger and excess > noise
         moves = larger >= DIRECTION_MPS
         if not moves or self._direction_rad is None:
             return share, moves, False
@@ -325,7 +339,7 @@ class ConsistencyWatch:
         self._way_from = start
         if self._bounds.signed and stated < SPEED_MPS:
             return share, moves, off
-        yaw = (self._turn[n] - self._turn[start]) / span
+        yaw = (turn1 - turn0) / span
         c, s = math.cos(yaw), math.sin(yaw)
         along = c * dx + s * dy
         if speed < 0.0 or not self._bounds.signed:
@@ -376,13 +390,14 @@ class ConsistencyWatch:
         return first if fits else None
 
     def _window(self, first: int, last: int) -> Window:
-        span = self._t[last] - self._t[first]
+        a, b = self._samples[first], self._samples[last]
+        span = b.t_s - a.t_s
         return Window(
             span,
-            (self._x[last] - self._x[first]) / span,
-            (self._y[last] - self._y[first]) / span,
-            (self._odo[last] - self._odo[first]) / span,
-            (self._turn[last] - self._turn[first]) / span,
+            (b.x_m - a.x_m) / span,
+            (b.y_m - a.y_m) / span,
+            (b.way_m - a.way_m) / span,
+            (b.turn_rads - a.turn_rads) / span,
         )
 
     def _speed_bound(self, window: Window, first: int) -> float:
@@ -390,7 +405,7 @@ class ConsistencyWatch:
         return speed_bound_mps(window.speed_mps, window.way_mps, noise_mps)
 
     def _noise_m(self, first: int) -> float:
-        return SIGMAS * max(self._std[first], self._std[-1])
+        return SIGMAS * max(self._samples[first].std_m, self._samples[-1].std_m)
 
     def _direction_window(self, start: int, n: int) -> Window | None:
         """Give the shortest window that is long enough to say where the object goes, if any."""
@@ -410,7 +425,8 @@ class ConsistencyWatch:
         return window if self._noise_m(first) < way_m else None
 
     def _chord_m(self, first: int, last: int) -> float:
-        return math.hypot(self._x[last] - self._x[first], self._y[last] - self._y[first])
+        a, b = self._samples[first], self._samples[last]
+        return math.hypot(b.x_m - a.x_m, b.y_m - a.y_m)
 
     def _direction_share(self, way: Window, first: int) -> float:
         return abs(way.turned_rad(signed=self._bounds.signed)) / self._direction_bound(way, first)
@@ -473,22 +489,27 @@ class ConsistencyWatch:
         old, new = (begin - older, end - older), (begin, end)
         places, motion = (new, old) if delay_s > 0.0 else (old, new)
 
-        def rate(column: list[float], of: tuple[float, float]) -> float:
-            return (self._at(column, of[1]) - self._at(column, of[0])) / span
-
+        (ax, ay, _, _), (bx, by, _, _) = map(self._at, places)
+        (_, _, a_way, a_turn), (_, _, b_way, b_turn) = map(self._at, motion)
         return Window(
             span,
-            rate(self._x, places),
-            rate(self._y, places),
-            rate(self._odo, motion),
-            rate(self._turn, motion),
+            (bx - ax) / span,
+            (by - ay) / span,
+            (b_way - a_way) / span,
+            (b_turn - a_turn) / span,
         )
 
-    def _at(self, column: list[float], t: float) -> float:
-        """Give a value between two samples."""
+    def _at(self, t: float) -> tuple[float, float, float, float]:
+        """Give x, y, way and turn between two samples."""
         i = min(max(bisect_right(self._t, t) - 1, 0), len(self._t) - 2)
-        share = (t - self._t[i]) / (self._t[i + 1] - self._t[i])
-        return column[i] + share * (column[i + 1] - column[i])
+        a, b = self._samples[i], self._samples[i + 1]
+        share = (t - a.t_s) / (b.t_s - a.t_s)
+        return (
+            a.x_m + share * (b.x_m - a.x_m),
+            a.y_m + share * (b.y_m - a.y_m),
+            a.way_m + share * (b.way_m - a.way_m),
+            a.turn_rads + share * (b.turn_rads - a.turn_rads),
+        )
 
     # -- places that step ----------------------------------------------------------------------
 
@@ -500,23 +521,23 @@ class ConsistencyWatch:
         A receiver that gets a better fix moves its place at once. One that does so again and again
         is one that moves.
         """
-        span = self._t[n] - self._t[first]
-        vx, vy = (self._x[n] - self._x[first]) / span, (self._y[n] - self._y[first]) / span
+        whole = self._window(first, n)
+        span, vx, vy = whole.span_s, whole.vx_mps, whole.vy_mps
+
+        def step(k: int) -> tuple[float, float, float]:
+            a, b = self._samples[k - 1], self._samples[k]
+            return b.t_s - a.t_s, b.x_m - a.x_m, b.y_m - a.y_m
 
         def off_m(k: int) -> float:
-            dt = self._t[k] - self._t[k - 1]
-            return math.hypot(
-                self._x[k] - self._x[k - 1] - vx * dt, self._y[k] - self._y[k - 1] - vy * dt
-            )
+            dt, step_x, step_y = step(k)
+            return math.hypot(step_x - vx * dt, step_y - vy * dt)
 
         k = max(range(first + 1, n + 1), key=off_m)
-        dt = self._t[k] - self._t[k - 1]
+        dt, step_x, step_y = step(k)
         share = span / (span - dt)
-        step_x, step_y = self._x[k] - self._x[k - 1], self._y[k] - self._y[k - 1]
         vx, vy = (vx - step_x / span) * share, (vy - step_y / span) * share
         if math.hypot(step_x - vx * dt, step_y - vy * dt) > self._bounds.jump_m:
             return False
-        whole = self._window(first, n)
         left = Window(span, vx, vy, whole.speed_mps, whole.yaw_rad)
         excess = abs(left.speed_excess_mps) > self._speed_bound(left, first)
         if excess or (self._judges_direction(left) and self._direction_share(left, first) > 1.0):
@@ -580,7 +601,7 @@ class ConsistencyWatch:
 
     def _kind(self, window: Window) -> str:
         newest = self._t[-1] - window.span_s - 1e-9
-        fastest = max(abs(s) for s, t in zip(self._speed, self._t, strict=True) if t >= newest)
+        fastest = max(abs(one.speed_mps) for one in self._samples if one.t_s >= newest)
         direction_rad = self._direction_rad or DIRECTION_RAD
         return kind_of(window, fastest, direction_rad, signed=self._bounds.signed)
 
@@ -602,4 +623,4 @@ class ConsistencyWatch:
     @property
     def position_std_m(self) -> float:
         """Return how uncertain the newest place is; no more than counts."""
-        return self._std[-1] if self._std else 0.0
+        return self._samples[-1].std_m if self._samples else 0.0

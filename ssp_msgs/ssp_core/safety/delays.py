@@ -30,6 +30,8 @@ class Delays:
         self._out_until = [-math.inf] * len(DELAYS_S)
         self._believed = DELAYS_S.index(0.0)
         self._none_off = True
+        # Nothing needs a delay: none is believed, and none is in doubt.
+        self.is_at_rest = True
 
     @property
     def believed_s(self) -> float:
@@ -41,6 +43,7 @@ class Delays:
         if not self._none_off:
             self._off_since = [None] * len(DELAYS_S)
             self._none_off = True
+            self.is_at_rest = self.believed_s == 0.0
 
     def possible(self, now_s: float) -> list[float]:
         """Give the delays that aren't out."""
@@ -57,7 +60,7 @@ class Delays:
             True where one that fits is still possible.
         """
         fitting = []
-        self._none_off = False
+        self._none_off = self.is_at_rest = False
         for k, one in enumerate(fits):
             if one:
                 self._off_since[k] = None

@@ -17,6 +17,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.consistency import HOLDS_S, ConsistencyWatch
+from ssp_core.value_class import value_class
 
 # What is slower stands.
 STANDSTILL_MPS = 0.05
@@ -180,7 +181,7 @@ def position_jump(before: ObjectState, state: ObjectState, limits: Limits) -> Li
         state: the newer one.
         limits: of the run.
     """
-    x_m, y_m, _ = before.place_at(state.stamp_ns)
+    x_m, y_m = before.point_at(state.stamp_ns)
     away_m = math.hypot(state.x_m - x_m, state.y_m - y_m)
     passed_s = ns_to_seconds(state.stamp_ns - before.stamp_ns)
     limit_m = limits.jump_m + 0.5 * limits.acceleration_mps2 * passed_s**2
@@ -215,7 +216,7 @@ def stamp_ahead(age_s: float, limits: Limits, allowance_s: float = 0.0) -> Limit
         limits: of the run.
         allowance_s: how far the clock of ``age_s`` may lag behind by itself.
     """
-    return clock_offset(max(-age_s - allowance_s, 0.0), limits)
+    return None if age_s >= 0.0 else clock_offset(max(-age_s - allowance_s, 0.0), limits)
 
 
 def duration(running_s: float, limits: Limits) -> LimitViolation | None:
@@ -277,7 +278,7 @@ MOVING_MPS = 0.2
 STOOD_M = 0.01
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Continuity:
     """The memory of one object's states.
 
@@ -312,12 +313,15 @@ def follow(
     before = memory.before
     if not state.is_finite or (before is not None and state.stamp_ns <= before.stamp_ns):
         return memory, []
-    found = [] if before is None else [position_jump(before, state, limits)]
+    found = []
+    if before is not None and (jumped := position_jump(before, state, limits)) is not None:
+        found.append(jumped)
     stood_at = _stood_at(memory, state, asked_mps)
-    if stood_at is not None:
+    if stood_at is not None and stood_at is not state:
         stood_s = ns_to_seconds(state.stamp_ns - stood_at.stamp_ns)
-        found.append(state_frozen(stood_s, limits))
-    return Continuity(state, stood_at), [passed for passed in found if passed is not None]
+        if (frozen := state_frozen(stood_s, limits)) is not None:
+            found.append(frozen)
+    return Continuity(state, stood_at), found
 
 
 def _stood_at(memory: Continuity, state: ObjectState, asked_mps: float) -> ObjectState | None:

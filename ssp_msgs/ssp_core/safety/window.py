@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from ssp_core.geometry import wrap_angle
+from ssp_core.value_class import value_class
 
 # A window lasts so long, or longer until it holds so many samples.
 WINDOW_S = 0.5
@@ -28,7 +28,7 @@ UNSTEADY_DELAY = "no one delay between place and motion fits"
 _UNITS = ((3.6, 0.25, "km/h"), (2.23694, 0.06, "miles per hour"), (1.94384, 0.06, "knots"))
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Window:
     """Means over one window.
 

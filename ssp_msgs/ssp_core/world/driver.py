@@ -20,6 +20,7 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.model import Camera
+from ssp_core.value_class import value_class
 
 # Drivers of ours, and models behind bridges; each side is named by its module, since neither
 # imports the other.
@@ -227,7 +228,7 @@ class DriveMode(Enum):
     FALLBACK = "fallback"
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class DriveReport:
     """The doings of the driver and its tracker in one step.
 

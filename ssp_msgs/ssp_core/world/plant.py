@@ -18,13 +18,14 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
+from ssp_core.value_class import value_class
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.driver import DriveReport, RecordedAnswer
 
 PLANT_MODULE = "ssp_ot_controller.in_process"
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class ManagerUpdate:
     """The manager's messages after a step: one heartbeat, and the references before it.
 
@@ -73,7 +74,7 @@ class LinkFact:
     delay_s: float
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class StepReport:
     """The messages that reach the manager in one step.
 

@@ -13,13 +13,14 @@ from typing import Protocol
 
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.run_file.model import Limits
+from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ObjectClass
 
 # Below this speed yaw rate over speed says nothing about the curvature.
 _MIN_CURVATURE_SPEED_MPS = 0.5
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class BodyState:
     """State of the reference point in frame map.
 
@@ -76,7 +77,7 @@ class BodyLimits:
     turn_rate_radps: float
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Command:
     """A controller's request to a body until the next command (ActuatorCommand.msg).
 

@@ -13,7 +13,7 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import FloatArray, Point, Pose2, wrap_angle
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.model import Limits
-from ssp_core.safety.fence import way_excess_m, way_room_m
+from ssp_core.safety.fence import KnownRoom, way_excess_m, way_room_m
 from ssp_core.safety.stopping import (
     SLACK_STOP_M,
     STRAIGHT_RAD,
@@ -89,7 +89,8 @@ class _Clear:
     def __init__(self, fence: Sequence[Point]) -> None:
         self._fence = fence
         self._start: Point = (0.0, 0.0)
-        self._end: Point = (0.0, 0.0)
+        self._along: Point = (1.0, 0.0)
+        self._length_m = 0.0
         self._room_m = -math.inf
 
     def is_sure(self, start: Point, end: Point, radius_m: float) -> bool:
@@ -105,8 +106,10 @@ class _Clear:
             return False
         ahead = _AHEAD_M / length_m if length_m > 0.0 else 0.0
         for share in (ahead, 0.0):
-            self._start, self._end = start, (end[0] + share * dx, end[1] + share * dy)
-            self._room_m = way_room_m(self._start, self._end, self._fence)
+            self._start, self._length_m = start, length_m * (1.0 + share)
+            self._along = (dx / length_m, dy / length_m) if length_m > 0.0 else (1.0, 0.0)
+            far = end[0] + share * dx, end[1] + share * dy
+            self._room_m = way_room_m(start, far, self._fence)
             if self._room_m > radius_m:
                 return True
         return False
@@ -114,14 +117,16 @@ class _Clear:
     def _holds(self, start: Point, end: Point, radius_m: float) -> bool:
         """Tell whether the measured way shows it: all of a way is as near to it as its ends."""
         left_m = self._room_m - radius_m
-        return left_m > 0.0 and self._off_m(start) < left_m and self._off_m(end) < left_m
-
-    def _off_m(self, point: Point) -> float:
-        dx, dy = self._end[0] - self._start[0], self._end[1] - self._start[1]
-        px, py = point[0] - self._start[0], point[1] - self._start[1]
-        square = dx * dx + dy * dy
-        t = min(max((px * dx + py * dy) / square, 0.0), 1.0) if square > 0.0 else 0.0
-        return math.hypot(px - t * dx, py - t * dy)
+        if not left_m > 0.0:
+            return False
+        (x, y), (c, s) = self._start, self._along
+        for px, py in (start, end):
+            dx, dy = px - x, py - y
+            along = c * dx + s * dy
+            beyond = -along if along < 0.0 else max(along - self._length_m, 0.0)
+            if not math.hypot(beyond, c * dy - s * dx) < left_m:
+                return False
+        return True
 
 
 class StoppingRoom:
@@ -143,6 +148,7 @@ class StoppingRoom:
         self._cls, self._limits, self._step_s = cls, limits, step_s
         self._size = size
         self._fence = list(fence)
+        self._room = KnownRoom(self._fence)
         self._here, self._ahead, self._past = (_Clear(self._fence) for _ in range(3))
         self._last: Pose2 | None = None
         self._reach_m = math.hypot(max(size.front_m, size.rear_m), 0.5 * size.width_m)
@@ -160,8 +166,10 @@ class StoppingRoom:
         if not math.isfinite(here.x_m + here.y_m + here.yaw_rad):
             return math.inf
         last, self._last = self._last or here, here
-        turn_rad = abs(wrap_angle(here.yaw_rad - last.yaw_rad))
-        moved_m = math.hypot(here.x_m - last.x_m, here.y_m - last.y_m) + turn_rad * self._reach_m
+        moved_m = math.hypot(here.x_m - last.x_m, here.y_m - last.y_m)
+        if self._room.holds(here.x_m, here.y_m, self._reach_m + moved_m):
+            return 0.0
+        moved_m += abs(wrap_angle(here.yaw_rad - last.yaw_rad)) * self._reach_m
         if self._here.is_sure(*self._axis(here, here), 0.5 * self._size.width_m + moved_m):
             return 0.0
         return self._swept_m([last, here])

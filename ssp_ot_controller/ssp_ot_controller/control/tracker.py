@@ -34,6 +34,7 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import FloatArray, Pose2, wrap_angle
 from ssp_core.motion.reference import Reference, ReferencePoint
 from ssp_core.motion.state import ObjectState
+from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS, BodyLimits, Command
 
@@ -75,29 +76,32 @@ class Track:
         )
         self._pieces: dict[int, list[list[float]]] = {}
 
-    def _row(self, i: int) -> list[float]:
+    def _rows(self, i: int) -> list[list[float]]:
+        """Return a row and the one behind it, the last one alone."""
         piece = self._pieces.get(i >> _PIECE_BITS)
         if piece is None:
             first = i >> _PIECE_BITS << _PIECE_BITS
-            piece = self._table[first : first + _PIECE].tolist()
+            piece = self._table[first : first + _PIECE + 1].tolist()
             self._pieces[i >> _PIECE_BITS] = piece
-        return piece[i & _PIECE - 1]
+        place = i & _PIECE - 1
+        return piece[place : place + 2]
 
     def _value(self, t_s: float, column: int) -> float:
         """Return a column of the table at a time, linear; its ends before and after."""
         times = self._times_s
         if t_s < times[0]:
-            return self._row(0)[column]
+            return self._rows(0)[0][column]
         if t_s >= times[-1]:
-            return self._row(len(times) - 1)[column]
+            return self._rows(len(times) - 1)[0][column]
         i = bisect_right(times, t_s)
-        a, b = self._row(i - 1)[column], self._row(i)[column]
+        before, after = self._rows(i - 1)
+        a, b = before[column], after[column]
         return a + (t_s - times[i - 1]) / (times[i] - times[i - 1]) * (b - a)
 
     @property
     def end(self) -> Pose2:
         """Return the end of the path."""
-        return Pose2(*self._row(len(self._times_s) - 1)[:3])
+        return Pose2(*self._rows(len(self._times_s) - 1)[0][:3])
 
     def accelerations(self, times_s: FloatArray) -> FloatArray:
         """Return accelerations at times after execute_at.
@@ -121,14 +125,15 @@ class Track:
         """Interpolate by a cubic Hermite in position, else linearly; at rest before and after."""
         times = self._times_s
         if t_s < times[0]:
-            x, y, yaw, v, _, k, _, _, _ = self._row(0)
+            x, y, yaw, v, _, k, _, _, _ = self._rows(0)[0]
             return Point(x, y, yaw, v, 0.0, k)
         if t_s >= times[-1]:
-            x, y, yaw, _, _, k, _, _, _ = self._row(len(times) - 1)
+            x, y, yaw, _, _, k, _, _, _ = self._rows(len(times) - 1)[0]
             return Point(x, y, yaw, 0.0, 0.0, k)
         i = bisect_right(times, t_s)
-        xa, ya, yaw_a, va, aa, ka, vxa, vya, _ = self._row(i - 1)
-        xb, yb, yaw_b, vb, ab, kb, vxb, vyb, _ = self._row(i)
+        before, after = self._rows(i - 1)
+        xa, ya, yaw_a, va, aa, ka, vxa, vya, _ = before
+        xb, yb, yaw_b, vb, ab, kb, vxb, vyb, _ = after
         start_s = times[i - 1]
         span_s = times[i] - start_s
         u = (t_s - start_s) / span_s
@@ -273,7 +278,7 @@ _HOLD_MPS2 = 2.0
 _STANDSTILL_MPS = 1e-3
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class TrackingError:
     """State minus reference, as in ObjectState.msg.
 

@@ -74,11 +74,7 @@ class _Sampled:
     vy_mps: FloatArray
     ax_mps2: FloatArray
     ay_mps2: FloatArray
-
-    @property
-    def speed_mps(self) -> FloatArray:
-        """Norm of the velocity."""
-        return np.hypot(self.vx_mps, self.vy_mps)
+    speed_mps: FloatArray
 
 
 def plan_of(
@@ -164,12 +160,10 @@ def _sampled(trajectory: Trajectory, step_s: float, limits: PlanLimits) -> _Samp
         steps = np.append(steps, end_s)
     # The support may begin within the tolerance behind 0 (METHOD 5.4).
     inside = np.clip(steps, t[0], t[-1])
-    values = []
-    for column in (trajectory.x_m, trajectory.y_m):
-        curve = PchipInterpolator(t, np.array(column, dtype=np.float64))
-        values.append([curve(inside), curve.derivative()(inside), curve.derivative(2)(inside)])
-    (x, vx, ax), (y, vy, ay) = values
-    return _Sampled(steps, x, y, vx, vy, ax, ay)
+    curve = PchipInterpolator(t, np.array([trajectory.x_m, trajectory.y_m], dtype=np.float64).T)
+    curves = curve, curve.derivative(), curve.derivative(2)
+    (x, y), (vx, vy), (ax, ay) = (np.ascontiguousarray(one(inside).T) for one in curves)
+    return _Sampled(steps, x, y, vx, vy, ax, ay, np.hypot(vx, vy))
 
 
 def _problem(plan: _Sampled, limits: PlanLimits) -> str:
@@ -202,8 +196,12 @@ def _acceleration_mps2(plan: _Sampled, window_s: float) -> float:
 
 def _back_m(plan: _Sampled, held_mps: float) -> float:
     """Return the way against the own heading, which follows the motion within a right angle."""
+    step_x, step_y = np.diff(plan.x_m), np.diff(plan.y_m)
+    # Steps within 45 degrees of where the VUT looks don't go back: the usual plan.
+    if (np.abs(step_y) <= step_x).all():
+        return 0.0
     heading_x, heading_y, back = 1.0, 0.0, 0.0
-    steps = zip(np.diff(plan.x_m).tolist(), np.diff(plan.y_m).tolist(), strict=True)
+    steps = zip(step_x.tolist(), step_y.tolist(), strict=True)
     for (dx, dy), speed in zip(steps, plan.speed_mps[1:].tolist(), strict=True):
         along = dx * heading_x + dy * heading_y
         way = math.hypot(dx, dy)

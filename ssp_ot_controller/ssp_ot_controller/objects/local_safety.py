@@ -7,7 +7,6 @@ of them count when.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.reference import Reference
@@ -16,6 +15,7 @@ from ssp_core.run_file.model import Limits
 from ssp_core.safety import limits as judge
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.limits import LimitViolation
+from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.control.tracker import TrackingError
 
@@ -45,7 +45,7 @@ def is_idle(control_state: ControlState, reference: Reference | None, now_ns: in
     return control_state is not ControlState.RUNNING or reference_over(reference, now_ns)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class SafetyInputs:
     """The inputs of an object's safety decision at one step.
 

@@ -15,6 +15,7 @@ from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.limits import LimitViolation
+from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ControlState
 from ssp_core.world.plant import LimitFact
 from ssp_ot_controller.bodies.dynamics import Command
@@ -50,7 +51,7 @@ class Stopped:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Counts:
     """The counts of messages sent so far (StepDone.msg)."""
 
@@ -59,7 +60,7 @@ class Counts:
     safety_events: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class PoolStep:
     """The messages of a process's objects for one step, each in the order of the object ids.
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.motion.reference import Reference, sample
+from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
@@ -19,6 +19,7 @@ from ssp_core.safety.limits import (
     state_contradicts,
 )
 from ssp_core.safety.start_heading import start_heading
+from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_ot_controller.bodies.body import BodyCheck, Decided
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command, brake_command, tightened
@@ -65,7 +66,7 @@ _WHEN_RUNNING = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class TargetStep:
     """The result of one step: the command for the body, the state to report, a limit passed."""
 
@@ -368,7 +369,10 @@ class Target:
         reference = self._queue.current
         if reference is None or self._error is None or reference_over(reference, now_ns):
             return 0.0
-        return sample(reference, now_ns).speed_mps if self._error.longitudinal_m <= 0.0 else 0.0
+        if self._error.longitudinal_m > 0.0:
+            return 0.0
+        track = self.tracker.track_of(reference)
+        return track.speed_mps(track.seconds(now_ns))
 
     def _room_excess_m(self, own: ObjectState, reference: Reference | None, now_ns: int) -> float:
         if reference is None or self._error is None:
@@ -408,17 +412,12 @@ class Target:
         return replace(self._command, acceleration_mps2=0.0, emergency_stop=True)
 
     def _report(self, own: ObjectState) -> ObjectState:
-        reference = self._queue.current
-        if reference is None or self._error is None:
-            return replace(own, control_state=self.state)
-        return replace(
-            own,
-            control_state=self.state,
-            reference_id=reference.reference_id,
-            error_longitudinal_m=self._error.longitudinal_m,
-            error_lateral_m=self._error.lateral_m,
-            error_yaw_rad=self._error.yaw_rad,
-        )
+        reference, error = self._queue.current, self._error
+        if reference is None or error is None:
+            as_given = own.error_longitudinal_m, own.error_lateral_m, own.error_yaw_rad
+            return own.reported(self.state, own.reference_id, as_given)
+        errors = error.longitudinal_m, error.lateral_m, error.yaw_rad
+        return own.reported(self.state, reference.reference_id, errors)
 
     def _stands(self) -> bool:
         own = self._own

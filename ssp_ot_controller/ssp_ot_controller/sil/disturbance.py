@@ -306,6 +306,7 @@ class Channel:
         self._frozen: ObjectState | None = None
         # How often the world holds isn't the same in two runs: no draws of the run's own streams.
         self._hold = uniforms(seed, object_id, "hold")
+        self._held: Iterator[float] | None = self._hold
         n, faults = self._noise, self._faults
         up = LinkQuality(n.state_delay_s, n.state_jitter_s, n.state_loss, n.reorder)
         # The transport of acknowledgements is reliable: only a fault loses them.
@@ -332,12 +333,15 @@ class Channel:
             for line in (self._up, self._acks, self._heartbeats, self._references):
                 line.clear()
         self._running = running
+        self._held = None if running else self._hold
         return self._faults.begin(now_ns, running=running, armed=armed)
 
     def clock_ns(self, now_ns: int) -> int:
         """Return the object's own clock at a session time: its states and acks carry it."""
-        step_ns = seconds_to_ns(self._faults.total("clock_step"))
-        return now_ns + step_ns + (self._offset_ns if self._running else 0)
+        offset_ns = self._offset_ns if self._running else 0
+        if self._faults.is_empty:
+            return now_ns + offset_ns
+        return now_ns + seconds_to_ns(self._faults.total("clock_step")) + offset_ns
 
     def links(self) -> LinkSizes:
         """Return clock and delays as they are now, for measuring the link outside the steps."""
@@ -404,10 +408,6 @@ class Channel:
         return replace(fix, stamp_ns=fix.stamp_ns + offset_ns) if offset_ns else fix
 
     # -- links ---------------------------------------------------------------------------------
-
-    @property
-    def _held(self) -> Iterator[float] | None:
-        return None if self._running else self._hold
 
     def up(self, state: ObjectState, now_ns: int) -> list[ObjectState]:
         """Send a state to the manager; return the states that arrive there now, in that order."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
@@ -21,6 +20,7 @@ from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import TrafficSpec
+from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.sumo_network import SUMO_CLASSES, SUMO_SEEDS, Network, write_network
 
@@ -31,7 +31,7 @@ _KEEP_PERSON = 6
 _WAIT_S = 1e6
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class SumoPose:
     """A pose as SUMO counts: front bumper in m, degrees clockwise from north in [0, 360)."""
 

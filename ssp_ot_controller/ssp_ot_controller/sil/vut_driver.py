@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
@@ -12,6 +12,7 @@ from ssp_core.geometry import Polyline, wrap_angle
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import FaultKind, RunSpec
 from ssp_core.run_file.participants import Driver
+from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.car_following import following_acceleration, free_acceleration
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command, brake_command
@@ -32,7 +33,7 @@ _MIN_LOOKAHEAD_M = 4.0
 _MIN_GAP_M = 0.1
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Obstacle:
     """Something to keep a gap to.
 
@@ -48,7 +49,7 @@ class Obstacle:
     acceleration_mps2: float
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class _Extent:
     """An object in the path's frame: interval along and across, and velocity."""
 

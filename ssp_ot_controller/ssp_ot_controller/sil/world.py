@@ -6,13 +6,14 @@ In lockstep a barrier says who has still to answer a step before the world may g
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from operator import attrgetter
 from typing import Protocol
 
 from ssp_core.cdr.steps import RECORDER_LAG_STEPS
 from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
-from ssp_core.vocabulary import ControlState, Role, SessionPhase
+from ssp_core.vocabulary import Role, SessionPhase
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.sil.disturbance import Actuator
 from ssp_ot_controller.sil.plant import BodyPlant, OwnBodies
@@ -21,6 +22,7 @@ from ssp_ot_controller.sil.vut_driver import VutDriver
 # A body that hears no command for this long brakes as hard as it can, whoever is to blame.
 BODY_TIMEOUT_S = 0.2
 # In these states of the session the world steps on until everything stands, and then holds.
+_ID = attrgetter("object_id")
 OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED, SessionPhase.IDLE)
 
 
@@ -50,7 +52,10 @@ class World:
         self._bodies = self._plant.start()
         specs = (run.vut, *run.targets)
         # Asked for in every step, and looked up by word each time.
-        self._kinds = {spec.id: (spec.cls, spec.size) for spec in specs}
+        self._kinds = {
+            spec.id: (spec.cls, Role.VUT if spec is run.vut else Role.OT, spec.size)
+            for spec in specs
+        }
         self._step_ns = seconds_to_ns(run.step_s)
         self._actuators = {spec.id: Actuator(run, spec.id) for spec in specs}
         self.driver = VutDriver(run)
@@ -92,7 +97,7 @@ class World:
             done[object_id] = self._actuators[object_id].actuate(command, now_ns)
         self._bodies = self._plant.step(self._bodies, done)
         self.step_index += 1
-        own = {object_id: self._state(object_id) for object_id in self._bodies}
+        own = self._states()
         self._observe(self._scene.step(list(own.values())), own)
         return self.objects()
 
@@ -100,8 +105,8 @@ class World:
         self, traffic: list[ObjectState], own: dict[str, ObjectState] | None = None
     ) -> None:
         """Take the ground truth of an instant."""
-        self._own = own or {object_id: self._state(object_id) for object_id in self._bodies}
-        self._everyone = sorted([*self._own.values(), *traffic], key=lambda s: s.object_id)
+        self._own = own or self._states()
+        self._everyone = sorted([*self._own.values(), *traffic], key=_ID)
 
     def all_stand(self) -> bool:
         """Tell whether VUT and object targets stand; traffic doesn't count."""
@@ -127,24 +132,26 @@ class World:
         others = [s for s in self._everyone if s.object_id != vut.object_id]
         return self.driver.command(vut, others, external, drives=drive_vut)
 
-    def _state(self, object_id: str) -> ObjectState:
-        body = self._bodies[object_id]
-        cls, size = self._kinds[object_id]
-        return ObjectState(
-            object_id=object_id,
-            object_class=cls,
-            role=Role.VUT if object_id == self._run.vut.id else Role.OT,
-            stamp_ns=self.now_ns,
-            x_m=body.x_m,
-            y_m=body.y_m,
-            yaw_rad=body.yaw_rad,
-            speed_mps=body.speed_mps,
-            acceleration_mps2=body.acceleration_mps2,
-            yaw_rate_radps=body.yaw_rate_radps,
-            size=size,
-            sequence=self.step_index + 1,
-            control_state=ControlState.OFF,
-        )
+    def _states(self) -> dict[str, ObjectState]:
+        """Return the states of the bodies, by id."""
+        now_ns, found = self.now_ns, {}
+        for object_id, body in self._bodies.items():
+            cls, role, size = self._kinds[object_id]
+            found[object_id] = ObjectState(
+                object_id,
+                cls,
+                role,
+                now_ns,
+                body.x_m,
+                body.y_m,
+                body.yaw_rad,
+                body.speed_mps,
+                body.acceleration_mps2,
+                body.yaw_rate_radps,
+                size,
+                self.step_index + 1,
+            )
+        return found
 
 
 class StepBarrier:

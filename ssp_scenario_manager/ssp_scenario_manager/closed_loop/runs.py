@@ -12,7 +12,7 @@ from typing import Any
 
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
-from ssp_core.world.driver import BUILT_IN
+from ssp_core.world.driver import BUILT_IN, COMMANDED
 from ssp_scenario_manager.closed_loop.careful import CAREFUL, careful_motion, is_defined
 from ssp_scenario_manager.closed_loop.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcome import (
@@ -83,11 +83,13 @@ def rows_of(job: Job) -> Done:
     identity = identity_of(job)
     rows: list[Row] = []
     answers: list[tuple[Kept, ...]] = []
+    found: _Found | None = None
     for latency_s in job.latencies_s:
         for repeat in range(job.repeats):
             if job.driver.driver == CAREFUL:
                 found = _careful(job.start)
-            else:
+            elif found is None or job.driver.driver not in COMMANDED:
+                # Without plans nothing depends on a latency, and one drive stands for all.
                 found = _both(job, start, built_in, latency_s, repeat)
             rows.append([*identity[len(rows)], *_cells(start, found)])
             answers.append(found.answers)

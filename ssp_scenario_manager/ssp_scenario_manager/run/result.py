@@ -379,8 +379,14 @@ def instants(vut: Sequence[ObjectState], other: Sequence[ObjectState]) -> list[I
 def _closest_m(vut: Sequence[ObjectState], other: Sequence[ObjectState]) -> float:
     """Return the smallest distance of two boxes over a run, without looking at far ones."""
     best = math.inf
-    for a, b in zip(vut, other, strict=True):
+    # The nearest come first, so that few boxes are looked at.
+    pairs = zip(vut, other, strict=True)
+    for a, b in sorted(pairs, key=lambda pair: _away_m(*pair)):
         reach = a.size.length_m + a.size.width_m + b.size.length_m + b.size.width_m
-        if math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) - reach < best:
+        if _away_m(a, b) - reach < best:
             best = min(best, box_distance(a.box, b.box))
     return best
+
+
+def _away_m(a: ObjectState, b: ObjectState) -> float:
+    return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)

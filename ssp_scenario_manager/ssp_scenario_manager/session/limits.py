@@ -7,7 +7,7 @@ objects judge by too stand in ssp_core.safety.limits.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from ssp_core import names
@@ -148,6 +148,8 @@ def stamp_ahead(
             messages.
         limits: the run's.
     """
+    if state.stamp_ns <= now_ns:
+        return None
     passed = judge.stamp_ahead(ns_to_seconds(now_ns - state.stamp_ns), limits, allowance_s)
     return of_object(passed, state.object_id, now_ns, "its states are stamped ahead of time")
 
@@ -177,21 +179,33 @@ def too_near(everyone: Sequence[ObjectState], limits: Limits) -> list[Violation]
     return [violation for violation in found if violation is not None]
 
 
-def violations(everyone: Sequence[ObjectState], spec: RunSpec) -> list[Violation]:
+def _never(_: ObjectState) -> bool:
+    return False
+
+
+def violations(
+    everyone: Sequence[ObjectState],
+    spec: RunSpec,
+    is_well_inside: Callable[[ObjectState], bool] = _never,
+) -> list[Violation]:
     """List all limits that the states of one instant pass, the gravest first.
 
     Args:
         everyone: states at one stamp, that of the VUT first where there is one.
         spec: gives limits and fence.
+        is_well_inside: tells whether a finite state is known to be inside the fence.
     """
     limits = spec.limits
-    found = [of_object(judge.state_not_finite(s), s.object_id, s.stamp_ns) for s in everyone]
     sound = [state for state in everyone if state.is_finite]
+    found: list[Violation | None] = []
+    if len(sound) < len(everyone):
+        found += [of_object(judge.state_not_finite(s), s.object_id, s.stamp_ns) for s in everyone]
     found += too_near(kept_apart(sound, spec), limits)
     for state in sound:
+        excess_m = 0.0 if is_well_inside(state) else box_excess_m(state.box, spec.geofence)
         passed = [
             judge.over_speed(state, limits),
-            judge.outside_geofence(box_excess_m(state.box, spec.geofence)),
+            judge.outside_geofence(excess_m),
             judge.localisation(state, limits),
         ]
         if state.reference_id and state.control_state is ControlState.RUNNING:
@@ -203,7 +217,9 @@ def violations(everyone: Sequence[ObjectState], spec: RunSpec) -> list[Violation
                 or judge.error_lateral(state.error_lateral_m, limits)
                 or judge.error_yaw(state.error_yaw_rad, limits)
             )
-        found += [of_object(one, state.object_id, state.stamp_ns) for one in passed]
+        found += [
+            of_object(one, state.object_id, state.stamp_ns) for one in passed if one is not None
+        ]
     real = [violation for violation in found if violation is not None]
     return sorted(real, key=lambda v: v.code != SafetyCode.COLLISION)
 

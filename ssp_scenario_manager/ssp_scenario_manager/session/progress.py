@@ -208,7 +208,7 @@ def limits_passed(
             if running:
                 found.append(_left_the_run(run, state, now_ns))
             present.append(state if vut is None else _at(state, vut.stamp_ns))
-    found += violations(present, spec)
+    found += violations(present, spec, run.is_well_inside)
     for reference in run.answers.due:
         who, sent_ns = reference.object_id, reference.dispatched_ns
         found.append(unheard(SafetyCode.ACK_MISSING, who, sent_ns, limits.ack_s))
@@ -232,7 +232,8 @@ def collisions(
 
 
 def _at(state: ObjectState, stamp_ns: int) -> ObjectState:
-    return state.extrapolated(stamp_ns) if state.is_finite else state
+    is_led_on = state.stamp_ns != stamp_ns and state.is_finite
+    return state.extrapolated(stamp_ns) if is_led_on else state
 
 
 def _own_abort(run: Run, state: ObjectState, now_ns: int) -> Violation | None:

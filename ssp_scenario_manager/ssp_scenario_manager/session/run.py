@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Polyline
@@ -12,7 +14,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
-from ssp_core.safety.fence import box_excess_m, moved_excess_m
+from ssp_core.safety.fence import KnownRoom, box_excess_m, moved_excess_m
 from ssp_core.safety.limits import (
     Continuity,
     LimitViolation,
@@ -72,6 +74,7 @@ class Run:
     continuity: dict[str, Continuity] = field(default_factory=dict)
     motion: dict[str, ConsistencyWatch] = field(default_factory=dict)
     headings: dict[str, StartHeading] = field(default_factory=dict)
+    rooms: dict[str, KnownRoom] = field(default_factory=dict)
     _breaks: list[Violation] = field(default_factory=list)
     _blamed: set[tuple[SafetyCode, str]] = field(default_factory=set)
     _given: set[str] = field(default_factory=set)
@@ -82,6 +85,11 @@ class Run:
             self.motion[one.id] = ConsistencyWatch(Bounds.of(one.id, one.cls, limits))
             if (heading := start_heading(one, limits)) is not None:
                 self.headings[one.id] = heading
+
+    @cached_property
+    def target_ids(self) -> frozenset[str]:
+        """Ids of the object targets."""
+        return frozenset(target.id for target in self.spec.targets)
 
     def elapsed_s(self, now_ns: int) -> float:
         """Return the session time since the start, 0 before it."""
@@ -142,27 +150,53 @@ class Run:
         if memory.before is not None and self.continuity[state.object_id].before is state:
             crossed = self._crossed_fence(memory.before, state)
             passed += [] if crossed is None else [crossed]
-        found = [of_object(p, state.object_id, state.stamp_ns) for p in passed]
+        found = []
+        if passed:
+            found = [of_object(p, state.object_id, state.stamp_ns) for p in passed]
         watch = self.motion.get(state.object_id)
         if watch is not None and state.is_finite:
             watch.see(state)
-            kind = "" if watch.contradiction is None else watch.contradiction.text
-            found.append(of_object(state_contradicts(watch), state.object_id, state.stamp_ns, kind))
+            if (contradicts := watch.contradiction) is not None:
+                found.append(
+                    of_object(
+                        state_contradicts(watch),
+                        state.object_id,
+                        state.stamp_ns,
+                        contradicts.text,
+                    )
+                )
             heading = self.headings.get(state.object_id)
             if heading is not None and self.started_ns is not None:
                 turned = heading.see(state, stands=has_stood(state, watch))
                 found.append(of_object(turned, state.object_id, state.stamp_ns))
-        self._breaks += [violation for violation in found if violation is not None]
+        if found:
+            self._breaks += [violation for violation in found if violation is not None]
 
     def _crossed_fence(self, before: ObjectState, state: ObjectState) -> LimitViolation | None:
         """Find the violation of an object that was outside between two states.
 
         Each state is judged itself.
         """
+        moved_m = math.hypot(state.x_m - before.x_m, state.y_m - before.y_m)
+        if self.is_well_inside(state, moved_m):
+            return None
         excess_m = moved_excess_m(before.pose, state.box, self.spec.geofence)
         if excess_m > 0.0 and box_excess_m(state.box, self.spec.geofence) > 0.0:
             return None
         return outside_geofence(excess_m)
+
+    def is_well_inside(self, state: ObjectState, moved_m: float = 0.0) -> bool:
+        """Tell whether an object is known to be inside the fence, and so was on its way.
+
+        Args:
+            state: with finite values.
+            moved_m: from where it was before.
+        """
+        room, size = self.rooms.get(state.object_id), state.size
+        if room is None:
+            room = self.rooms[state.object_id] = KnownRoom(self.spec.geofence)
+        reach_m = math.hypot(max(size.front_m, size.rear_m), 0.5 * size.width_m)
+        return room.holds(state.x_m, state.y_m, reach_m + moved_m)
 
     @property
     def has_breaks(self) -> bool:

@@ -184,7 +184,7 @@ class Session:
     def on_target_state(self, state: ObjectState) -> bool:
         """Take a state of a target; return False for an unknown object's, which has no effect."""
         who, run = state.object_id, self._run
-        if run is not None and who not in [target.id for target in run.spec.targets]:
+        if run is not None and who not in run.target_ids:
             return False
         if self._is_news(state, self.targets.get(who)):
             self.targets[who] = state

@@ -28,6 +28,7 @@ from ssp_core.run_file.participants import (
     TimeToCollision,
 )
 from ssp_core.safety.fence import room_m
+from ssp_core.value_class import value_class
 from ssp_core.vocabulary import Phase
 
 # Below this speed a time to arrival or a headway is infinite rather than an amplified noise of the
@@ -139,7 +140,7 @@ class Snapshot:
         return math.nan if state is None else room_m(state.x_m, state.y_m, polygon)
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Sample:
     """A condition's value at a state stamp; NaN: unknown, +inf: there is none."""
 
@@ -147,7 +148,7 @@ class Sample:
     value: float
 
 
-@dataclass(frozen=True, slots=True)
+@value_class(frozen=True, slots=True)
 class Reading:
     """A sample, and whether the condition holds there.
 
