@@ -18,6 +18,7 @@ from click.testing import CliRunner
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_json
+from ssp_eval.closed_loop import prediction
 from ssp_eval.closed_loop.comparisons import over_events, pairs_of
 from ssp_eval.closed_loop.figures import NEEDLESS, chains_of, counts_of, outcome_plot
 from ssp_eval.closed_loop.folder import LoopCampaign, Run, load_loop
@@ -437,18 +438,30 @@ def test_inversions_are_named_where_the_intervals_of_the_headlines_are_apart() -
     assert inversions_of([replace(points[0], score=0.4), points[1]]) == ()
 
 
-def test_baselines_controls_and_other_domains_predict_nothing(campaign: LoopCampaign) -> None:
+def test_baselines_controls_and_other_domains_predict_nothing(
+    campaign: LoopCampaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rows = [
-        score_row(MINE, 1.0),
+        score_row(MINE, 0.5),
+        replace(score_row(MINE, 1.0), seed=2),
         score_row("aeb", 1.0),
         replace(score_row(MINE, 0.0), domain="physical"),
         replace(score_row(MINE, 0.0), control=True),
         replace(score_row(MINE, 0.0), scenario="vru_crossing"),
     ]
     scores = scores_by_driver(rows, "ivcs", ["cut_in"])
-    assert scores == {("cut_in", MINE): 1.0, ("cut_in", "aeb"): 1.0}
+    assert scores == {("cut_in", MINE): pytest.approx(0.75), ("cut_in", "aeb"): 1.0}
+    # A baseline is one under whatever label.
+    assert predict(campaign, scores, "ivcs") == []
+    monkeypatch.setattr(prediction, "BASELINES", frozenset())
     found = predict(campaign, scores, "ivcs")
-    assert [(one.latency_s, one.n, one.rho) for one in found] == [(0.0, 1, None), (0.5, 1, None)]
+    assert [(one.latency_s, one.n, one.rho) for one in found] == [(0.0, 2, None), (0.5, 2, None)]
+    starved = replace(campaign, runs=tuple(one_starved(run) for run in campaign.runs))
+    assert [one.n for one in predict(starved, scores, "ivcs")] == [1, 1]
+
+
+def one_starved(run: Run) -> Run:
+    return replace(run, row=replace(run.row, starved=run.row.driver == MINE))
 
 
 def score_row(model: str, value: float) -> CellRow:

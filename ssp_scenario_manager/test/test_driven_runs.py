@@ -156,7 +156,7 @@ def test_the_oracle_avoids_and_whoever_brakes_for_nothing_gains_nothing(
         run = start.driven_by(driver, {}, 0.0, event=False)
         alone, _, free = driven(start, driver, event=False)
         assert run.driven is not None
-        needless = needless_in(run, run.driven, free, built_in, alone.at_s)
+        needless = needless_in(run, run.driven, free, built_in, alone)
         return event.kind == "avoided" and not needless
 
     told = {name: headline(name) for name in ("oracle", "stop_at_once", "always_brake")}
@@ -282,7 +282,7 @@ def test_a_way_to_game_it_gains_no_headline(
     run = start.driven_by("scripted", {}, 0.0, event=False)
     alone, _, free = driven(start, "scripted", event=False)
     assert run.driven is not None
-    needless = needless_in(run, run.driven, free, built_in, alone.at_s)
+    needless = needless_in(run, run.driven, free, built_in, alone)
     assert outcome.kind != "avoided" or needless, outcome
     if way is brake_and_speed_up:
         assert needless.startswith("brakes by")
@@ -294,7 +294,7 @@ def test_what_the_session_brakes_behind_a_contact_is_not_the_drivers(
     """A run is judged up to its deciding fact; behind it our session stops the VUT."""
     run = start.driven_by("no_response", {}, 0.0, event=False)
     assert run.driven is not None
-    _, _, free = driven(start, "no_response", event=False)
+    alone, _, free = driven(start, "no_response", event=False)
     decided_s = run.driven.end_s - 2.0
 
     def braked(report: StepReport) -> StepReport:
@@ -304,8 +304,9 @@ def test_what_the_session_brakes_behind_a_contact_is_not_the_drivers(
         return replace(report, truths=tuple(slowed))
 
     behind = Record([braked(report) for report in free.reports])
-    assert needless_in(run, run.driven, behind, built_in, decided_s) == ""
-    assert needless_in(run, run.driven, behind, built_in, run.driven.end_s).startswith("brakes by")
+    decided = replace(alone, at_s=decided_s)
+    assert needless_in(run, run.driven, behind, built_in, decided) == ""
+    assert needless_in(run, run.driven, behind, built_in, alone).startswith("brakes by")
 
 
 def test_a_vut_that_stands_is_struck_and_one_off_its_twin_is_ours(start: Start) -> None:

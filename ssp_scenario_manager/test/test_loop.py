@@ -357,6 +357,11 @@ def test_too_many_runs_that_our_side_failed_leave_no_rate() -> None:
     assert (one.headline, one.low, one.driven, one.worst) == (None, None, 1, pytest.approx(1 / 3))
     (one,) = rates_of([row()] * 49 + [row("harness")])
     assert (one.headline, one.worst) == (1.0, 0.98)
+    # The share is the driver's, over its events and latencies.
+    rates = rates_of([row()] * 99 + [row("harness", latency_s=0.5), row(latency_s=0.5)])
+    assert [each.headline for each in rates] == [1.0, 1.0]
+    rates = rates_of([row()] * 9 + [row("harness", latency_s=0.5)])
+    assert [each.headline for each in rates] == [None, None]
 
 
 def test_harmless_and_unavoidable_starts_have_no_part_in_the_headline() -> None:

@@ -130,7 +130,7 @@ def test_no_way_to_game_it_gains_a_headline_on_other_events_or_with_latency(
     monkeypatch.setitem(baselines.BASELINES, "scripted", Cheat)
     drove = drive_start(start, SCRIPTED, LATENCY_S)
     free = drive_start(start, SCRIPTED, LATENCY_S, event=False)
-    needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome.at_s)
+    needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
     succeeds = drove.outcome.kind == "avoided" and not needless
     assert not succeeds, (drove.outcome, needless)
     assert needless.startswith(needless_for)
@@ -150,10 +150,28 @@ def test_constant_velocity_gains_none_either_and_the_oracle_does(
             driver = CampaignDriver(driver=name)
             kinds[name] = drive_start(start, driver, LATENCY_S).outcome.kind
             free = drive_start(start, driver, LATENCY_S, event=False)
-            assert not needless_in(
-                free.run, free.driven, free.record, built_in, free.outcome.at_s
-            ), name
+            needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
+            assert not needless, name
         assert kinds == {"constant_velocity": "collision", "oracle": "avoided"}, event
+
+
+def test_a_driver_that_ends_where_no_event_comes_is_needless(
+    start_of: Callable[[str], tuple[Start, Record]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It could brake blindly where it expects an event, and leave where none comes."""
+    start, built_in = start_of("vru_crossing")
+
+    class Leaves(baselines.ConstantVelocity):
+        def answer(self, question: Question) -> Answer:
+            if Now(question, start).at_s > start.hand_over_s + 1.0:
+                raise SystemExit(0)
+            return super().answer(question)
+
+    monkeypatch.setitem(baselines.BASELINES, "scripted", Leaves)
+    free = drive_start(start, SCRIPTED, LATENCY_S, event=False)
+    assert free.outcome.kind == "died"
+    needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
+    assert needless == f"ends by died at {free.outcome.at_s:.2f} s"
 
 
 def test_a_driver_begins_each_run_without_what_it_was_in_the_one_before(

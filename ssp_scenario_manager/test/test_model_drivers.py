@@ -211,7 +211,7 @@ def test_a_model_that_fails_has_its_outcome_and_its_reason(
         "no_numbers": "non_finite",
         "backwards": "goes back by",
         "far_away": "10000.0 m away from the vehicle",
-        "long": "the answer has 3145728 characters",
+        "long": "characters and 22 numbers, at most 1048576",
         "nothing": "not_ready",
     }
     refused = {r.drive.answered.refused for r in record.reports if r.drive and r.drive.answered}

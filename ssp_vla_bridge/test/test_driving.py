@@ -7,6 +7,7 @@ import os
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -18,6 +19,7 @@ from ssp_core.world.driver import EgoSample, GivenAnswer, Question, SeenFrame
 from ssp_vla_bridge.driving.driver import BridgeDriver, DriverModel
 from ssp_vla_bridge.http_messages import HTTP_SCHEMA
 from ssp_vla_bridge.window import find_interface
+from tests.support.waiting import until
 
 WAY = [(5.0 * k, 0.0) for k in range(11)]
 
@@ -156,6 +158,99 @@ def test_a_service_that_fails_ends_the_driver_or_costs_one_answer(
         assert got.answer is not None
         assert got.answer.trajectory is None
         assert refused in got.answer.refused
+
+
+HOSTILE = """
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+from ssp_vla_bridge.messages import Answer
+
+
+def number(request):
+    return Answer("I keep my speed.", decoding={"p": np.float32(1.0)})
+
+
+def large(request):
+    return Answer("I keep my speed.", decoding={"p": "x" * 50_000_000})
+
+
+def half_a_pair(request):
+    return Answer("I keep \\ud800 my speed.")
+
+
+def odd_error(request):
+    raise RuntimeError("\\ud800")
+
+
+def own_clock(request):
+    time.perf_counter = lambda: 0.0
+    time.sleep(0.2)
+    return "I keep my speed."
+
+
+def helper(request):
+    held = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+    return str(held.pid)
+"""
+
+
+def ask_python(folder: Path, function: str) -> GivenAnswer:
+    (folder / "hostile_models.py").write_text(HOSTILE)
+    interface = find_interface("waypoints")
+    options = {"function": f"hostile_models:{function}", "folder": str(folder)}
+    made = DriverModel("mine", "python", options, interface, "waypoints", interface.preprocessing)
+    driver = BridgeDriver(made)
+    try:
+        return driver.give(question())
+    finally:
+        driver.close()
+
+
+@pytest.mark.parametrize(
+    ("function", "refused"),
+    [
+        ("number", "the answer can't be kept: Object of type float32 is not JSON serializable"),
+        ("large", "characters and 0 numbers, at most 1048576"),
+        ("half_a_pair", "the answer can't be kept: 'utf-8' codec can't encode"),
+    ],
+)
+def test_an_answer_that_can_t_be_kept_is_refused(
+    tmp_path: Path, function: str, refused: str
+) -> None:
+    """It would end the session, or the campaign, where it is written."""
+    got = ask_python(tmp_path, function)
+    assert got.answer is not None
+    assert got.answer.trajectory is None
+    assert refused in got.answer.refused
+
+
+def test_an_error_s_words_can_be_written(tmp_path: Path) -> None:
+    got = ask_python(tmp_path, "odd_error")
+    assert got.ended
+    got.ended.encode()
+
+
+def test_a_model_s_own_clock_doesn_t_shorten_its_latency(tmp_path: Path) -> None:
+    assert ask_python(tmp_path, "own_clock").latency.total_ns >= 200_000_000
+
+
+def test_what_a_model_starts_ends_with_its_run(tmp_path: Path) -> None:
+    got = ask_python(tmp_path, "helper")
+    assert got.answer is not None
+    started = Path("/proc") / got.answer.text / "stat"
+
+    def is_over() -> bool:
+        try:
+            return started.read_text().rpartition(")")[2].split()[0] == "Z"
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+
+    until(is_over, "the end of the helper's process")
 
 
 def test_a_service_that_is_gone_ends_the_driver(service: Service) -> None:

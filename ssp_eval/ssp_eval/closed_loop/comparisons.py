@@ -22,6 +22,7 @@ from ssp_eval.statistics.resampling import (
     reach,
     weighted_sums,
 )
+from ssp_scenario_manager.closed_loop.rates import drivers_without_rates
 
 # METHOD 8.7: fewer events carry no interval.
 LEAST_EVENTS = 8
@@ -64,12 +65,14 @@ class OverEvents:
 def shares_of(runs: Iterable[Run]) -> dict[tuple[str, float], dict[Place, float]]:
     """Return by driver and latency the share of successful runs of each (event, start).
 
-    A run that stayed ``harness`` is no run.
+    A run that stayed ``harness`` is no run; a driver without rates has no shares.
     """
+    there = list(runs)
+    without = drivers_without_rates([run.row for run in there])
     found: dict[tuple[str, float], dict[Place, list[bool]]] = {}
-    for run in runs:
+    for run in there:
         row = run.row
-        if row.outcome != HARNESS:
+        if row.outcome != HARNESS and row.driver not in without:
             cell = found.setdefault((row.driver, row.latency_s), {})
             cell.setdefault((row.event, row.start), []).append(row.succeeds)
     return {

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from statistics import fmean
 
 from ssp_eval.closed_loop.folder import LoopCampaign
+from ssp_eval.closed_loop.tables import groups_of
 from ssp_eval.score.metrics import COMPONENTS
 from ssp_eval.statistics.rows import OK, CellRow
 from ssp_eval.statistics.table import Column, Table
@@ -50,44 +52,49 @@ class Prediction:
 def scores_by_driver(
     rows: Iterable[CellRow], metric: str, events: Iterable[str]
 ) -> dict[tuple[str, str], float]:
-    """Return the score of each (event, model) on recordings of the built-in driver.
+    """Return the mean score of each (event, model) on recordings of the built-in driver.
 
     Args:
         rows: cells of `ssp evaluate`, none of a driven recording.
         metric: ``ivcs``, or a component of it.
         events: of the campaign.
     """
-    wanted, found = set(events), dict[tuple[str, str], float]()
+    wanted, found = set(events), dict[tuple[str, str], list[float]]()
     for row in rows:
         value = getattr(row, metric)
         usual = row.status == OK and row.domain == "simulation" and not row.control
         if usual and row.scenario in wanted and value is not None:
-            found[row.scenario, row.model] = float(value)
-    return found
+            found.setdefault((row.scenario, row.model), []).append(float(value))
+    return {cell: fmean(values) for cell, values in found.items()}
 
 
 def predict(
     campaign: LoopCampaign, scores: Mapping[tuple[str, str], float], metric: str
 ) -> list[Prediction]:
-    """Compare scores with headlines, by event and latency; baselines aren't counted.
+    """Compare scores with headlines, by event, latency and drivers with like cards.
+
+    Baselines, under whatever label, and starved drivers aren't counted.
 
     Args:
         campaign: gives the headlines; a model has its score under the driver's name.
         scores: by event and model.
         metric: name of the score.
     """
-    cells: dict[tuple[str, float], list[Point]] = {}
+    models = {one.shown for one in campaign.plan.everybody if one.driver not in BASELINES}
+    group_of = {name: k for k, group in enumerate(groups_of(campaign)) for name in group}
+    cells: dict[tuple[str, float, int], list[Point]] = {}
     for one in campaign.rates:
         score = scores.get((one.event, one.driver))
-        if one.driver in BASELINES or score is None or one.headline is None:
+        if one.driver not in models or one.starved or score is None or one.headline is None:
             continue
         if one.low is None or one.high is None:
             continue
-        points = cells.setdefault((one.event, one.latency_s), [])
+        cell = one.event, one.latency_s, group_of[one.driver]
+        points = cells.setdefault(cell, [])
         points.append(Point(one.driver, score, one.headline, one.low, one.high))
     return [
         Prediction(event, latency_s, metric, len(points), rho_of(points), inversions_of(points))
-        for (event, latency_s), points in cells.items()
+        for (event, latency_s, _), points in cells.items()
     ]
 
 
@@ -146,7 +153,8 @@ def prediction_table(campaign: LoopCampaign, rows: Sequence[CellRow]) -> Table:
         notes=(
             "The unit is the driver; its score is that of the model of its name on the built-in "
             f"driver's recording of the event. Spearman's ρ from {LEAST_DRIVERS} drivers on, "
-            "baselines not counted. Pairs are named where the intervals of their headlines don't "
+            "baselines and starved drivers not counted, those with unlike cards in rows of their "
+            "own. Pairs are named where the intervals of their headlines don't "
             "overlap.",
             *([] if found else [_NOBODY]),
         ),

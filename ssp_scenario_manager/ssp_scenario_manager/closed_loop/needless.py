@@ -7,27 +7,34 @@ from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import DriveMode
 from ssp_scenario_manager.closed_loop.contact import until
+from ssp_scenario_manager.closed_loop.outcome import Outcome
 from ssp_scenario_manager.closed_loop.start import path_of
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
 from ssp_scenario_manager.run.in_process import Record
 
+# Outcomes of the event-free twin in which the driver, or the session, didn't go on to T_end.
+_ENDS = frozenset({"harness", "died", "left_road", "fence"})
+
 
 def needless_in(
-    run: RunSpec, driven: Driven, record: Record, built_in: Record, decided_s: float
+    run: RunSpec, driven: Driven, record: Record, built_in: Record, outcome: Outcome
 ) -> str:
     """Say why a driver is needless in an event-free twin; empty: it isn't.
 
-    A run that was decided before T_end, as by a contact, is judged up to there: the session brakes
-    by itself afterwards.
+    A run that a contact decided before T_end is judged up to there: the session brakes by itself
+    afterwards. A driver that ends, or is ended, is needless: otherwise it could leave the twin, or
+    brake for nothing, where it meets no event.
 
     Args:
         run: the event-free one, as it was driven.
         driven: its driver.
         record: of the run.
         built_in: of the same run under the built-in driver.
-        decided_s: time of the run's deciding fact, or T_end.
+        outcome: of the run.
     """
-    led = until(record.reports, driven.hand_over_s, min(driven.end_s, decided_s))
+    if outcome.kind in _ENDS:
+        return f"ends by {outcome.kind} at {outcome.at_s:.2f} s"
+    led = until(record.reports, driven.hand_over_s, min(driven.end_s, outcome.at_s))
     since_s: float | None = None
     for report in led:
         at_s = ns_to_seconds(report.now_ns)

@@ -76,24 +76,33 @@ class Rates:
 
 def rates_of(rows: Sequence[RunRow]) -> list[Rates]:
     """Return the rates of each driver, latency and event, in the order of the rows."""
+    critical = [row for row in rows if row.kind == "critical"]
+    lost = drivers_without_rates(critical)
     cells: dict[tuple[str, str, float], list[RunRow]] = {}
-    for row in rows:
-        if row.kind == "critical":
-            cells.setdefault((row.event, row.driver, row.latency_s), []).append(row)
-    return [_rates(*cell, found) for cell, found in cells.items()]
+    for row in critical:
+        cells.setdefault((row.event, row.driver, row.latency_s), []).append(row)
+    return [_rates(*cell, found, has_rates=cell[1] not in lost) for cell, found in cells.items()]
 
 
-def _rates(event: str, driver: str, latency_s: float, rows: Sequence[RunRow]) -> Rates:
+def drivers_without_rates(rows: Sequence[RunRow]) -> set[str]:
+    """Return the drivers of whose runs too many are ``harness`` (METHOD 8.7)."""
+    planned = Counter(row.driver for row in rows)
+    lost = Counter(row.driver for row in rows if row.outcome == "harness")
+    return {name for name in lost if lost[name] > LIMITS.harness_share * planned[name]}
+
+
+def _rates(
+    event: str, driver: str, latency_s: float, rows: Sequence[RunRow], *, has_rates: bool
+) -> Rates:
     driven = [row for row in rows if row.outcome != "harness"]
     successes = sum(row.succeeds for row in driven)
     # Repeats of one start aren't independent: the unit of the interval is the start.
     by_start: dict[str, list[bool]] = {}
     for row in driven:
         by_start.setdefault(row.start, []).append(row.succeeds)
-    lost = len(rows) - len(driven)
     counts = Counter(row.outcome for row in rows)
     headline = low = high = None
-    if driven and lost <= LIMITS.harness_share * len(rows):
+    if driven and has_rates:
         count = sum(sum(found) / len(found) for found in by_start.values())
         headline = count / len(by_start)
         low, high = wilson_interval(headline, len(by_start))

@@ -137,7 +137,7 @@ def _both(job: Job, start: Start, built_in: Record, latency_s: float, repeat: in
             driven.outcome.contact,
             driven.outcome.at_s,
         ),
-        needless_in(free.run, free.driven, free.record, built_in, free.outcome.at_s),
+        needless_in(free.run, free.driven, free.record, built_in, free.outcome),
         tuple(texts_of(driven.driven, driven.record.reports, driven.outcome.at_s)),
     )
 

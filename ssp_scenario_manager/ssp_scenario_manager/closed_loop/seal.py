@@ -209,4 +209,8 @@ def _drawn(
     if start.contact is None:
         return "harmless", facts
     outcome = drive_start(start, CampaignDriver(driver="oracle"), 0.0).outcome
-    return ("unavoidable" if outcome.contact is not None else "critical"), facts
+    if outcome.kind == "avoided":
+        return "critical", facts
+    if outcome.contact is not None:
+        return "unavoidable", facts
+    return "off_spec", {"seed": seed, "why": f"the oracle ends by {outcome.kind}: {outcome.why}"}

@@ -294,7 +294,7 @@ def _needless(
     free = without_event(run, driven.end_s)
     own = driven.model_copy(update={"observable_s": None})
     result, record = run_in_process(free.model_copy(update={"driven": own}), answers=answers)
-    decided_s = outcome_of(free, own, result, record, twin).at_s
+    outcome = outcome_of(free, own, result, record, twin)
     led = own.model_copy(update=commanded(BUILT_IN))
     _, built_in = run_in_process(free.model_copy(update={"driven": led, "camera": None}))
-    return needless_in(free, driven, record, built_in, decided_s), record
+    return needless_in(free, driven, record, built_in, outcome), record

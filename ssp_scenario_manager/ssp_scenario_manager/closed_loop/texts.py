@@ -72,7 +72,7 @@ def write_texts(folder: Path, job: int, per_job: int, kept: Sequence[Sequence[Ke
         kept: answers of each of its runs.
     """
     lines = [
-        json.dumps({"row": job * per_job + k + 1, **one}, ensure_ascii=False)
+        json.dumps({"row": job * per_job + k + 1, **one})
         for k, each in enumerate(kept)
         for one in each
     ]

@@ -67,7 +67,7 @@ class ArmedObjects:
 
 
 class RunTimes:
-    """How long a run takes, on the session's clock and on the wall.
+    """The time that a run takes, on the session's clock and on the wall.
 
     Attributes:
         zero_ns: stamp of its start; None before. The clock of a live session counts from 1970, that

@@ -128,16 +128,17 @@ class BridgeDriver:
         got = self._process.ask(request_of(question, self._model, self._previous), limit_s)
         if isinstance(got, core.GivenAnswer):
             return got
-        response, latency = got.response, got.latency
+        measured, latency = got
+        response = measured.response
         if response.error_code == ErrorCode.TIMEOUT or ns_to_seconds(latency.total_ns) > limit_s:
             return no_answer_within(limit_s)
-        if got.raised:
+        if measured.raised:
             return core.GivenAnswer(None, latency, response.error_msg)
         if response.error_code == ErrorCode.OVERLOAD:
             return core.GivenAnswer(None, latency, f"took no request: {response.error_msg}")
         if self._model.interface.carries_previous:
             self._previous = None if response.error_code else response
-        return core.GivenAnswer(answer_of(got), latency)
+        return core.GivenAnswer(answer_of(measured), latency)
 
     def _repeat(
         self, recorded: Sequence[core.RecordedAnswer], question: core.Question

@@ -9,12 +9,14 @@ own modules are imported in its process.
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import signal
 import threading
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from typing import Any
@@ -36,24 +38,34 @@ _GRACE_S = 1.0
 _END_S = 2.0
 _MOST_CHARACTERS = 1 << 20
 _MOST_NUMBERS = 1 << 18
+_MOST_NAME = 400
 _READY, _REFUSED = "ready", "refused"
 
 
 @dataclass(frozen=True)
 class Measured:
-    """One answer, read, and the time from the complete request to the parsed trajectory.
+    """One answer, read.
 
     Args:
         trajectory: None: there is none that can be driven.
         invalid: why not, for people.
         raised: the backend raised something that isn't an answer's error.
+        encoding_s: part of the time that the request's encoding took, by the model's process.
+        parsing_s: likewise of the answer's parsing.
     """
 
     response: Response
     trajectory: Trajectory | None
     invalid: str
     raised: bool
-    latency: LatencyParts
+    encoding_s: float
+    parsing_s: float
+
+    def latency(self, total_s: float) -> LatencyParts:
+        """Return the latency: its total is measured outside of the model's process."""
+        encoding_s = min(max(self.encoding_s, 0.0), total_s)
+        parsing_s = min(max(self.parsing_s, 0.0), total_s - encoding_s)
+        return LatencyParts(*map(seconds_to_ns, (total_s, encoding_s, parsing_s)))
 
 
 def measured_answer(backend: Backend, model: str, adapter: str, request: Request) -> Measured:
@@ -66,17 +78,10 @@ def measured_answer(backend: Backend, model: str, adapter: str, request: Request
         request: complete, with the frames as they are recorded.
     """
     with measuring() as parts:
-        begin_s = time.perf_counter()
         result = respond(backend, model, request)
-        response = _bounded(result.response)
+        response = _sound(result.response)
         with part(PARSING):
             read = adapt(adapter, response, request)
-        total_s = time.perf_counter() - begin_s
-    latency = LatencyParts(
-        seconds_to_ns(total_s),
-        seconds_to_ns(parts.get(ENCODING, 0.0)),
-        seconds_to_ns(parts.get(PARSING, 0.0)),
-    )
     invalid = ""
     if read.trajectory is None:
         said = bool(response.text.strip() or response.arrays)
@@ -86,21 +91,38 @@ def measured_answer(backend: Backend, model: str, adapter: str, request: Request
         trajectory=read.trajectory,
         invalid=invalid,
         raised=bool(result.traceback),
-        latency=latency,
+        encoding_s=parts.get(ENCODING, 0.0),
+        parsing_s=parts.get(PARSING, 0.0),
     )
 
 
-def _bounded(response: Response) -> Response:
+def _sound(response: Response) -> Response:
+    """Return an answer that a session can keep: bounded, of JSON's values, in Unicode."""
+    response = replace(response, error_msg=_unicode(response.error_msg))
     numbers = sum(len(array.data) for array in response.arrays)
-    if len(response.text) <= _MOST_CHARACTERS and numbers <= _MOST_NUMBERS:
+    try:
+        texts = [response.text, response.model_id, *(array.name for array in response.arrays)]
+        texts.append(json.dumps(dict(response.decoding), allow_nan=False))
+        characters = len("".join(texts).encode())
+    except (TypeError, ValueError, RecursionError) as error:
+        return failure(_blank(response), ErrorCode.BACKEND, f"the answer can't be kept: {error}")
+    if characters <= _MOST_CHARACTERS and numbers <= _MOST_NUMBERS:
         return response
-    blank = replace(response, arrays=())
     return failure(
-        blank,
+        _blank(response),
         ErrorCode.BACKEND,
-        f"the answer has {len(response.text)} characters and {numbers} numbers, at most "
+        f"the answer has {characters} characters and {numbers} numbers, at most "
         f"{_MOST_CHARACTERS} and {_MOST_NUMBERS}",
     )
+
+
+def _blank(response: Response) -> Response:
+    return replace(response, model_id=_unicode(str(response.model_id))[:_MOST_NAME])
+
+
+def _unicode(text: str) -> str:
+    """Return a text with a question mark for each half of a pair of surrogates."""
+    return text.encode("utf-8", "replace").decode()
 
 
 def _serve(
@@ -113,6 +135,8 @@ def _serve(
 ) -> None:
     """Answer requests until the connection ends; the main function of the process."""
     die_with_parent()
+    # Of a group of its own, so that processes that the model starts end with it.
+    os.setsid()
     # An interrupt ends the session, which ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.clear()
@@ -190,15 +214,20 @@ class ModelProcess:
         """Number of the process."""
         return self._process.pid or 0
 
-    def ask(self, request: Request, timeout_s: float) -> Measured | GivenAnswer:
+    def ask(
+        self, request: Request, timeout_s: float
+    ) -> tuple[Measured, LatencyParts] | GivenAnswer:
         """Return the answer to a request, or how the process ended, or was ended after its time.
+
+        The latency runs from the complete request to the parsed trajectory, by this process's
+        clock.
 
         Args:
             request: complete.
             timeout_s: of the driver.
         """
         begin_s = time.perf_counter()
-        got: list[Measured] = []
+        got: list[tuple[Measured, float]] = []
         # Sending, too, waits for a process that doesn't read.
         exchange = threading.Thread(target=self._exchange, args=(request, got), daemon=True)
         exchange.start()
@@ -210,12 +239,13 @@ class ModelProcess:
         if not got:
             latency = LatencyParts(seconds_to_ns(time.perf_counter() - begin_s))
             return GivenAnswer(None, latency, self._ending())
-        return got[0]
+        measured, end_s = got[0]
+        return measured, measured.latency(end_s - begin_s)
 
-    def _exchange(self, request: Request, got: list[Measured]) -> None:
+    def _exchange(self, request: Request, got: list[tuple[Measured, float]]) -> None:
         try:
             self._connection.send(request)
-            got.append(self._connection.recv())
+            got.append((self._connection.recv(), time.perf_counter()))
         except (EOFError, OSError):
             return
 
@@ -229,6 +259,8 @@ class ModelProcess:
         return f"its process ended with exit status {code}"
 
     def _kill(self) -> None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.pid, signal.SIGKILL)
         self._process.kill()
         self._process.join()
 
