@@ -26,7 +26,8 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.names import CAMERA_IMAGE, absolute
-from ssp_core.run_file.model import Camera
+from ssp_core.run_file.model import Camera, RunSpec
+from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Intrinsics, Mounting, intrinsics, shown_box
 from ssp_eval.audit.recording import read_recording
@@ -34,6 +35,8 @@ from ssp_eval.pictures.compare import Compared, compare_pictures, plan_pairs
 from ssp_eval.pictures.footage import Footage, Grey, coarse, reduced
 from ssp_eval.pictures.repeats import has_many_repeats, repeated_frames, sampled_frames
 from ssp_eval.recordings.sight import Moment, Optics
+from ssp_ot_controller.camera.frames import steps_per_frame
+from ssp_ot_controller.camera.redraw import Redrawing
 
 CROPS = 30
 # Sessions with a faster turn are a kind of their own; the others drive straight.
@@ -41,6 +44,9 @@ TURNING_RADPS = 0.1
 # Boxes of an object that are nearer than this, at 960 px of width, are those of one drive.
 NEAR_PX = 5.0
 FALSE = 4
+EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
+# Other cameras of a VUT: by how much they are turned to the left of the front camera.
+REAR_RAD, SIDE_RAD, CORNER_RAD = math.pi, math.pi / 2.0, math.radians(40.0)
 # Real clips: focal length, columns and rows of the vanishing point in px, camera height in m; speed
 # in m/s and the car ahead (m ahead, m to the left) as they were read off the pictures.
 REAL = {
@@ -60,6 +66,8 @@ class Drive:
     frames: tuple[Grey, ...]
     optics: Optics
     targets: tuple[str, ...]
+    road: Road | None = None
+    run: RunSpec | None = None
 
     def cut(self, from_s: float, to_s: float) -> Drive:
         kept = [k for k, moment in enumerate(self.moments) if from_s <= moment.t_s <= to_s]
@@ -94,7 +102,7 @@ def judge(drive: Drive) -> Compared:
     repeated = repeated_frames(small, drive.moments, "vut") if often else ()
     plan = plan_pairs(drive.moments, drive.optics, "vut", drive.targets, repeated)
     grey = {index: reduced(drive.frames[index]) for index in plan.wanted}
-    return compare_pictures(Footage(drive.moments, grey, drive.optics, "vut"), plan)
+    return compare_pictures(Footage(drive.moments, grey, drive.optics, "vut"), plan, drive.road)
 
 
 def load(path: Path) -> Drive:
@@ -123,7 +131,7 @@ def _session(path: Path) -> Drive:
     name = "-".join(path.parts[-3:])
     grey_of = tuple(reduced(frames[round(moment.t_s, 6)]) for moment in kept)
     targets = tuple(facts.participants.targets)
-    return Drive(name, kind, tuple(kept), grey_of, recording.optics, targets)
+    return Drive(name, kind, tuple(kept), grey_of, recording.optics, targets, facts.road, facts.run)
 
 
 def _video(path: Path) -> Iterator[Grey]:
@@ -145,9 +153,9 @@ def _clip(path: Path) -> Drive:
         for row in truth["frames"]
     )
     optics = Optics(intrinsics(camera), mounting)
-    return Drive(
-        f"{path.parts[-3]}-{path.stem}", "clip", moments, tuple(_video(path)), optics, ("ot1",)
-    )
+    road = Road.model_validate(truth["road"])
+    name = f"{path.parts[-3]}-{path.stem}"
+    return Drive(name, "clip", moments, tuple(_video(path)), optics, ("ot1",), road)
 
 
 def _state(row: dict[str, Any]) -> ObjectState:
@@ -316,6 +324,32 @@ def _seen_by(drive: Drive, other: Drive) -> Drive:
     return replace(drive.filmed_by(other), optics=other.optics)
 
 
+def seen_by_camera(drive: Drive, yaw_left_rad: float) -> Drive:
+    """The pictures of another camera of the same VUT, in the place of the front camera's."""
+    run = drive.run
+    assert run is not None
+    assert run.camera is not None
+    redrawing, frames = Redrawing(run), []
+    ahead_m = drive.optics.mounting.forward_m
+    every = steps_per_frame(run.camera.rate_hz, run.step_s)
+    for index, moment in enumerate(drive.moments):
+        vut = moment.states.get("vut")
+        if vut is None:
+            frames.append(drive.frames[index])
+            continue
+        # The renderer carries its camera ahead of a state; turned, it must stay where it is.
+        x_m, y_m = vut.pose.to_parent(
+            ahead_m * (1.0 - math.cos(yaw_left_rad)), -ahead_m * math.sin(yaw_left_rad)
+        )
+        at = replace(vut, x_m=x_m, y_m=y_m, yaw_rad=vut.yaw_rad + yaw_left_rad)
+        step = index * every
+        scene = redrawing.see(step, vut.stamp_ns, tuple(moment.states.values()), at)
+        assert scene is not None
+        pixels = redrawing.draw(scene, step).pixels
+        frames.append(reduced(np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)))
+    return replace(drive, frames=tuple(frames))
+
+
 def apart_px(one: Drive, other: Drive) -> float:
     """Return how far an object's boxes of two drives lie apart: 95 % by less, at the best shift."""
     times_s = [moment.t_s for moment in other.moments]
@@ -344,7 +378,7 @@ def falsified(
     plain = sessions[k * 5 % len(sessions)]
     one = crop(plain, chance)
     n = len(one.frames)
-    event = "vru" if "vru" in plain.name else "cut_in"
+    event = next(name for name in EVENTS if name in plain.name)
     mode = "physical" if "physical" in plain.name else "simulation"
     alike = [s for s in sessions if event in s.name]
     yield "mirrored session", one.edited(_mirror)
@@ -381,6 +415,11 @@ def falsified(
     empty = [s for s in drives if "without" in s.name and event in s.name]
     if empty and mode == "simulation":
         yield "object not in the pictures", one.filmed_by(empty[0])
+    yield "rear camera for the front one", seen_by_camera(one, REAR_RAD)
+    side_rad = (-SIDE_RAD, SIDE_RAD)[k % 2]
+    yield "side camera for the front one", seen_by_camera(one, side_rad)
+    corner_rad = (-CORNER_RAD, CORNER_RAD)[k % 2]
+    yield "corner camera for the front one", seen_by_camera(one, corner_rad)
     if same := [s for s in alike if mode in s.name and s is not plain]:
         other = same[k % len(same)]
         near = "under" if apart_px(one, other) < NEAR_PX else "at least"

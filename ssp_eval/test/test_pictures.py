@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -13,20 +14,23 @@ import pytest
 from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.road import CurvePiece, Road, Start
-from ssp_core.world.camera import Mounting, intrinsics
+from ssp_core.world.camera import Mounting, intrinsics, project
 from ssp_eval.data.audit import PictureCheck
 from ssp_eval.pictures.change import Change
 from ssp_eval.pictures.compare import (
+    SIDES,
     change_check,
     compare_pictures,
     plan_pairs,
     road_checks,
+    sides_check,
     turning_check,
 )
 from ssp_eval.pictures.copies import details_of, same_pictures
 from ssp_eval.pictures.footage import Footage, Grey, coarse, pairs_apart, reduced
 from ssp_eval.pictures.ground import Pair
 from ssp_eval.pictures.repeats import has_many_repeats, repeated_frames, sampled_frames
+from ssp_eval.pictures.sides import Sides
 from ssp_eval.pictures.turning import Turn, _rotation
 from ssp_eval.recordings.sight import Moment, Optics
 from ssp_ot_controller.camera.clip import board_of
@@ -47,6 +51,7 @@ class Drive:
     moments: tuple[Moment, ...]
     pictures: tuple[Grey, ...]
     optics: Optics
+    road: Road | None = None
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +71,8 @@ def drive() -> Drive:
         moments.append(Moment(float(t_s), {state.object_id: state for state in states}))
         pictures.append(np.asarray(cv2.cvtColor(drawn, cv2.COLOR_BGR2GRAY), np.uint8))
     mounting = Mounting(camera.forward_m, camera.height_m, camera.pitch_down_rad)
-    return Drive(tuple(moments), tuple(pictures), Optics(intrinsics(camera), mounting))
+    optics = Optics(intrinsics(camera), mounting)
+    return Drive(tuple(moments), tuple(pictures), optics, board.road)
 
 
 def drawn(road: Road, vut: Sequence[ObjectState], board: Storyboard, step_s: float = 0.1) -> Drive:
@@ -78,7 +84,7 @@ def drawn(road: Road, vut: Sequence[ObjectState], board: Storyboard, step_s: flo
         moments.append(Moment(step_s * index, {"vut": state}))
         pictures.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8))
     mounting = Mounting(camera.forward_m, camera.height_m, camera.pitch_down_rad)
-    return Drive(tuple(moments), tuple(pictures), Optics(intrinsics(camera), mounting))
+    return Drive(tuple(moments), tuple(pictures), Optics(intrinsics(camera), mounting), road)
 
 
 def turning_drive(bend_1pm: float) -> Drive:
@@ -119,7 +125,7 @@ def test_pictures_of_a_turn_hold_and_their_mirror_images_turn_the_other_way(
     assert found["speed"].figure == pytest.approx(1.0, abs=0.05)
     assert (found["course of the speed"].figure or 0.0) >= 0.9
     assert found["turning"].figure == pytest.approx(1.0, abs=0.1)
-    mirrored = held(_with(lambda all_: [np.ascontiguousarray(one[:, ::-1]) for one in all_])(turn))
+    mirrored = held(_mirrored(turn))
     assert mirrored["turning"].state == "fails"
     assert mirrored["turning"].figure == pytest.approx(-1.0, abs=0.1)
 
@@ -132,7 +138,7 @@ def held(drive: Drive) -> dict[str, PictureCheck]:
     plan = plan_pairs(drive.moments, drive.optics, "vut", ["ot1"], repeated)
     grey = {index: reduced(drive.pictures[index]) for index in plan.wanted}
     footage = Footage(drive.moments, grey, drive.optics, "vut")
-    return {check.name: check for check in compare_pictures(footage, plan).checks}
+    return {check.name: check for check in compare_pictures(footage, plan, drive.road).checks}
 
 
 def failing(drive: Drive) -> set[str]:
@@ -147,6 +153,100 @@ def test_pictures_of_these_states_hold(drive: Drive) -> None:
     assert held(drive) == found
 
 
+def _mirrored(drive: Drive) -> Drive:
+    flipped = tuple(np.ascontiguousarray(one[:, ::-1]) for one in drive.pictures)
+    return replace(drive, pictures=flipped)
+
+
+def test_lanes_tell_a_mirrored_picture_where_nothing_turns_and_no_object_is_aside(
+    drive: Drive,
+) -> None:
+    """The object is left out: a straight road with a VUT alone."""
+    alone = tuple(Moment(m.t_s, {"vut": m.states["vut"]}) for m in drive.moments)
+    straight = replace(drive, moments=alone)
+    found = held(straight)[SIDES]
+    assert found.state == "holds"
+    assert failing(_mirrored(straight)) == {SIDES}
+    mirrored = held(_mirrored(straight))[SIDES]
+    # Reasons stand in pages as they are.
+    assert html.escape(mirrored.told) == mirrored.told
+    assert mirrored.figure == pytest.approx(-(found.figure or 0.0), abs=0.01)
+
+
+def test_lanes_that_are_alike_on_both_sides_or_not_known_tell_nothing_and_say_so(
+    drive: Drive,
+) -> None:
+    alone = tuple(Moment(m.t_s, {"vut": m.states["vut"]}) for m in drive.moments)
+    straight = replace(drive, moments=alone)
+    assert drive.road is not None
+    lane = drive.road.lanes[0]
+    own_m = drive.moments[0].states["vut"].y_m
+    one_lane = drive.road.model_copy(
+        update={
+            "lanes": [lane.model_copy(update={"y_m": own_m})],
+            "sidewalk_left_m": 0.0,
+            "sidewalk_right_m": 0.0,
+        }
+    )
+    for road, why in (
+        (None, "the recording has no road whose lanes could tell left from right"),
+        (one_lane, "the lanes of the road are alike to the left and right of the VUT"),
+    ):
+        found = held(replace(straight, road=road))[SIDES]
+        assert (found.state, found.told) == (
+            "not judged",
+            f"{why}; nothing else does, so that mirrored pictures would not be seen",
+        )
+    # The pedestrian of the whole drive walks on one side of the picture.
+    found = held(replace(drive, road=None))[SIDES]
+    assert found.told.endswith("; the place of ot1 does")
+
+
+def test_borders_that_fit_both_ways_refuse_nothing() -> None:
+    for fit, mirrored, state in (
+        (0.6, 0.4, "holds"),
+        (0.4, 0.6, "fails"),
+        (0.52, 0.55, "not judged"),
+        (0.1, 0.35, "not judged"),
+    ):
+        assert sides_check(Sides(fit, mirrored, 0.6, 20), True, "").state == state
+    assert sides_check(None, True, "").state == "not judged"
+
+
+def shaded(drive: Drive, from_left_m: float, to_left_m: float) -> Drive:
+    """Shadows on the road that move at 4 m/s, within a band beside the VUT's middle."""
+    pictures = []
+    for moment, picture in zip(drive.moments, drive.pictures, strict=True):
+        vut, dark = moment.states["vut"], picture.copy()
+        view = drive.optics.view(vut.pose)
+        for k in range(30):
+            start_m = 5.0 * k + 4.0 * moment.t_s
+            if not 3.0 < start_m - vut.x_m < 40.0:
+                continue
+            corners = [
+                (start_m + along_m, vut.y_m + left_m, 0.0)
+                for along_m, left_m in (
+                    (0.0, from_left_m),
+                    (0.0, to_left_m),
+                    (2.0, to_left_m),
+                    (2.0, from_left_m),
+                )
+            ]
+            seen = project(view, corners)
+            outline = np.column_stack([seen.u_px, seen.v_px]).round().astype(np.int32)
+            cv2.fillPoly(dark, [outline], 20)
+        pictures.append(dark)
+    return replace(drive, pictures=tuple(pictures))
+
+
+def test_a_shadow_that_moves_with_its_object_is_not_taken_for_the_road(drive: Drive) -> None:
+    """A low sun lays it across one half of the road; on both halves nothing speaks for the road."""
+    one_half = shaded(drive, -4.5, -0.5)
+    assert held(one_half)["speed"].figure == pytest.approx(1.0, abs=0.1)
+    assert held(one_half)["course of the speed"].state == "holds"
+    assert "speed" in failing(shaded(drive, -4.5, 4.5))
+
+
 def _with(change: Callable[[list[Grey]], list[Grey]]) -> Callable[[Drive], Drive]:
     return lambda drive: replace(drive, pictures=tuple(change(list(drive.pictures))))
 
@@ -154,7 +254,7 @@ def _with(change: Callable[[list[Grey]], list[Grey]]) -> Callable[[Drive], Drive
 @pytest.mark.parametrize(
     ("falsify", "check"),
     [
-        (_with(lambda all_: [np.ascontiguousarray(one[:, ::-1]) for one in all_]), "ot1"),
+        (_mirrored, "ot1"),
         (_with(lambda all_: all_[::-1]), "speed"),
         (_with(lambda all_: [all_[5]] * len(all_)), "speed"),
         (_with(lambda all_: [all_[min(2 * k, len(all_) - 1)] for k in range(len(all_))]), "speed"),
@@ -188,8 +288,7 @@ def test_a_slower_camera_whose_frames_are_repeated_is_judged_by_those_that_diffe
     found = held(twice)
     assert {name: check.told for name, check in found.items() if check.state == "fails"} == {}
     assert found["speed"].figure == pytest.approx(1.0, abs=0.1)
-    mirrored = _with(lambda all_: [np.ascontiguousarray(one[:, ::-1]) for one in all_])(twice)
-    assert "ot1" in failing(mirrored)
+    assert "ot1" in failing(_mirrored(twice))
     slow = _with(lambda all_: _twice([all_[k // 2] for k in range(len(all_))]))(drive)
     assert "speed" in failing(slow)
 
@@ -269,9 +368,47 @@ def test_a_delay_of_the_pictures_is_found(late_s: float, state: str) -> None:
     assert time.figure == pytest.approx(-late_s, abs=0.1)
 
 
+def blurred(t_s: float, recorded_mps: float, seen_mps: float) -> Pair:
+    """A pair of frames of a road whose detail is coarse: other ways match nearly as well."""
+    ways_m = np.arange(-20, 61) * 0.1
+    match = 0.6 + 0.3 * np.exp(-(((ways_m - seen_mps * 0.1) / 0.8) ** 2))
+    return Pair(t_s, 0.1, recorded_mps * 0.1, ways_m, match)
+
+
+@pytest.mark.parametrize(
+    ("late_s", "state"), [(0.0, "holds"), (0.4, "holds"), (0.7, "fails"), (-1.5, "fails")]
+)
+def test_a_delay_shows_in_one_braking_on_a_road_of_coarse_detail(late_s: float, state: str) -> None:
+    times_s = np.arange(0.0, 8.0, 0.17)
+    found = road_checks([blurred(t, braking(t), braking(t - late_s)) for t in times_s])
+    (time,) = (check for check in found if check.name == "time")
+    assert time.state == state
+    assert time.figure == pytest.approx(-late_s, abs=0.1)
+
+
+def test_a_delay_beyond_the_limit_counts_only_where_no_sound_one_fits_as_well() -> None:
+    """Speeds seen in noise: so little is better at a second that it may be chance."""
+    chance = np.random.default_rng(3)
+    times_s = np.arange(0.0, 8.0, 0.17)
+    seen = [braking(t) + chance.normal(0.0, 2.5) for t in times_s]
+    pairs = [blurred(t, braking(t), mps) for t, mps in zip(times_s, seen, strict=True)]
+    (time,) = (check for check in road_checks(pairs) if check.name == "time")
+    assert time.state != "fails"
+
+
+def test_the_speed_seen_is_finer_than_the_ways_that_were_tried() -> None:
+    assert blurred(0.0, 12.0, 12.34).refined_mps == pytest.approx(12.34, abs=0.05)
+    assert blurred(0.0, 12.0, 12.34).seen_mps == pytest.approx(12.0)
+    # At an end of what was tried there is no parabola.
+    assert blurred(0.0, 12.0, 70.0).refined_mps == pytest.approx(60.0)
+
+
 def test_a_constant_speed_tells_no_delay() -> None:
     found = road_checks([pair(k * 0.2, 12.0, 12.0) for k in range(30)])
     assert [check.state for check in found] == ["holds", "holds", "not judged"]
+    # Nor do speeds that were seen badly in one part.
+    noisy = [pair(k * 0.2, 12.0, 12.0 if k > 12 else 10.0 + k % 5) for k in range(30)]
+    assert road_checks(noisy)[2].state == "not judged"
 
 
 def test_a_road_without_detail_is_not_judged() -> None:

@@ -58,7 +58,8 @@ def examine_pictures(one: Subject) -> PicturesExamined:
     grey = read_grey(recording.path, one.moments, recording.provenance, plan.wanted)
     if not grey:
         return _nothing("no frame has a state of the VUT at its time")
-    found = compare_pictures(Footage(one.moments, grey, optics, who.vut), plan)
+    lanes = None if recording.road is None else recording.road.road
+    found = compare_pictures(Footage(one.moments, grey, optics, who.vut), plan, lanes)
     return PicturesExamined(PicturesEntry(checks=list(found.checks)), _findings(found), found.road)
 
 

@@ -6,17 +6,19 @@ How the limits were chosen is told in docs/audit.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
 import cv2
 import numpy as np
 
+from ssp_core.run_file.road import Road
 from ssp_eval.data.audit import PictureCheck
 from ssp_eval.pictures.change import Change, compare_change, is_aside, is_shown
 from ssp_eval.pictures.footage import Footage, Grey, coarse, pairs_apart, reduced_size, spread
-from ssp_eval.pictures.ground import Pair, compare_ground, mean_match
+from ssp_eval.pictures.ground import Pair, agrees, compare_ground, mean_match
+from ssp_eval.pictures.sides import Sides, compare_sides, frames_apart
 from ssp_eval.pictures.turning import Turn, compare_turning
 from ssp_eval.recordings.sight import Moment, Optics
 
@@ -31,15 +33,18 @@ _LEAST_PAIRS, _LEAST_ASIDE = 8, 5
 # Pictures' speed over recorded speed. A camera whose pitch is off by a degree makes a quarter.
 RATIO_LIMITS = (0.7, 1.4)
 _RATIOS = tuple(k / 20.0 for k in range(-30, 61))
-# The course of the speed: a quarter of it, or 1 m/s.
-_AGREE_SHARE, _AGREE_MPS = 0.25, 1.0
 AGREEING_LIMIT = 0.5
 # Of states and pictures; METHOD 4.3b lets topics differ by 0.3 s.
 LAG_LIMIT_S = 0.5
 _LAGS_S = tuple(k / 10.0 for k in range(-20, 21))
 _KNOWN_LAG_S = 0.6
-# So much must the match fall 0.6 s beside the best lag for it to be known.
-_LAG_FALL = 0.05
+# So much more must the speeds differ 0.6 s beside the best lag for it to be known, and within the
+# limit for a lag beyond it to count; of a pair that was mistaken, so much does.
+_LAG_RISE_MPS, _OFF_RISE_MPS, _MISTAKEN_MPS = 0.12, 0.05, 2.0
+# And by half of what they differ at the best lag, since noise of places makes lags fit by chance.
+_LAG_RISE_SHARE = 0.5
+# At each lag speeds may be off by a factor, within the limits of the ratio.
+_TIME_RATIOS = tuple(0.7 + 0.025 * k for k in range(29))
 # Recorded turning that is large enough to be compared, and in how many pairs; how much is seen.
 _TURNING_RADPS = 0.03
 _LEAST_TURNS = 4
@@ -48,6 +53,11 @@ TURN_LIMITS = (0.5, 1.6)
 STRAIGHT_LIMIT_RADPS = 0.03
 # Difference of frames near in time over that of frames further apart.
 ORDER_LIMIT, _FAR_PAIRS, _LEAST_DIFFERENCE = 0.85, 16, 0.5
+# Fit of lane borders in the pictures less that in their mirror images. Between the limit and its
+# opposite neither is the better one. Fits below the least, or lanes of which less differs between
+# the sides, tell nothing.
+SIDES = "left and right"
+SIDES_LIMIT, _LEAST_FIT, _DIFFERING = -0.06, 0.4, 0.2
 # How many times as much changes in an object's box as beside it.
 CHANGE_LIMIT = 1.3
 # Darker or flatter pictures show too little, median over frames in grey levels.
@@ -64,17 +74,19 @@ class Plan:
         road: near in time, for motion and turning.
         far: of some of these the earlier frame, with one further away, for the order of frames.
         change: per object that is looked for.
+        sides: single frames, some way apart, for the two sides of the road.
     """
 
     road: Sequence[tuple[int, int]]
     far: Sequence[tuple[int, int]]
     change: Mapping[str, Sequence[tuple[int, int]]]
+    sides: Sequence[int]
 
     @property
     def wanted(self) -> set[int]:
         """Indices of all frames that are needed."""
         pairs = [*self.road, *self.far, *(pair for one in self.change.values() for pair in one)]
-        return {index for pair in pairs for index in pair}
+        return {index for pair in pairs for index in pair}.union(self.sides)
 
 
 def plan_pairs(
@@ -111,7 +123,7 @@ def plan_pairs(
         change[target] = sorted(chosen)
     starts = {first for first, _ in spread(road, _FAR_PAIRS)}
     far = [pair for pair in wide if pair[0] in starts]
-    return Plan(road, far, change)
+    return Plan(road, far, change, frames_apart(moments, vut_id, usable))
 
 
 @dataclass(frozen=True)
@@ -124,12 +136,13 @@ class Compared:
     change: Mapping[str, Sequence[Change]] = field(default_factory=dict)
 
 
-def compare_pictures(footage: Footage, plan: Plan) -> Compared:
+def compare_pictures(footage: Footage, plan: Plan, lanes: Road | None = None) -> Compared:
     """Compare pictures with states.
 
     Args:
         footage: with the pictures of the plan; pairs of which one is missing are left out.
         plan: pairs of frames, as plan_pairs chose them.
+        lanes: the road that is bound to the recording; None: there is none.
     """
 
     def read(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -138,7 +151,7 @@ def compare_pictures(footage: Footage, plan: Plan) -> Compared:
     road_pairs = read(plan.road)
     if why := _unlit(footage.grey):
         names = ["speed", "course of the speed", "time", "turning", "order of the frames"]
-        names += plan.change
+        names += [SIDES, *plan.change]
         return Compared(tuple(_open(name, why) for name in names))
     road = compare_ground(footage, road_pairs)
     moving = [
@@ -155,6 +168,10 @@ def compare_pictures(footage: Footage, plan: Plan) -> Compared:
     starts = {first for first, _ in moving}
     far = [pair for pair in read(plan.far) if pair[0] in starts]
     checks.append(order_check(footage.grey, moving, far))
+    sides = None
+    if lanes is not None:
+        sides = compare_sides(footage, [k for k in plan.sides if k in footage.grey], lanes)
+    checks.append(sides_check(sides, lanes is not None, _told_otherwise(checks, change)))
     for target, found in change.items():
         checks += [change_check(target, found), place_check(target, found)]
     return Compared(tuple(checks), tuple(road), tuple(turns), change)
@@ -219,7 +236,7 @@ def road_checks(pairs: Sequence[Pair]) -> list[PictureCheck]:
         f"the road moves {ratio:.2f} times as fast as recorded",
     )
     scale = min(max(ratio, RATIO_LIMITS[0]), RATIO_LIMITS[1])
-    agreeing = sum(_agrees(pair, scale) for pair in followed)
+    agreeing = sum(agrees(pair.seen_mps / scale, pair.speed_mps) for pair in followed)
     share = agreeing / len(followed)
     course = _figure(
         names[1],
@@ -229,7 +246,7 @@ def road_checks(pairs: Sequence[Pair]) -> list[PictureCheck]:
         f"the road moves as fast as recorded, but for that factor, in {agreeing} of "
         f"{len(followed)} pairs of frames",
     )
-    return [speed, course, _time_check(names[2], followed, scale)]
+    return [speed, course, _time_check(names[2], followed)]
 
 
 def _fit(pairs: Sequence[Pair], ways_m: Sequence[float]) -> float:
@@ -237,33 +254,33 @@ def _fit(pairs: Sequence[Pair], ways_m: Sequence[float]) -> float:
     return found if math.isfinite(found) else -math.inf
 
 
-def _agrees(pair: Pair, scale: float) -> bool:
-    seen_mps = pair.seen_mps / scale
-    larger_mps = max(abs(seen_mps), abs(pair.speed_mps))
-    return abs(seen_mps - pair.speed_mps) <= max(_AGREE_SHARE * larger_mps, _AGREE_MPS)
+def _time_check(name: str, pairs: Sequence[Pair]) -> PictureCheck:
+    """Find the delay of the pictures at which the recorded speeds differ least from those seen."""
+    times_s = np.array([pair.t_s for pair in pairs])
+    recorded_mps = np.array([pair.speed_mps for pair in pairs])
+    seen_mps = np.array([pair.refined_mps for pair in pairs])
+    scaled_mps = seen_mps / np.array(_TIME_RATIOS)[:, None]
 
-
-def _time_check(name: str, pairs: Sequence[Pair], scale: float) -> PictureCheck:
-    """Find the delay of the pictures at which the recorded speeds fit best."""
-    times_s = [pair.t_s for pair in pairs]
-    speeds_mps = [pair.speed_mps for pair in pairs]
-
-    def match(lag_s: float) -> float:
+    def left_over_mps(lag_s: float) -> float:
         # Before the first and after the last pair their speeds go on.
-        ways_m = [
-            scale * pair.apart_s * float(np.interp(pair.t_s + lag_s, times_s, speeds_mps))
-            for pair in pairs
-        ]
-        return _fit(pairs, ways_m)
+        expected_mps = np.interp(times_s + lag_s, times_s, recorded_mps)
+        # Beyond the bound a pair was mistaken, by however much.
+        apart_mps = np.minimum(np.abs(scaled_mps - expected_mps), _MISTAKEN_MPS)
+        return float(apart_mps.mean(axis=1).min())
 
-    found = {lag_s: match(lag_s) for lag_s in _LAGS_S}
-    best_s = max(_LAGS_S, key=lambda lag_s: (found[lag_s], -abs(lag_s)))
-    beside = max(
-        (value for lag_s, value in found.items() if abs(lag_s - best_s) >= _KNOWN_LAG_S - 1e-9),
-        default=-math.inf,
-    )
-    if not math.isfinite(beside) or found[best_s] - beside < _LAG_FALL:
+    found = {lag_s: left_over_mps(lag_s) for lag_s in _LAGS_S}
+
+    def best_of(lags_s: Iterable[float]) -> float:
+        return min(lags_s, key=lambda lag_s: (found[lag_s], abs(lag_s)))
+
+    best_s = best_of(_LAGS_S)
+    beside_s = [lag_s for lag_s in _LAGS_S if abs(lag_s - best_s) >= _KNOWN_LAG_S - 1e-9]
+    least_mps = max(_LAG_RISE_MPS, _LAG_RISE_SHARE * found[best_s])
+    if found[best_of(beside_s)] - found[best_s] < least_mps:
         return _open(name, "the speed changes too little to tell a delay", len(pairs))
+    sound_s = best_of(lag_s for lag_s in _LAGS_S if abs(lag_s) <= LAG_LIMIT_S + 1e-9)
+    if found[sound_s] - found[best_s] < _OFF_RISE_MPS:
+        best_s = sound_s
     where = "ahead of" if best_s > 0.0 else "behind"
     told = f"the speeds fit best where the pictures are {abs(best_s):.1f} s {where} the states"
     return _figure(name, best_s, (-LAG_LIMIT_S, LAG_LIMIT_S), len(pairs), told, "s")
@@ -330,7 +347,7 @@ def change_check(target: str, found: Sequence[Change]) -> PictureCheck:
         return _open(target, why, len(found))
     factor = median(one.factor for one in found)
     elsewhere = ""
-    beside = [one for one in found if one.mirrored is not None]
+    beside = _aside(found)
     if len(beside) >= _LEAST_ASIDE:
         aside = median(one.factor for one in beside)
         mirrored = median(one.mirrored_factor or 0.0 for one in beside)
@@ -338,6 +355,49 @@ def change_check(target: str, found: Sequence[Change]) -> PictureCheck:
         elsewhere = f", and {mirrored:.2f} times as much where a mirrored picture had it"
     told = f"{factor:.2f} times as much changes in its box as on the road beside it{elsewhere}"
     return _figure(target, factor, (CHANGE_LIMIT, None), len(found), told)
+
+
+def _told_otherwise(checks: Sequence[PictureCheck], change: Mapping[str, Sequence[Change]]) -> str:
+    """Return what else tells left from right in a recording; empty: nothing."""
+    turning = next(check for check in checks if check.name == "turning")
+    if turning.figure is not None and not turning.unit:
+        return "its turning does"
+    aside = [target for target, found in change.items() if len(_aside(found)) >= _LEAST_ASIDE]
+    return f"the place of {aside[0]} does" if aside else ""
+
+
+def sides_check(found: Sides | None, has_lanes: bool, otherwise: str) -> PictureCheck:
+    """Judge whether the lanes lie on the side of the pictures on which the road has them.
+
+    Args:
+        found: comparison of both sides; None: there was nothing to compare.
+        has_lanes: a road is bound to the recording.
+        otherwise: what else tells left from right; empty: nothing.
+    """
+    why = ""
+    if not has_lanes:
+        why = "the recording has no road whose lanes could tell left from right"
+    elif found is None:
+        why = "too little of the road is seen to tell left from right by its lanes"
+    elif found.differing < _DIFFERING:
+        why = "the lanes of the road are alike to the left and right of the VUT"
+    elif max(found.fit, found.mirrored) < _LEAST_FIT:
+        why = "lane borders do not stand out in the pictures"
+    elif abs(found.fit - found.mirrored) < -SIDES_LIMIT:
+        why = "lane borders fit the pictures and their mirror images alike"
+    if found is None or why:
+        rest = otherwise or "nothing else does, so that mirrored pictures would not be seen"
+        return _open(SIDES, f"{why}; {rest}", 0 if found is None else found.judged)
+    told = (
+        f"lane borders fit the pictures by {found.fit:.2f}, and their mirror images by "
+        f"{found.mirrored:.2f}"
+    )
+    return _figure(SIDES, found.fit - found.mirrored, (SIDES_LIMIT, None), found.judged, told)
+
+
+def _aside(found: Sequence[Change]) -> list[Change]:
+    """Return the pairs in which a mirrored picture would have the object elsewhere."""
+    return [one for one in found if one.mirrored is not None]
 
 
 def place_check(target: str, found: Sequence[Change]) -> PictureCheck:

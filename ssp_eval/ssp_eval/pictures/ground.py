@@ -10,8 +10,8 @@ Hypotheses such as "half as fast" or "a second later" are compared by the mean o
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -33,6 +33,8 @@ FOLLOWED = 0.4
 _STILL_M = 0.15
 # Beside an object, in its heights.
 _SHADOW = 0.6
+# A quarter of the speed, or 1 m/s.
+_AGREE_SHARE, _AGREE_MPS = 0.25, 1.0
 # Recorded turning below it leaves the arc straight: 20 m ahead it moves the road by half a cell.
 _TURNING_RADPS = 0.03
 # States so far beside a pair count for its arc, since the heading of a single one is noisy.
@@ -41,6 +43,9 @@ _BESIDE_S = 0.3
 _TIGHTEST_1PM = 0.125
 # In grey levels; frames of a moving camera differ by 0.9 or more.
 _REPEATED_DIFFERENCE = 0.05
+
+# The road from above without what doesn't change along it, and where it is seen.
+_Seen = tuple[Float32, Mask]
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,18 @@ class Pair:
         """The speed at which the road fits best."""
         return float(self.ways_m[int(np.nanargmax(self.match))]) / self.apart_s
 
+    @property
+    def refined_mps(self) -> float:
+        """The same, finer than the ways that were tried: the top of a parabola through the best."""
+        k = int(np.nanargmax(self.match))
+        way_m = float(self.ways_m[k])
+        if 0 < k < len(self.match) - 1:
+            low, best, high = (float(value) for value in self.match[k - 1 : k + 2])
+            bend = low - 2.0 * best + high
+            if bend < 0.0:  # not NaN
+                way_m += 0.5 * (low - high) / bend * float(self.ways_m[k] - self.ways_m[k - 1])
+        return way_m / self.apart_s
+
     def match_at(self, way_m: float) -> float:
         """Return the correlation at a displacement, NaN outside those that were tried."""
         if not self.ways_m[0] <= way_m <= self.ways_m[-1]:
@@ -108,14 +125,14 @@ def compare_ground(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[P
         pairs: indices of frames with a picture and a state of the VUT, the earlier one first.
     """
     strips: dict[float, _Strip] = {}
-    seen: dict[tuple[int, float], tuple[Float32, Mask]] = {}
+    seen: dict[tuple[int, float], _Seen] = {}
 
-    def view(index: int, bend_1pm: float) -> tuple[Float32, Mask]:
+    def view(index: int, bend_1pm: float) -> _Seen:
         if (index, bend_1pm) not in seen:
             if bend_1pm not in strips:
                 strips[bend_1pm] = _Strip.of(footage.lens, footage.optics.mounting, bend_1pm)
             seen[index, bend_1pm] = strips[bend_1pm].resampled(
-                footage.grey[index], _free(footage, index)
+                footage.grey[index], free_road(footage, index)
             )
         return seen[index, bend_1pm]
 
@@ -126,12 +143,38 @@ def compare_ground(footage: Footage, pairs: Sequence[tuple[int, int]]) -> list[P
         at, to = before.states[footage.vut_id], after.states[footage.vut_id]
         way_m = at.pose.to_local(to.x_m, to.y_m)[0]
         bend_1pm = _bend_1pm(footage, first, second)
-        ways_m, match = _correlate(view(first, bend_1pm), view(second, bend_1pm), apart_s)
+        views = view(first, bend_1pm), view(second, bend_1pm)
+        ways_m, match = _correlate(*views, apart_s)
         small = [coarse(footage.grey[index]) for index in (first, second)]
         is_repeated = float(cv2.absdiff(*small).mean()) < _REPEATED_DIFFERENCE
         middle_s = (before.t_s + after.t_s) / 2.0
-        found.append(Pair(middle_s, apart_s, way_m, ways_m, match, is_repeated))
+        pair = Pair(middle_s, apart_s, way_m, ways_m, match, is_repeated)
+        is_alone = all(len(moment.states) == 1 for moment in (before, after))
+        if pair.is_followed and not is_alone and not agrees(pair.seen_mps, pair.speed_mps):
+            # A low sun lays an object's shadow across one half of the road; it moves with it.
+            halves = (replace(pair, match=_correlate(*half, apart_s)[1]) for half in _halves(views))
+            agreeing = (
+                half
+                for half in halves
+                if half.is_followed and agrees(half.seen_mps, half.speed_mps)
+            )
+            pair = next(agreeing, pair)
+        found.append(pair)
     return found
+
+
+def _halves(views: tuple[_Seen, _Seen]) -> Iterator[tuple[_Seen, _Seen]]:
+    """Yield what two frames show of the right half of the road, then of the left one."""
+    middle = views[0][0].shape[1] // 2
+    for part in (slice(None, middle), slice(middle, None)):
+        (old, old_mask), (new, new_mask) = views
+        yield (old[:, part], old_mask[:, part]), (new[:, part], new_mask[:, part])
+
+
+def agrees(seen_mps: float, recorded_mps: float) -> bool:
+    """Tell whether two speeds are the same within a quarter of the larger, or 1 m/s."""
+    larger_mps = max(abs(seen_mps), abs(recorded_mps))
+    return abs(seen_mps - recorded_mps) <= max(_AGREE_SHARE * larger_mps, _AGREE_MPS)
 
 
 def _bend_1pm(footage: Footage, first: int, second: int) -> float:
@@ -154,8 +197,8 @@ def _bend_1pm(footage: Footage, first: int, second: int) -> float:
     return rate_radps / speed_mps
 
 
-def _free(footage: Footage, index: int) -> Grey:
-    """Return where no other participant stands in a picture: 255 there, else 0."""
+def free_road(footage: Footage, index: int) -> Grey:
+    """Return where no other participant or its shadow is in a picture: 255 there, else 0."""
     mask = np.full(footage.grey[index].shape, 255, np.uint8)
     view = footage.view(index)
     for name, state in footage.moments[index].states.items():
@@ -197,7 +240,7 @@ class _Strip:
             np.nan_to_num(v, nan=-1.0).astype(np.float32),
         )
 
-    def resampled(self, picture: Grey, free: Grey) -> tuple[Float32, Mask]:
+    def resampled(self, picture: Grey, free: Grey) -> _Seen:
         """Return the road from above without what doesn't change along it, and where it is seen."""
         height, width = picture.shape
         road = cv2.remap(picture, self.u_px, self.v_px, cv2.INTER_LINEAR)
@@ -217,9 +260,7 @@ class _Strip:
         return np.asarray(detail * mask, np.float32), mask
 
 
-def _correlate(
-    before: tuple[Float32, Mask], after: tuple[Float32, Mask], apart_s: float
-) -> tuple[FloatArray, FloatArray]:
+def _correlate(before: _Seen, after: _Seen, apart_s: float) -> tuple[FloatArray, FloatArray]:
     """Return ways in m, and the correlation of the road at each of them."""
     most = round(_MARGIN_M / _STEP_M)
     low = max(-most, round(_SLOWEST_MPS * apart_s / _STEP_M))
