@@ -35,12 +35,10 @@ def test_only_their_marker_takes_them(arguments: tuple[str, ...], found: str) ->
 
 
 def test_the_command_downloads_first_and_runs_nothing_else() -> None:
-    names = [name for name, _ in _checks(ROOT, (), False, True)]
+    names = [name for name, _ in _checks((), False, True)]
     assert names == ["tools", "model", "tests with a real model"]
     for given in ((), ("tests/golden",)):
-        assert all(
-            "real_model" not in str(command) for _, command in _checks(ROOT, given, False, False)
-        )
+        assert all("real_model" not in str(command) for _, command in _checks(given, False, False))
 
 
 def test_what_is_downloaded_is_pinned_by_hash() -> None:

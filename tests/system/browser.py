@@ -84,7 +84,8 @@ class Browser:
     def __exit__(self, *_: object) -> None:
         self._do(self._session.close())
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(5.0)
+        self._thread.join()
+        self._loop.close()
         self._process.terminate()
         try:
             self._process.wait(10.0)

@@ -139,7 +139,7 @@ class PageServer:
 
     def push(self, payloads: dict[str, Payload]) -> None:
         """Send new things to all viewers; may be called in any thread."""
-        self._loop.call_soon_threadsafe(self._hub.push, payloads)
+        self._call(self._hub.push, payloads)
 
     def retire(self) -> None:
         """Stop passing commands on, and leave the port to the page of another run."""
@@ -148,8 +148,13 @@ class PageServer:
     def close(self) -> None:
         """End connections and thread."""
         if self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._stop.set)
+            self._call(self._stop.set)
             self._thread.join(5.0)
+
+    def _call(self, what: Callable[..., object], *arguments: object) -> None:
+        """Have the server's thread call something; without effect once it has ended."""
+        with suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(what, *arguments)
 
     # -- in the server's thread ------------------------------------------------------------------
 
@@ -159,6 +164,7 @@ class PageServer:
             self._loop.run_until_complete(self._serve())
         finally:
             self._ready.set()
+            self._loop.close()
 
     async def _serve(self) -> None:
         self._stop = asyncio.Event()
