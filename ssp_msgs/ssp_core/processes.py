@@ -66,8 +66,8 @@ def free_domain() -> Iterator[int]:
         if busy.intersection(domain_ports(domain_id)):
             continue
         try:
-            handle = os.open(folder / str(domain_id), os.O_CREAT | os.O_RDWR, 0o666)
-        except PermissionError:  # another user's
+            handle = _open_lock(folder / str(domain_id))
+        except PermissionError:  # another user's, who lets nobody read it
             continue
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -83,6 +83,14 @@ def free_domain() -> Iterator[int]:
         f"all ROS domains from {DOMAINS.start} to {DOMAINS.stop - 1} are in use on this host; "
         "end other sessions or set ROS_DOMAIN_ID and start the nodes yourself"
     )
+
+
+def _open_lock(path: Path) -> int:
+    """Open a file for locking, also one that another user left: reading it is enough."""
+    try:
+        return os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return os.open(path, os.O_CREAT | os.O_RDONLY, 0o644)
 
 
 _PR_SET_PDEATHSIG = 1

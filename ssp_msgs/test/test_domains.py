@@ -103,7 +103,26 @@ def test_all_taken_is_said_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> Non
             pass
 
 
-def test_another_users_lock_is_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lock_that_another_user_left_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise a user of a host who has used all domains once keeps all others out for ever."""
+    with free_domain() as usual:
+        pass
+    monkeypatch.setattr(domains, "DOMAINS", range(usual, usual + 1))
+    real = os.open
+
+    def only_to_read(path: os.PathLike[str], flags: int, *mode: int) -> int:
+        if Path(path).name == str(usual) and flags != os.O_RDONLY:
+            raise PermissionError
+        return real(path, flags, *mode)
+
+    monkeypatch.setattr(domains.os, "open", only_to_read)
+    with free_domain() as again:
+        assert again == usual
+        with pytest.raises(HostError), free_domain():
+            pass
+
+
+def test_a_lock_that_cannot_be_read_is_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
     with free_domain() as usual:
         pass
     real = os.open

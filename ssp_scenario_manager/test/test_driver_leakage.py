@@ -123,7 +123,7 @@ def asked_in(run: RunSpec, proxy: Proxy) -> list[tuple[bytes, Any]]:
 
 
 def words_of(run: RunSpec, start: Start) -> list[str]:
-    """What a driver must not get, of the run and of its start."""
+    """Return the words of the run and of its start that a driver must not get."""
     names = [run.scenario, run.site, run.run_id, run.event_version, start.hash]
     ids = [*run.object_ids, *(trigger.id for trigger in run.triggers)]
     files = ["run.yaml", "task.json", "answers.json", "/tmp", "seed", "trigger", "expert"]

@@ -211,7 +211,7 @@ def test_the_order_of_event_and_twin_is_no_sign_of_which_is_which() -> None:
 def test_the_run_file_of_the_twin_differs_in_nothing_that_a_driver_gets(
     start_of: Callable[[str], tuple[Start, Record]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a driver that sees no frames the questions of both are the same, up to the contact."""
+    """The questions to a driver without frames are the same in both, up to the contact."""
     start, _ = start_of("vru_crossing")
     assert start.contact is not None
     contact_ns = start.contact.stamp_ns

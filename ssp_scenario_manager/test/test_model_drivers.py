@@ -67,7 +67,7 @@ def keep(request):
 
 
 def count(request):
-    """Says how often it was asked in its process, and what it was shown."""
+    """Say how often it was asked in its process, and what it was shown."""
     ASKED.append(request)
     ages = [request.stamp_ns - frame.stamp_ns for frame in request.frames]
     first = request.history[0].t_s
@@ -177,7 +177,7 @@ def test_a_model_drives_by_the_frames_and_the_motion_of_its_interface(
 
 
 def test_each_run_has_a_fresh_model(start: Start, folder: Path) -> None:
-    """What it kept of the run before would tell it the event-free twin."""
+    """A memory of the run before would tell it the event-free twin."""
     run = driven_run(start, python(folder, "count"), latency_s=0.5)
     first, second = (answers(drive(run, start)[2]) for _ in range(2))
     assert first[0].text.split()[0] == second[0].text.split()[0] == "1"

@@ -88,7 +88,7 @@ def bag_hash(bag: Path) -> str:
 def evidence(
     tmp_path_factory: pytest.TempPathFactory, bag_writer: Writer, task_writer: Writer
 ) -> Path:
-    """What a demonstration leaves of one scenario and one model; for tests that only read it."""
+    """Return a demonstration of one scenario and one model, for tests that only read it."""
     root = tmp_path_factory.mktemp("evidence") / "demo"
     clip = root / "clips" / "cut_in.avi"
     write_video(clip)

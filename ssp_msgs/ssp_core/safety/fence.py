@@ -98,6 +98,9 @@ class KnownRoom:
         away_m = math.hypot(x_m - self._x_m, y_m - self._y_m)
         if away_m + radius_m < self._room_m:
             return True
+        if math.isfinite(self._room_m) and radius_m >= self._room_m + away_m:
+            # The room changes by the way at most, so that this place can't have enough of it.
+            return False
         self._x_m, self._y_m = x_m, y_m
         self._room_m = room_m(x_m, y_m, self._fence)
         return radius_m < self._room_m

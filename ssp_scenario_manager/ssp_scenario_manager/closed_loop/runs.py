@@ -88,8 +88,12 @@ def rows_of(job: Job) -> Done:
         for repeat in range(job.repeats):
             if job.driver.driver == CAREFUL:
                 found = _careful(job.start)
-            elif found is None or job.driver.driver not in COMMANDED:
-                # Without plans nothing depends on a latency, and one drive stands for all.
+            elif (
+                found is None
+                or found.outcome.kind == "harness"
+                or job.driver.driver not in COMMANDED
+            ):
+                # Without plans nothing depends on a latency, and one sound drive stands for all.
                 found = _both(job, start, built_in, latency_s, repeat)
             rows.append([*identity[len(rows)], *_cells(start, found)])
             answers.append(found.answers)
