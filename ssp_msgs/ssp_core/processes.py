@@ -380,12 +380,12 @@ def _remove_dead_ports(files: Sequence[Path]) -> None:
 
 
 @contextmanager
-def _locked(path: Path) -> Iterator[bool | None]:
-    """Lock a segment's file: True if it could, False if its owner lives, None if it is gone."""
+def _locked(path: Path) -> Iterator[bool]:
+    """Lock a segment's file: False where its owner lives, or where it is gone."""
     try:
         handle = os.open(path, os.O_RDWR)
     except OSError:
-        yield None
+        yield False
         return
     try:
         try:
@@ -396,12 +396,3 @@ def _locked(path: Path) -> Iterator[bool | None]:
         yield is_free
     finally:
         os.close(handle)
-
-
-def others_share_memory() -> bool:
-    """Tell whether a participant of DDS on this host holds a segment in /dev/shm."""
-    for lock in _SHM.glob("fastrtps_*_el"):
-        with _locked(lock) as is_stale:
-            if is_stale is False:
-                return True
-    return False

@@ -13,7 +13,6 @@ from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder, read_mapping, write_json, write_text
 from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import ObjectState
-from ssp_core.processes import others_share_memory, remove_stale_shared_memory
 from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.safety.codes import MEANINGS
@@ -122,11 +121,7 @@ def _faults(spec: RunSpec, happened: Happened) -> tuple[FaultNote, ...]:
 
 
 def left_behind(folder: Path) -> list[str]:
-    """Describe processes that still write into a run's logs, and memory without an owner.
-
-    The memory is removed, so that the next run is judged by its own. While other participants of
-    DDS run on this host nobody can tell whose it was, and it counts for nothing.
-    """
+    """Describe the processes that still write into a run's logs."""
     logs = (folder / "logs").resolve()
     found = []
     for entry in Path("/proc").iterdir():
@@ -139,10 +134,6 @@ def left_behind(folder: Path) -> list[str]:
             continue  # it ended meanwhile, or is another user's
         if output.parent == logs:
             found.append(f"process {entry.name} ({name}) still runs and writes {output.name}")
-    alone = not others_share_memory()
-    stale = remove_stale_shared_memory()
-    if stale and alone:
-        found.append(f"{stale} segments of shared memory were left in /dev/shm")
     return found
 
 

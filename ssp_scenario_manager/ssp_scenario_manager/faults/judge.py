@@ -77,7 +77,7 @@ def judge(
         expected: of the matrix's row.
         evidence: that the run left.
         index: of the cell's fault in the run file.
-        leftovers: processes and shared memory that outlived the run.
+        leftovers: processes that outlived the run.
     """
     findings = [*evidence.problems, *leftovers]
     findings += _of_verdict(expected, evidence)
