@@ -22,6 +22,7 @@ from ssp_core.processes import session_environment
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
+from ssp_ot_controller.objects.pool import TICK_SILENCE_S
 from support.messages import reference_to_msg, state_to_msg
 from support.processes import end
 from support.states import object_state
@@ -29,7 +30,7 @@ from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
 # A reader may be found by this side before it has found this side.
-TICK_AGAIN_S = 1.0
+TICK_AGAIN_S = TICK_SILENCE_S / 5.0
 VERSION = "sha256:event"
 Request = ObjectCommand.Request
 

@@ -24,7 +24,12 @@ from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
 from ssp_ot_controller.control.stopping import BRAKE_GRACE_S
-from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
+from ssp_ot_controller.objects.pool import (
+    PAUSE_S,
+    WORLD_HANG_S,
+    ObjectPool,
+    PoolStep,
+)
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Actuator
 from support.runs import small_run
@@ -89,16 +94,17 @@ class Loop:
         self.sent += 1
         self.pool.take_reference(reference)
 
+    def tick(self) -> WorldTick:
+        running, truths = self.step_index > 0, (self.truth(),)
+        return WorldTick(self.now_ns, self.step_index, running, True, self.beats, 0, truths)
+
     def step(self) -> PoolStep:
-        running = self.step_index > 0
         if not self.silent:
             self.beats += 1
             stamp_ns = max(self.now_ns - STEP_NS, 0)
             beat = Heartbeat(stamp_ns, "m", self.beats, 0, self.session, {"ot1": self.sent})
             self.pool.take_heartbeat(beat, 0)
-        truths = (self.truth(),)
-        tick = WorldTick(self.now_ns, self.step_index, running, True, self.beats, 0, truths)
-        self.pool.take_tick(tick, 0)
+        self.pool.take_tick(self.tick(), 0)
         answer = self.pool.step(0)
         assert answer is not None
         self.events += [(self.now_ns, event.stop.code) for event in answer.events]
@@ -294,3 +300,23 @@ def test_one_that_speeds_up_while_it_is_blind_keeps_the_bound_of_what_it_may_rea
     gain_mps2 = limits.acceleration_mps2
     assert bound.distance_m(speed, limits.heartbeat_s) < distance_m
     assert distance_m <= bound.distance_m(speed, limits.heartbeat_s, gain_mps2)
+
+
+def test_a_world_that_falls_silent_stops_what_drives_but_not_after_a_pause_of_the_own_process() -> (
+    None
+):
+    """What came during the pause may still be unread at the first look."""
+    loop = Loop(run_of("car"))
+    loop.drive(8.0)
+    silent_ns = round((WORLD_HANG_S + PAUSE_S) * S)
+    assert loop.pool.watch(silent_ns) is None
+    loop.pool.take_tick(loop.tick(), silent_ns)
+    assert loop.pool.watch(silent_ns + STEP_NS) is None
+    for at_ns in range(silent_ns + STEP_NS, 2 * silent_ns, STEP_NS):
+        stopped = loop.pool.watch(at_ns)
+        if stopped is not None:
+            break
+    assert stopped is not None
+    assert at_ns - silent_ns == pytest.approx(WORLD_HANG_S * S, abs=2 * STEP_NS)
+    assert [event.stop.code for event in stopped.events] == [SafetyCode.STATE_STALE]
+    assert loop.pool.state_of("ot1") is ControlState.ABORTING

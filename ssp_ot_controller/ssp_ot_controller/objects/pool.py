@@ -89,6 +89,8 @@ class PoolStep:
 TICK_SILENCE_S = 1.0
 # Lockstep: the world may take this long for a step (others may be dropped meanwhile).
 WORLD_HANG_S = 12.0
+# This process did not run where ``watch`` is not called for so long.
+PAUSE_S = 0.25
 # In lockstep: what belongs to a tick and hasn't come for so long after it is lost. Less than the
 # world waits for an answer.
 OVERDUE_S = 0.75
@@ -180,6 +182,7 @@ class ObjectPool:
         self._now_ns = 0
         self._step = 0
         self._tick_arrived_ns = steady_ns
+        self._watched_ns = steady_ns
         self._in_step = False
         for member in self._members.values():
             member.target.power_on()
@@ -321,9 +324,15 @@ class ObjectPool:
         )
 
     def watch(self, steady_ns: int) -> PoolStep | None:
-        """Stop whatever may move when no tick comes any more; None when nothing is to be done."""
+        """Stop whatever may move when no tick comes any more; None when nothing is to be done.
+
+        Called often. After a pause of its own this process has not read yet what came meanwhile,
+        and judges at the next call.
+        """
+        paused_s = ns_to_seconds(steady_ns - self._watched_ns)
+        self._watched_ns = steady_ns
         limit_s = WORLD_HANG_S if self._in_step else TICK_SILENCE_S
-        if ns_to_seconds(steady_ns - self._tick_arrived_ns) <= limit_s:
+        if ns_to_seconds(steady_ns - self._tick_arrived_ns) <= limit_s or paused_s > PAUSE_S:
             return None
         return self.halt(steady_ns, limit_s)
 
