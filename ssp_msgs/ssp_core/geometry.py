@@ -72,6 +72,11 @@ class Pose2:
         return c * dx + s * dy, -s * dx + c * dy
 
 
+def reach_m(front_m: float, rear_m: float, width_m: float) -> float:
+    """Return how far a rectangle reaches from a reference point inside or near it, m."""
+    return math.hypot(max(front_m, rear_m), 0.5 * width_m)
+
+
 @value_class(frozen=True, slots=True)
 class Box:
     """An oriented rectangle on the ground, given from a reference point inside or near it."""
@@ -80,6 +85,11 @@ class Box:
     front_m: float
     rear_m: float
     width_m: float
+
+    @property
+    def reach_m(self) -> float:
+        """How far from its reference point it reaches, m."""
+        return reach_m(self.front_m, self.rear_m, self.width_m)
 
     def corners(self) -> list[Point]:
         """Return the four corners, counter-clockwise from the front left, in the parent frame."""
@@ -113,14 +123,9 @@ def boxes_overlap(a: Box, b: Box) -> bool:
     """Tell whether two rectangles share area or touch."""
     away_m = math.hypot(a.pose.x_m - b.pose.x_m, a.pose.y_m - b.pose.y_m)
     # More than rounding can do.
-    if away_m > (_reach_m(a) + _reach_m(b)) * (1.0 + 1e-6):
+    if away_m > (a.reach_m + b.reach_m) * (1.0 + 1e-6):
         return False
     return _overlap(a, b, a.corners(), b.corners())
-
-
-def _reach_m(box: Box) -> float:
-    """Return how far from its reference point a rectangle reaches."""
-    return math.hypot(max(abs(box.front_m), abs(box.rear_m)), 0.5 * box.width_m)
 
 
 def _to_box_m(corners: Sequence[Point], box: Box) -> float:

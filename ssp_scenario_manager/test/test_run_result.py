@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from ssp_core.motion.event import Passing, PhaseBegan
-from ssp_core.motion.state import ObjectState
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState, Size
 from ssp_core.run_file.model import RunSpec, WantedPassing
-from ssp_core.vocabulary import Phase, Verdict
+from ssp_core.vocabulary import ObjectClass, Phase, Role, Verdict
 from ssp_core.world.plant import FaultFact
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.run.result import (
@@ -236,3 +236,20 @@ def test_a_sound_run_whose_passing_is_not_as_wanted_is_off_spec(run: RunSpec) ->
         result, _ = run_in_process(run.model_copy(update={"passing": wanted}))
         assert (result.verdict, result.happened) == (verdict, whole.happened)
         assert result.ok == (not result.reasons)
+
+
+def test_the_nearest_is_found_of_a_box_that_lies_off_its_reference_point(run: RunSpec) -> None:
+    """Its reference point is nearest to the other first, its box 9 m behind that later."""
+    (target,) = run.targets
+
+    def at(id_: str, second: int, x_m: float, size: Size) -> ObjectState:
+        car = ObjectClass.CAR
+        return ObjectState(id_, car, Role.OT, second * S, x_m, 0.0, 0.0, 0.0, 0.0, 0.0, size)
+
+    behind, person = Size(-10.0, 13.0, 1.0, 1.5), DEFAULT_SIZES[ObjectClass.PEDESTRIAN]
+    truths = {
+        run.vut.id: [at(run.vut.id, second, 0.0, behind) for second in (0, 1)],
+        target.id: [at(target.id, 0, -5.0, person), at(target.id, 1, -14.0, person)],
+    }
+    happened = Happened.seen(run, 0, (), (), (), truths)
+    assert happened.min_distance_m == pytest.approx(0.75)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.geometry import Box, Pose2, wrap_angle
+from ssp_core.geometry import Box, Pose2, reach_m, wrap_angle
 from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ControlState, ObjectClass, Role
 
@@ -26,6 +26,11 @@ class Size:
     @property
     def length_m(self) -> float:
         return self.front_m + self.rear_m
+
+    @property
+    def reach_m(self) -> float:
+        """How far from its reference point it reaches, m."""
+        return reach_m(self.front_m, self.rear_m, self.width_m)
 
 
 # Typical extents; a run file may give others.

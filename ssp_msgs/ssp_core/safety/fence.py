@@ -161,9 +161,9 @@ def box_excess_m(box: Box, fence: Sequence[Point]) -> float:
 
 def moved_excess_m(before: Pose2, box: Box, fence: Sequence[Point]) -> float:
     """Compute ``way_excess_m`` for one box that came from another pose."""
-    pose, reach_m = box.pose, math.hypot(max(box.front_m, box.rear_m), 0.5 * box.width_m)
+    pose = box.pose
     moved_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
-    moved_m += abs(wrap_angle(pose.yaw_rad - before.yaw_rad)) * reach_m
+    moved_m += abs(wrap_angle(pose.yaw_rad - before.yaw_rad)) * box.reach_m
     swept = Box(pose, box.front_m + moved_m, box.rear_m + moved_m, box.width_m + 2.0 * moved_m)
     if _is_inside(swept, fence):
         return 0.0
@@ -295,10 +295,9 @@ def way_excess_m(
     finite = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
     excess = np.where(finite, 0.0, np.inf)
     before, after = before[finite], after[finite]
-    reach_m = math.hypot(max(size.front_m, size.rear_m), 0.5 * size.width_m)
     moved = np.hypot(*(after - before)[:, :2].T)
     rooms = rooms_m(after[:, 0], after[:, 1], fence)
-    near = rooms <= reach_m + moved
+    near = rooms <= size.reach_m + moved
     if near.any():
         which, starts, ends = _parts(before[near], after[near])
         parts = _excess_m(starts, ends, size, fence)

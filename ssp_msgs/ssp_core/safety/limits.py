@@ -110,8 +110,7 @@ def near_pairs(states: Sequence[ObjectState], within_m: float) -> list[tuple[int
     """
     spans = []
     for i, state in enumerate(states):
-        size = state.size
-        reach_m = math.hypot(max(size.front_m, size.rear_m), 0.5 * size.width_m) + _ROUNDING_M
+        reach_m = state.size.reach_m + _ROUNDING_M
         if not math.isfinite(reach_m):
             reach_m = math.inf
         spans.append((state.x_m - reach_m, state.x_m + reach_m + within_m, reach_m, i))

@@ -151,7 +151,7 @@ class StoppingRoom:
         self._room = KnownRoom(self._fence)
         self._here, self._ahead, self._past = (_Clear(self._fence) for _ in range(3))
         self._last: Pose2 | None = None
-        self._reach_m = math.hypot(max(size.front_m, size.rear_m), 0.5 * size.width_m)
+        self._reach_m = size.reach_m
         self._turns = cls is not ObjectClass.PEDESTRIAN
         self._along = stopping_of(cls, limits, step_s)
         self._blind = blind_stopping(cls, limits, step_s)

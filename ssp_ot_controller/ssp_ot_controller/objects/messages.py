@@ -190,10 +190,6 @@ class ManagerArbiter:
         return sum(heard_ns >= oldest_ns for heard_ns in self._strangers.values())
 
 
-def _reach_m(state: ObjectState) -> float:
-    return max(state.size.front_m, state.size.rear_m) + 0.5 * state.size.width_m
-
-
 class NearbyObjects:
     """The newest states of the VUT and the object targets. Reads no clock.
 
@@ -212,13 +208,13 @@ class NearbyObjects:
         """Take states as they were heard; a broken one replaces none."""
         for state in states:
             if state.is_finite:
-                far_m = _reach_m(state) + abs(state.speed_mps) * self._age_s
+                far_m = state.size.reach_m + abs(state.speed_mps) * self._age_s
                 self._heard[state.object_id] = (state.x_m, state.y_m, far_m, state)
 
     def near(self, own: ObjectState) -> list[ObjectState]:
         """List the objects that may be too close, by id, led on to the stamp of the own state."""
         found = []
-        x, y, mine_m = own.x_m, own.y_m, _reach_m(own) + self._separation_m
+        x, y, mine_m = own.x_m, own.y_m, own.size.reach_m + self._separation_m
         for its_x, its_y, far_m, state in self._heard.values():
             near_m = mine_m + far_m
             if not (-near_m <= x - its_x <= near_m and -near_m <= y - its_y <= near_m):

@@ -91,9 +91,7 @@ def _is_beside(
 ) -> bool:
     """Tell whether an object is so far beside the path that no corner is in the corridor."""
     station, offset = place
-    size = other.size
-    reach = max(size.front_m, size.rear_m) + 0.5 * size.width_m
-    return 0.0 < station < path.length_m and abs(offset) > half_m + reach
+    return 0.0 < station < path.length_m and abs(offset) > half_m + other.size.reach_m
 
 
 def _occupied_s(other: _Extent, half_m: float) -> tuple[float, float] | None:

@@ -74,11 +74,9 @@ class Track:
 def touch(a: Track, a_size: Size, b: Track, b_size: Size) -> bool:
     """Tell whether the boxes of two objects ever overlap, by their true states."""
     _, ours, theirs = np.intersect1d(a.t_s, b.t_s, return_indices=True)
-    reach = sum(max(s.front_m, s.rear_m) + 0.5 * s.width_m for s in (a_size, b_size))
-    away = np.hypot(a.x_m[ours] - b.x_m[theirs], a.y_m[ours] - b.y_m[theirs])
     return any(
-        boxes_overlap(a.box(int(ours[k]), a_size), b.box(int(theirs[k]), b_size))
-        for k in np.flatnonzero(away <= reach)
+        boxes_overlap(a.box(int(i), a_size), b.box(int(j), b_size))
+        for i, j in zip(ours, theirs, strict=True)
     )
 
 

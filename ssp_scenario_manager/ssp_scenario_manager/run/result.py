@@ -382,8 +382,7 @@ def _closest_m(vut: Sequence[ObjectState], other: Sequence[ObjectState]) -> floa
     # The nearest come first, so that few boxes are looked at.
     pairs = zip(vut, other, strict=True)
     for a, b in sorted(pairs, key=lambda pair: _away_m(*pair)):
-        reach = a.size.length_m + a.size.width_m + b.size.length_m + b.size.width_m
-        if _away_m(a, b) - reach < best:
+        if _away_m(a, b) - a.size.reach_m - b.size.reach_m < best:
             best = min(best, box_distance(a.box, b.box))
     return best
 

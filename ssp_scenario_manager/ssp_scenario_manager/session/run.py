@@ -192,11 +192,10 @@ class Run:
             state: with finite values.
             moved_m: from where it was before.
         """
-        room, size = self.rooms.get(state.object_id), state.size
+        room = self.rooms.get(state.object_id)
         if room is None:
             room = self.rooms[state.object_id] = KnownRoom(self.spec.geofence)
-        reach_m = math.hypot(max(size.front_m, size.rear_m), 0.5 * size.width_m)
-        return room.holds(state.x_m, state.y_m, reach_m + moved_m)
+        return room.holds(state.x_m, state.y_m, state.size.reach_m + moved_m)
 
     @property
     def has_breaks(self) -> bool:
