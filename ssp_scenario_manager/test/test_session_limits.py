@@ -520,7 +520,7 @@ def test_states_of_strangers_are_not_taken(driver: Any) -> None:
 
 def test_the_verdict_of_a_finished_run_stays(driver: Any, tools: Any) -> None:
     run_with(driver)
-    driver.session._run.resolved_ns = 0
+    driver.session._run.event.resolved_ns = 0
     driver.command("stop")
     driver.step(control_state=ControlState.DISARMED)
     assert driver.session.verdict is Verdict.VALID

@@ -207,7 +207,7 @@ def test_no_trigger_is_judged_on_an_old_state_of_the_vut(
         driver.session.on_target_state(replace(driver.targets["ot1"], stamp_ns=driver.now_ns))
         driver.session.step(driver.now_ns)
         assert len(judged) == count
-    assert driver.session._run.late_vut_states == 1
+    assert driver.session._run.triggers.late_states == 1
     while driver.session.state is SessionPhase.RUNNING:
         driver.step()
     assert "1 states of the VUT came too late for triggers" in driver.session.reasons[0]

@@ -29,7 +29,6 @@ from ssp_scenario_manager.session.state_machine import (
     next_state,
 )
 from ssp_scenario_manager.triggers import fireability
-from ssp_scenario_manager.triggers.conditions import Snapshot
 
 # Commands that need something of everybody.
 _GATES = {
@@ -70,15 +69,15 @@ class Session:
 
     @property
     def verdict(self) -> Verdict:
-        return self._run.verdict if self._run else Verdict.NONE
+        return self._run.verdict.value if self._run else Verdict.NONE
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        return tuple(self._run.reasons) if self._run else ()
+        return tuple(self._run.verdict.reasons) if self._run else ()
 
     @property
     def phase(self) -> Phase:
-        return self._run.phase_watch.phase if self._run else Phase.UNKNOWN
+        return self._run.event.phase if self._run else Phase.UNKNOWN
 
     def elapsed_s(self, now_ns: int) -> float:
         """Return the session time since the start of the run, 0 before it."""
@@ -131,7 +130,7 @@ class Session:
             why += f"; {self._run.blind_text}"
             for object_id, rules in self.facts.rules.items():
                 why += "".join(f"; {object_id} has its own {one}" for one in rules.stricter)
-            why += "".join(f"; {who}: {UNKNOWN_AT_REST}" for who in self._run.headings)
+            why += "".join(f"; {who}: {UNKNOWN_AT_REST}" for who in self._run.history.headings)
         self._move(event, now_ns, why)
         if event is SessionEvent.ARM and self._run is not None:
             self._run.armed = True
@@ -220,7 +219,7 @@ class Session:
         run = self._run
         if run is None:
             return
-        refused = run.answer(reference_id, accepted, code, message, now_ns)
+        refused = run.dispatches.answer(reference_id, accepted, code, message, now_ns)
         if refused is None:
             return
         if code == references.NOT_RUNNING:
@@ -229,7 +228,7 @@ class Session:
             known = self.targets.get(refused.object_id)
             control = ControlState.OFF if known is None else known.control_state
             if control in (ControlState.RUNNING, ControlState.ABORTING):
-                run.unexplained.setdefault(refused.object_id, refused)
+                run.local_stops.take_refusal(refused)
                 return
         self.fail(refused)
 
@@ -260,10 +259,10 @@ class Session:
         run = self._run
         if run is None or self.state is not SessionPhase.ABORTING:
             return
-        if not any(reason.startswith(_FOREIGN) for reason in run.reasons):
+        if not any(reason.startswith(_FOREIGN) for reason in run.verdict.reasons):
             return
         for text in texts:
-            if NAMELESS not in text and not any(text in reason for reason in run.reasons):
+            if NAMELESS not in text and not any(text in reason for reason in run.verdict.reasons):
                 run.reason(Verdict.INVALID_HARNESS, text, now_ns)
 
     @property
@@ -282,7 +281,13 @@ class Session:
             return
         self._standstill_given_up = True
         who = preconditions.moving(
-            run.spec, self.vut, self.targets, run.motion, now_ns, armed=run.armed, aborting=True
+            run.spec,
+            self.vut,
+            self.targets,
+            run.history.motion,
+            now_ns,
+            armed=run.armed,
+            aborting=True,
         )
         text = f"not known to stand: {', '.join(who) or 'everything'}"
         self._tell(SessionPhase.ABORTING, STANDSTILL_GIVEN_UP, now_ns, text)
@@ -314,29 +319,9 @@ class Session:
         targets = self.targets if targets is None else targets
         if run is None or vut is None or self.state is not SessionPhase.RUNNING:
             return []
-        if vut.stamp_ns <= run.triggers_judged_ns or run.has_breaks or not vut.is_finite:
+        if run.triggers.has_judged(vut) or run.history.has_breaks or not vut.is_finite:
             return []
-        run.triggers_judged_ns = vut.stamp_ns
-        if now_ns - vut.stamp_ns > seconds_to_ns(run.spec.trigger_age_s):
-            run.late_vut_states += 1
-            return []
-        age_ns = seconds_to_ns(run.spec.limits.state_age_s)
-        snapshot = Snapshot(vut, targets, run.path, age_ns, run.phase_starts)
-        decided: list[outbox.Outgoing] = []
-        for watch in run.watches:
-            # Said here too: of two hundred triggers few are open, and every call takes its time.
-            if watch.fired or vut.stamp_ns < watch.begin_ns:
-                continue
-            firing = watch.observe(snapshot)
-            if firing is None:
-                continue
-            try:
-                decided += progress.fire(run, watch.spec, firing, targets, now_ns)
-            except progress.CannotFire as error:
-                why = f"trigger {watch.spec.id} fired, but {error}"
-                run.failed_trigger = progress.missing(run, watch.spec.object_id, now_ns, why)
-                break
-        return decided
+        return progress.judge_triggers(run, vut, targets, now_ns)
 
     def step(self, now_ns: int) -> None:
         """Judge the states of one instant: triggers, limits, phases, the end of the run.
@@ -353,7 +338,7 @@ class Session:
         ending = self.state in (SessionPhase.STOPPING, SessionPhase.ABORTING)
         if ending and self.stands(now_ns):
             if self.state is SessionPhase.STOPPING and run:
-                run.close()
+                run.verdict.close()
             self._move(SessionEvent.STANDSTILL, now_ns, "everything stands")
 
     # -- inside --------------------------------------------------------------------------------
@@ -364,17 +349,18 @@ class Session:
             passed = progress.limits_passed(run, self.vut, self.targets, now_ns, running=running)
             self._take(passed)
         else:
-            run.take_breaks()
+            run.history.take_breaks()
         vut = self.vut
         if self.state is SessionPhase.RUNNING and vut is not None:
             if vut.stamp_ns > run.judged_ns:
                 run.judged_ns = vut.stamp_ns
-                if run.failed_trigger is not None:
-                    self.fail(run.failed_trigger)
-                self._take(progress.judge_phases(run, vut, self.targets))
+                if run.triggers.failed is not None:
+                    self.fail(run.triggers.failed)
+                if (began := run.event.judge(vut, self.targets)) is not None:
+                    self._take([began])
                 self._take(progress.watch_adaptation(run, vut, now_ns))
-                progress.note_contact(run, vut, self.targets)
-            self._take(run.send_again(now_ns))
+                run.event.note_contact(vut, self.targets)
+            self._take(run.dispatches.send_again(now_ns))
             self._watch_end(run, now_ns)
         if self.state is SessionPhase.ABORTING:
             self._take(progress.collisions(run, vut, self.targets))
@@ -388,7 +374,7 @@ class Session:
     def _watch_end(self, run: Run, now_ns: int) -> None:
         if self.state is not SessionPhase.RUNNING:
             return
-        if progress.is_complete(run, now_ns):
+        if run.event.is_complete(now_ns, run.elapsed_s(now_ns)):
             over = "the event is resolved" if run.spec.driven is None else "the driven run is over"
             self._move(SessionEvent.COMPLETE, now_ns, over)
         elif (missing := progress.overdue(run, now_ns)) is not None:
@@ -415,7 +401,7 @@ class Session:
         if run is None:
             return []
         if event in _GATES:
-            facts = replace(self.facts, motion=run.motion)
+            facts = replace(self.facts, motion=run.history.motion)
             found = arming.obstacles(_GATES[event], run.spec, facts, vut, targets, now_ns)
             return [obstacle.text for obstacle in found]
         if event is not SessionEvent.ALL_CLEAR:
@@ -423,7 +409,7 @@ class Session:
         # What was heard before the abort is no proof.
         known = {*targets, *([] if vut is None else [run.spec.vut.id])}
         moving = preconditions.moving
-        unknown = set(moving(run.spec, vut, targets, run.motion, now_ns, armed=run.armed))
+        unknown = set(moving(run.spec, vut, targets, run.history.motion, now_ns, armed=run.armed))
         who = sorted(unknown | (known - self._heard))
         return [f"it is not known of {i} that it stands" for i in who]
 
@@ -455,7 +441,7 @@ class Session:
             run.spec,
             self.vut,
             self.targets,
-            run.motion,
+            run.history.motion,
             now_ns,
             armed=run.armed,
             aborting=self.state is SessionPhase.ABORTING,
