@@ -35,7 +35,7 @@ from ssp_ot_controller.objects import state_machine
 from ssp_ot_controller.ros import parameters as ot_controller_params
 from ssp_scenario_manager.ros import parameters as scenario_manager_params
 from ssp_scenario_manager.session import limits as supervisor
-from ssp_scenario_manager.session import progress, supervision
+from ssp_scenario_manager.session import local_stops, supervision
 from ssp_scenario_manager.session import state_machine as session_machine
 from ssp_scenario_manager.session.limits import verdict_for
 from ssp_vla_bridge.ros import parameters as vla_bridge_params
@@ -401,7 +401,7 @@ def times() -> str:
             liveness.WORLD_SILENT_REALTIME_S,
         ),
         ("manager", "gives objects to report that they are armed", supervision.ARM_CONFIRMATION_S),
-        ("manager", "gives an object that stops to say why", progress.OWN_REASON_S),
+        ("manager", "gives an object that stops to say why", local_stops.OWN_REASON_S),
         ("manager", "blames nobody but itself after a pause of its own of", supervisor.LATE_S),
         ("manager", "reports an abort without a standstill after", supervision.ABORT_STANDSTILL_S),
         ("runner", "takes the manager for hung after", _constant(follow, "SILENT_S")),

@@ -105,9 +105,8 @@ def test_who_judges_what(generate: ModuleType) -> None:
     )
     told_by = ("objects/local_safety", "objects/target", "bodies/iso22133/conversation")
     by_objects = judged_in(*(f"{target}{name}.py" for name in told_by))
-    by_manager = SILENCES | judged_in(
-        *(f"{core}{name}.py" for name in ("limits", "progress", "supervision", "run"))
-    )
+    told_by = ("limits", "progress", "supervision", "dispatches", "local_stops", "state_history")
+    by_manager = SILENCES | judged_in(*(f"{core}{name}.py" for name in told_by))
     told = {
         side: {code for code, (_, judges) in generate.JUDGED.items() if side in judges}
         for side in (generate.OBJECT, generate.MANAGER)
