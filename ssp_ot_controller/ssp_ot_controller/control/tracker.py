@@ -28,7 +28,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_discrete_are  # type: ignore[import-untyped] # has no types
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import FloatArray, Pose2, wrap_angle
@@ -37,6 +36,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS, BodyLimits, Command
+from ssp_ot_controller.control.riccati import cost_to_go
 
 # Rows of a track, and steps of feed-forward, that are made ready at once; a power of two.
 _PIECE_BITS = 6
@@ -208,7 +208,7 @@ def lateral_gains(lag_s: float, dt_s: float) -> tuple[FloatArray, FloatArray]:
         step = v * dt_s
         a = np.array([[1.0, step, 0.5 * step**2], [0.0, 1.0, step], [0.0, 0.0, 1.0 - share]])
         b = np.array([[0.0], [0.0], [share]])
-        p = solve_discrete_are(a, b, cost, effort)
+        p = cost_to_go(a, b, cost, effort)
         table[i] = np.linalg.solve(effort + b.T @ p @ b, b.T @ p @ a)[0]
     return speeds, _rounded(table)
 
@@ -250,8 +250,8 @@ def preview_gains(lag_s: float, dt_s: float) -> PreviewGains:
 
     def optimal(weight: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         effort = np.array([[weight]])
-        p = solve_discrete_are(a, b, cost, effort)
-        inverse = np.linalg.inv(effort + b.T @ p @ b)
+        p = cost_to_go(a, b, cost, effort)
+        inverse = np.asarray(np.linalg.inv(effort + b.T @ p @ b), np.float64)
         return p, inverse, inverse @ b.T @ p @ a
 
     _, _, back = optimal(_ACCELERATION_WEIGHT)

@@ -70,7 +70,7 @@ _PACKAGES = (
     ("rosbags", "rosbags", "bags"),
     ("pydantic", "pydantic", "all files that people write"),
     ("numba", "numba", "the simulated camera"),
-    ("scipy", "scipy", "tracking controllers"),
+    ("scipy", "scipy", "plans that models drive, and statistics"),
 )
 
 
