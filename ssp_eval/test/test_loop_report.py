@@ -18,6 +18,7 @@ from click.testing import CliRunner
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_json
+from ssp_core.run_file.latency import Latency
 from ssp_eval.closed_loop import prediction
 from ssp_eval.closed_loop.comparisons import over_events, pairs_of
 from ssp_eval.closed_loop.figures import NEEDLESS, chains_of, counts_of, outcome_plot
@@ -46,7 +47,7 @@ from ssp_scenario_manager.closed_loop.rates import RunRow, rates_of
 from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS
 from tests.support.runs import cut_in_run
 
-LATENCIES = (0.0, 0.5)
+LATENCIES = (Latency(0.0), Latency(0.5))
 MINE = "mine"
 
 
@@ -56,14 +57,14 @@ def made_run(
     event: str = "cut_in",
     start: str = "s1",
     driver: str = MINE,
-    latency_s: float = 0.0,
+    latency: Latency = LATENCIES[0],
     kind: str = "critical",
     outcome: str = "avoided",
     needless: str = "",
     starved: bool = False,
     **cells: str,
 ) -> Run:
-    row = RunRow(event, start, driver, latency_s, kind, outcome, needless, starved)
+    row = RunRow(event, start, driver, latency, kind, outcome, needless, starved)
     values = dict.fromkeys(RUN_COLUMNS, "")
     values |= {
         "event": event,
@@ -71,7 +72,7 @@ def made_run(
         "start": start,
         "kind": kind,
         "driver": driver,
-        "latency_s": f"{latency_s:g}",
+        "latency": str(latency),
         "repeat": "0",
         "outcome": outcome,
         "needless": needless,
@@ -99,8 +100,8 @@ def test_mcnemar_counts_the_starts_on_which_one_driver_alone_succeeds() -> None:
 
 def test_pairs_are_of_the_same_event_start_and_latency() -> None:
     runs = [
-        made_run(driver="a", latency_s=0.0),
-        made_run(driver="b", latency_s=0.5, outcome="collision"),
+        made_run(driver="a", latency=LATENCIES[0]),
+        made_run(driver="b", latency=LATENCIES[1], outcome="collision"),
         made_run(driver="b", event="other", outcome="collision"),
         made_run(driver="b", start="s2", outcome="collision"),
         made_run(driver="b", outcome="harness"),
@@ -123,7 +124,7 @@ def over(shares: dict[str, list[float]], **options: Any) -> Any:
         for k, share in enumerate(values)
     ]
     headlines = {
-        (one.event, one.driver, one.latency_s): one.headline
+        (one.event, one.driver, one.latency): one.headline
         for one in rates_of([run.row for run in runs])
     }
     (found,) = over_events(runs, headlines, **options)
@@ -166,8 +167,8 @@ def test_the_same_seed_gives_the_same_interval_and_another_one_another() -> None
 
 def test_an_event_without_a_headline_leaves_none_over_events() -> None:
     runs = [made_run(event=f"e{k}") for k in range(8)]
-    headlines: dict[tuple[str, str, float], float | None] = {
-        (f"e{k}", MINE, 0.0): 1.0 if k else None for k in range(8)
+    headlines: dict[tuple[str, str, Latency], float | None] = {
+        (f"e{k}", MINE, LATENCIES[0]): 1.0 if k else None for k in range(8)
     }
     (found,) = over_events(runs, headlines)
     assert (found.headline, found.interval.low) == (None, None)
@@ -223,7 +224,7 @@ def folder(tmp_path: Path) -> Path:
     cards = [card(name) for name in (*BASELINES, MINE)]
     (place / "cards.json").write_text(json.dumps({"cards": cards}))
     each = itertools.product(range(4), (*BASELINES, MINE), LATENCIES)
-    rows = [_row(k, driver, latency_s).cells for k, driver, latency_s in each]
+    rows = [_row(k, driver, latency).cells for k, driver, latency in each]
     stream = io.StringIO()
     writer = csv.DictWriter(stream, RUN_COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -232,24 +233,25 @@ def folder(tmp_path: Path) -> Path:
     return place
 
 
-def _row(k: int, driver: str, latency_s: float) -> Run:
-    failing = driver in ("no_response", "constant_velocity") or (driver == MINE and latency_s)
+def _row(k: int, driver: str, latency: Latency) -> Run:
+    failing = driver in ("no_response", "constant_velocity") or (driver == MINE and latency.seconds)
     outcome = "collision" if failing and (driver != MINE or k < 3) else "avoided"
     if driver in ("stop_at_once", "always_brake"):
         outcome = "evaded"
-    needless = "brakes <hard> by 3.0 m/s^2" if driver == MINE and k == 0 and not latency_s else ""
+    is_needless = driver == MINE and k == 0 and not latency.seconds
+    needless = "brakes <hard> by 3.0 m/s^2" if is_needless else ""
     return made_run(
         start=f"s{k}",
         driver=driver,
-        latency_s=latency_s,
+        latency=latency,
         outcome=outcome,
         needless=needless,
         seed=str(k),
         why="with ot1, front to rear" if outcome == "collision" else "",
         observable_s="10.0",
         frame_s="10.1",
-        effective_s=str(10.1 + latency_s),
-        response_s="" if outcome == "collision" else str(10.8 + latency_s),
+        effective_s=str(10.1 + latency.seconds),
+        response_s="" if outcome == "collision" else str(10.8 + latency.seconds),
         v_i_mps="7.0" if outcome == "collision" else "",
         severity="5.0" if outcome == "avoided" else "",
         distance_m="2.0",
@@ -282,8 +284,8 @@ def test_unlike_cards_never_share_a_column(folder: Path) -> None:
     assert "Pairs under unlike conditions, for these events: cut in" in page
     table = unlike_pair_table(load_loop(folder), [MINE], ["constant_velocity"])
     assert [row[:6] for row in table.rows] == [
-        (MINE, "constant_velocity", 0.0, 4, 3, 0),
-        (MINE, "constant_velocity", 0.5, 4, 1, 0),
+        (MINE, "constant_velocity", "0", 4, 3, 0),
+        (MINE, "constant_velocity", "0.5", 4, 1, 0),
     ]
     assert "cards of the two differ" in table.notes[0]
     assert all(len(one) == 1 or MINE not in one for one in groups)
@@ -293,7 +295,7 @@ def test_pairs_say_of_which_events_they_are(campaign: LoopCampaign) -> None:
     table = pair_table(campaign, groups_of(campaign)[0])
     assert table.title.endswith("for these events: cut_in")
     found = {tuple(row[:3]): row[3:6] for row in table.rows}
-    assert found["constant_velocity", MINE, 0.0] == (4, 0, 3)
+    assert found["constant_velocity", MINE, "0"] == (4, 0, 3)
     beside = pair_table(campaign, groups_of(campaign)[0], [MINE])
     assert {row[1] for row in beside.rows} == {MINE}
     assert len(beside.rows) == 2 * 7
@@ -316,7 +318,7 @@ def test_an_avoided_run_that_is_needless_is_no_success_of_the_figure(
     campaign: LoopCampaign,
 ) -> None:
     runs = [one for one in campaign.critical if one.row.driver == MINE]
-    counts = counts_of([one for one in runs if one.row.latency_s == 0.0])
+    counts = counts_of([one for one in runs if one.row.latency == LATENCIES[0]])
     assert (counts["avoided"], counts[NEEDLESS]) == (3, 1)
     rates = [one for one in campaign.rates if one.driver == MINE]
     drawn = outcome_plot(MINE, runs, rates)
@@ -329,8 +331,8 @@ def test_an_avoided_run_that_is_needless_is_no_success_of_the_figure(
 
 
 def test_the_chain_shows_where_the_time_was_lost(campaign: LoopCampaign) -> None:
-    found = {(one.driver, one.latency_s): one for one in chains_of(campaign, "cut_in")}
-    slow = found[MINE, 0.5]
+    found = {(one.driver, one.latency): one for one in chains_of(campaign, "cut_in")}
+    slow = found[MINE, LATENCIES[1]]
     assert (slow.wait_s, slow.answer_s) == (pytest.approx(0.1), pytest.approx(0.5))
     assert slow.response_s == pytest.approx(0.7)
     assert (slow.responded, slow.runs) == (1, 4)
@@ -376,11 +378,9 @@ def said(folder: Path, *answers: dict[str, Any]) -> None:
     (place / "000008.jsonl").write_text("".join(json.dumps(one) + "\n" for one in answers))
 
 
-def mine_at(campaign: LoopCampaign, latency_s: float) -> list[int]:
+def mine_at(campaign: LoopCampaign, latency: Latency) -> list[int]:
     return [
-        run.number
-        for run in campaign.runs
-        if (run.row.driver, run.row.latency_s) == (MINE, latency_s)
+        run.number for run in campaign.runs if (run.row.driver, run.row.latency) == (MINE, latency)
     ]
 
 
@@ -390,7 +390,7 @@ BRAKES, KEEPS = "I will slow down for the car ahead.", "I will maintain my curre
 def test_words_are_held_against_the_plan_of_the_same_answer(
     folder: Path, campaign: LoopCampaign
 ) -> None:
-    one, other, third, fourth = mine_at(campaign, 0.5)
+    one, other, third, fourth = mine_at(campaign, LATENCIES[1])
     said(
         folder,
         {"row": one, "stamp_s": 10.1, "text": BRAKES, "speed_mps": 10.0, "slows_mps": 0.49},
@@ -403,7 +403,7 @@ def test_words_are_held_against_the_plan_of_the_same_answer(
     )
     table = words_table(campaign)
     assert table is not None
-    assert table.rows == ((MINE, 0.5, 3, pytest.approx(1 / 3), pytest.approx(1 / 3)),)
+    assert table.rows == ((MINE, "0.5", 3, pytest.approx(1 / 3), pytest.approx(1 / 3)),)
 
 
 def test_without_texts_there_is_no_table_of_words(campaign: LoopCampaign) -> None:
@@ -455,7 +455,7 @@ def test_baselines_controls_and_other_domains_predict_nothing(
     assert predict(campaign, scores, "ivcs") == []
     monkeypatch.setattr(prediction, "BASELINES", frozenset())
     found = predict(campaign, scores, "ivcs")
-    assert [(one.latency_s, one.n, one.rho) for one in found] == [(0.0, 2, None), (0.5, 2, None)]
+    assert [(one.latency, one.n, one.rho) for one in found] == [(one, 2, None) for one in LATENCIES]
     starved = replace(campaign, runs=tuple(one_starved(run) for run in campaign.runs))
     assert [one.n for one in predict(starved, scores, "ivcs")] == [1, 1]
 
@@ -487,7 +487,7 @@ def test_the_command_makes_the_page_of_either_kind_of_campaign(
     said = CliRunner().invoke(report, [str(folder), "--tables", str(tables)])
     assert said.exception is None, said.output
     assert (folder / "index.html").is_file()
-    assert (tables / "pairs_1.csv").read_text().startswith("first,second,latency_s,starts,")
+    assert (tables / "pairs_1.csv").read_text().startswith("first,second,latency,starts,")
     said = CliRunner().invoke(report, [str(folder), "--figures", str(tmp_path / "f")])
     assert said.exit_code == 2
 
@@ -498,7 +498,7 @@ def test_the_command_makes_the_page_of_either_kind_of_campaign(
         ("starts.json", '"seed": 1', '"seed": 7', "was changed after it was sealed"),
         ("cards.json", '"d_max_mps2": 7.0', '"d_max_mps2": 9.0', "was changed after it was"),
         ("runs.csv", "outcome,", "result,", "has other columns"),
-        ("runs.csv", ",0.5,", ",fast,", "is no row of a campaign"),
+        ("runs.csv", ",fixed:0.5,", ",fast,", "is no row of a campaign"),
         ("plan.json", '"plan": {', '"plan": "sha256:1", "old": {', "plan.json"),
         ("plan.json", '"version"', "version", "can't be read"),
         ("starts.json", '{"starts"', '[{"starts"', "can't be read"),

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -52,10 +52,7 @@ def free_domain() -> Iterator[int]:
     Raises:
         HostError: all of them are in use.
     """
-    folder = Path(tempfile.gettempdir()) / "ssp-domains"
-    if not folder.is_dir():
-        folder.mkdir(exist_ok=True)
-        folder.chmod(0o1777)  # for all users, as the host's domains are
+    folder = _host_folder("ssp-domains")
     try:
         busy = ports_in_use(Path("/proc/net/udp").read_text())
     except OSError:
@@ -83,6 +80,44 @@ def free_domain() -> Iterator[int]:
         f"all ROS domains from {DOMAINS.start} to {DOMAINS.stop - 1} are in use on this host; "
         "end other sessions or set ROS_DOMAIN_ID and start the nodes yourself"
     )
+
+
+@contextmanager
+def measuring_alone(say: Callable[[str], None]) -> Iterator[None]:
+    """Keep other commands of this host from measuring latencies to the block's end.
+
+    Args:
+        say: takes a line for people where another command is measuring, which is waited for.
+
+    Raises:
+        HostError: another user's lock can't be opened.
+    """
+    path = _host_folder("ssp-measuring") / "lock"
+    try:
+        handle = _open_lock(path)
+    except OSError as error:
+        raise HostError(f"{path}, of who measures latencies, can't be opened: {error}") from error
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            say(
+                "another command measures latencies on this host, and two would disturb each "
+                f"other: this one goes on when that has ended ({path} is its lock)"
+            )
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _host_folder(name: str) -> Path:
+    """Return a folder of locks for all users of this host."""
+    folder = Path(tempfile.gettempdir()) / name
+    if not folder.is_dir():
+        folder.mkdir(exist_ok=True)
+        folder.chmod(0o1777)
+    return folder
 
 
 def _open_lock(path: Path) -> int:

@@ -12,6 +12,7 @@ import pytest
 from ssp_core.errors import InputError
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import Answer, DriveMode, DriveReport, Question, history_of
 from ssp_ot_controller.driving.baselines import BASELINES, lane_plan, make_driver
@@ -39,7 +40,7 @@ class Scripted:
 def driven(latency_s: float = 0.0) -> Driven:
     return Driven(
         driver="scripted",
-        latency_s=latency_s,
+        latency=Latency(latency_s),
         first_request_s=0.2,
         hand_over_s=1.0,
         end_s=9.0,

@@ -18,6 +18,7 @@ from ssp_core.cdr.references import decode_ack, decode_reference
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.trajectory import Trajectory
+from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import Fault, RunSpec, load_run
 from ssp_core.world.driver import Answer, Question
 from ssp_core.world.plant import StepReport
@@ -26,7 +27,6 @@ from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.cli.run import run as run_command
 from ssp_scenario_manager.closed_loop.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of, told_of
-from ssp_scenario_manager.closed_loop.single import Latency, parse_latency
 from ssp_scenario_manager.closed_loop.start import OffSpec, Start, make_start, twin_of
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
@@ -53,7 +53,7 @@ Driven = tuple[Outcome, InProcessResult, Record]
 def driven(
     start: Start, driver: str, latency_s: float = 0.0, *, event: bool = True, **options: Any
 ) -> Driven:
-    run = start.driven_by(driver, options, latency_s, event=event)
+    run = start.driven_by(driver, options, Latency(latency_s), event=event)
     result, record = run_in_process(run)
     assert run.driven is not None
     return outcome_of(run, run.driven, result, record, start.twin), result, record
@@ -118,7 +118,7 @@ def test_a_seed_whose_first_trigger_leaves_no_time_is_no_start(compiled: RunSpec
 
 
 def test_the_twin_at_the_times_of_its_triggers_is_the_twin_to_the_last_bit(start: Start) -> None:
-    twin, contact = twin_of(start.driven_by("oracle", {}, 0.5))
+    twin, contact = twin_of(start.driven_by("oracle", {}, Latency(0.5)))
     assert contact == start.contact
     assert list(map(repr, twin.values())) == [repr(start.twin[at_ns]) for at_ns in twin]
 
@@ -153,7 +153,7 @@ def test_the_oracle_avoids_and_whoever_brakes_for_nothing_gains_nothing(
 ) -> None:
     def headline(driver: str) -> bool:
         event, _, _ = driven(start, driver)
-        run = start.driven_by(driver, {}, 0.0, event=False)
+        run = start.driven_by(driver, {}, Latency(0.0), event=False)
         alone, _, free = driven(start, driver, event=False)
         assert run.driven is not None
         needless = needless_in(run, run.driven, free, built_in, alone)
@@ -279,7 +279,7 @@ def test_a_way_to_game_it_gains_no_headline(
 ) -> None:
     scripted(lambda question: way(question, start.hand_over_s))
     outcome, _, _ = driven(start, "scripted")
-    run = start.driven_by("scripted", {}, 0.0, event=False)
+    run = start.driven_by("scripted", {}, Latency(0.0), event=False)
     alone, _, free = driven(start, "scripted", event=False)
     assert run.driven is not None
     needless = needless_in(run, run.driven, free, built_in, alone)
@@ -292,7 +292,7 @@ def test_what_the_session_brakes_behind_a_contact_is_not_the_drivers(
     start: Start, built_in: Record
 ) -> None:
     """A run is judged up to its deciding fact; behind it our session stops the VUT."""
-    run = start.driven_by("no_response", {}, 0.0, event=False)
+    run = start.driven_by("no_response", {}, Latency(0.0), event=False)
     assert run.driven is not None
     alone, _, free = driven(start, "no_response", event=False)
     decided_s = run.driven.end_s - 2.0
@@ -310,7 +310,7 @@ def test_what_the_session_brakes_behind_a_contact_is_not_the_drivers(
 
 
 def test_a_vut_that_stands_is_struck_and_one_off_its_twin_is_ours(start: Start) -> None:
-    run = start.driven_by("stop_at_once", {}, 0.0)
+    run = start.driven_by("stop_at_once", {}, Latency(0.0))
     assert run.driven is not None
     result, record = run_in_process(run)
 
@@ -351,7 +351,7 @@ def test_limits_and_the_operator_end_a_driven_run_as_any_other(
 
 def test_what_result_json_says_of_a_driven_run(start: Start) -> None:
     outcome, _, record = driven(start, "oracle", 0.3)
-    run = start.driven_by("oracle", {}, 0.3)
+    run = start.driven_by("oracle", {}, Latency(0.3))
     assert run.driven is not None
     told = json.loads(json.dumps(told_of(run.driven, record, outcome, start.v_r_mps)))
     assert (told["outcome"], told["severity"], told["frames"]) == ("avoided", 5.0, False)
@@ -413,7 +413,7 @@ def test_a_driver_is_refused_where_it_may_not_drive(options: list[str], said: st
 
 
 def test_no_run_file_lets_a_driver_drive_hardware(start: Start) -> None:
-    run = start.driven_by("oracle", {}, 0.0).model_dump(mode="json", by_alias=True)
+    run = start.driven_by("oracle", {}, Latency(0.0)).model_dump(mode="json", by_alias=True)
     with pytest.raises(ValueError, match="in lockstep with our own bodies only"):
         RunSpec.model_validate({**run, "mode": "live"})
     adaptation = {"first": "initiator", "gap_s": 1.0}

@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.vocabulary import CONFLICTS, MOTIONS, POSITIONS, Phase
 from ssp_core.world.driver import driver_options
@@ -147,8 +148,8 @@ def test_a_driver_gets_frames_motion_camera_and_task_and_nothing_else(
 ) -> None:
     url = f"http://127.0.0.1:{proxy.server_address[1]}"
     options = driver_options("mine", {"backend": "http", "url": url})
-    event = asked_in(start.driven_by("mine", options, 0.3), proxy)
-    free = asked_in(start.driven_by("mine", options, 0.3, event=False), proxy)
+    event = asked_in(start.driven_by("mine", options, Latency(0.3)), proxy)
+    free = asked_in(start.driven_by("mine", options, Latency(0.3), event=False), proxy)
     assert len(event) > 20
 
     for head, body in event:
@@ -180,7 +181,7 @@ def test_a_driver_gets_frames_motion_camera_and_task_and_nothing_else(
     }
     assert len(tasks) == 1
 
-    run = start.driven_by("mine", options, 0.3)
+    run = start.driven_by("mine", options, Latency(0.3))
     words = words_of(run, start)
     whole = "\n".join(head.decode() + json.dumps(body) for head, body in event)
     assert not found_in(whole, words)

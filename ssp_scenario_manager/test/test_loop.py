@@ -18,6 +18,7 @@ import yaml
 from click.testing import CliRunner
 
 from ssp_core.errors import InputError
+from ssp_core.run_file.latency import Latency
 from ssp_scenario_manager.cli.loop import loop
 from ssp_scenario_manager.closed_loop import campaign, runs, seal
 from ssp_scenario_manager.closed_loop.campaign import run_campaign
@@ -64,12 +65,12 @@ def rows(folder: Path) -> list[dict[str, str]]:
 
 
 def test_the_headlines_of_the_baselines_are_what_they_must_be(done: Path) -> None:
-    found = {(one["driver"], one["latency_s"]): float(one["headline"]) for one in table(done)}
+    found = {(one["driver"], one["latency"]): float(one["headline"]) for one in table(done)}
     for driver in ZERO:
-        assert (found[driver, "0"], found[driver, "1"]) == (0.0, 0.0), driver
-    assert found["oracle", "0"] == 1.0
+        assert (found[driver, "zero"], found[driver, "fixed:1"]) == (0.0, 0.0), driver
+    assert found["oracle", "zero"] == 1.0
     for driver in ("oracle", "aeb"):
-        assert found[driver, "0"] >= found[driver, "1"]
+        assert found[driver, "zero"] >= found[driver, "fixed:1"]
     assert list(dict.fromkeys(driver for driver, _ in found)) == list(BASELINES)
 
 
@@ -139,7 +140,7 @@ def test_another_campaign_does_not_go_on_in_the_folder(done: Path, tmp_path: Pat
     text = (folder / "runs.csv").read_text()
     for old, new in (
         ("constant_velocity", "someone"),
-        (",1,0,", ",2,0,"),
+        (",fixed:1,0,", ",fixed:2,0,"),
         ("critical", "harmless"),
     ):
         (folder / "runs.csv").write_text(text.replace(old, new))
@@ -192,7 +193,7 @@ def test_the_careful_driver_of_r157_stands_where_it_is_defined(
     done: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = [one for one in rows(done) if one["driver"] == "careful"]
-    assert [one["latency_s"] for one in found] == ["0", "1"]
+    assert [one["latency"] for one in found] == ["zero", "fixed:1"]
     assert found[0]["outcome"] == found[1]["outcome"] == "avoided"
     # It perceives no earlier than T_obs, and brakes 1.15 s later.
     assert float(found[0]["response_s"]) >= float(found[0]["observable_s"]) + 1.15
@@ -204,15 +205,15 @@ def test_the_careful_driver_of_r157_stands_where_it_is_defined(
 
 
 def test_rows_tell_how_near_a_run_came_to_harm(done: Path) -> None:
-    found = {(one["driver"], one["latency_s"]): one for one in rows(done)}
-    hit, missed = found["no_response", "0"], found["oracle", "0"]
+    found = {(one["driver"], one["latency"]): one for one in rows(done)}
+    hit, missed = found["no_response", "zero"], found["oracle", "zero"]
     assert (hit["distance_m"], hit["needed_mps2"], hit["pet_s"]) == ("0.0", "", "")
     assert float(hit["ttc_s"]) < 0.1
     assert float(missed["distance_m"]) > 5.0
     assert float(missed["ttc_s"]) > 2.0
     assert float(missed["needed_mps2"]) > 0.0
     # A driver that re-plans from where it is changes its mind less the sooner it is heard.
-    assert float(missed["replan_m"]) < float(found["oracle", "1"]["replan_m"])
+    assert float(missed["replan_m"]) < float(found["oracle", "fixed:1"]["replan_m"])
 
 
 def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
@@ -266,7 +267,7 @@ def test_one_run_is_driven_again_by_one_command_to_the_same_outcome(
     number, wanted = next(
         (k, one)
         for k, one in enumerate(rows(done), 1)
-        if (one["driver"], one["latency_s"]) == ("aeb", "1")
+        if (one["driver"], one["latency"]) == ("aeb", "fixed:1")
     )
     folder = tmp_path / "again"
     said = CliRunner().invoke(loop, [str(done), "--again", str(number), "--out", str(folder)])
@@ -274,7 +275,7 @@ def test_one_run_is_driven_again_by_one_command_to_the_same_outcome(
     told = json.loads((folder / "result.json").read_text())["driven"]
     assert (told["outcome"], told["start"]) == (wanted["outcome"], wanted["start"])
     assert str(told["v_i_mps"]) == wanted["v_i_mps"]
-    assert told["latency_s"] == 1.0
+    assert told["latency"] == "fixed:1"
     assert (folder / "bag").is_dir()
     view = ElementTree.fromstring((folder / "top_view.svg").read_text())
     classes = {one.get("class") for one in view.iter()}
@@ -301,8 +302,8 @@ def test_a_row_that_can_not_be_driven_again_is_refused(
         ({"drivers": [{"driver": "nobody"}]}, "is no driver"),
         ({"drivers": [{"driver": "aeb", "options": {"ttc_s": 1.0}}]}, "name of a baseline"),
         ({"drivers": [{"driver": "aeb", "options": {"ttc": 1.0}, "label": "a"}]}, "ttc"),
-        ({"latencies": ["fixed:0", "zero"]}, "the same"),
-        ({"latencies": ["measured"]}, "isn't measured in a campaign yet"),
+        ({"latencies": ["fixed:0", "zero"]}, "zero stands twice"),
+        ({"latencies": ["measured:1", "measured"]}, "measured stands twice"),
         ({"latencies": ["fast"]}, "is no latency"),
         ({"events": ["cut_in", "cut_in"]}, "stands twice"),
     ],
@@ -321,7 +322,7 @@ def row(outcome: str = "avoided", needless: str = "", **changes: Any) -> RunRow:
         "event": "cut_in",
         "start": f"start {next(NUMBERS)}",
         "driver": "a",
-        "latency_s": 0.0,
+        "latency": Latency(0.0),
         "kind": "critical",
         "starved": False,
     }
@@ -358,9 +359,10 @@ def test_too_many_runs_that_our_side_failed_leave_no_rate() -> None:
     (one,) = rates_of([row()] * 49 + [row("harness")])
     assert (one.headline, one.worst) == (1.0, 0.98)
     # The share is the driver's, over its events and latencies.
-    rates = rates_of([row()] * 99 + [row("harness", latency_s=0.5), row(latency_s=0.5)])
+    half = Latency(0.5)
+    rates = rates_of([row()] * 99 + [row("harness", latency=half), row(latency=half)])
     assert [each.headline for each in rates] == [1.0, 1.0]
-    rates = rates_of([row()] * 9 + [row("harness", latency_s=0.5)])
+    rates = rates_of([row()] * 9 + [row("harness", latency=half)])
     assert [each.headline for each in rates] == [None, None]
 
 
@@ -378,7 +380,12 @@ def test_a_campaign_is_refused_where_braking_for_nothing_pays() -> None:
 
 def test_a_headline_that_rises_with_latency_is_told() -> None:
     rates = rates_of(
-        [row("collision", driver="aeb", latency_s=0.1), row(driver="aeb", latency_s=0.5)]
+        [
+            row("collision", driver="aeb", latency=Latency(0.1)),
+            row(driver="aeb", latency=Latency(0.5)),
+            # A measured latency has no place in the order.
+            row("collision", driver="aeb", latency=Latency(0.0, measured=True)),
+        ]
     )
     assert rising(rates, ("aeb",)) == ["aeb on cut_in: 0.00 at L = 0.1 s, 1.00 at 0.5 s"]
     assert rising(rates, ("oracle",)) == []

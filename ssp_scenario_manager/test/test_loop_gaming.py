@@ -10,6 +10,7 @@ import pytest
 
 from ssp_core.errors import PeerError
 from ssp_core.motion.trajectory import Trajectory
+from ssp_core.run_file.latency import ZERO_LATENCY, Latency
 from ssp_core.world.driver import Answer, Question
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
@@ -23,7 +24,7 @@ from ssp_scenario_manager.run.in_process import Record
 
 # Seeds of critical starts.
 EVENTS = {"lead_braking": 1, "vru_crossing": 2}
-LATENCY_S = 0.3
+LATENCY = Latency(0.3)
 SCRIPTED = CampaignDriver(driver="scripted")
 
 
@@ -38,7 +39,7 @@ def start_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[
         run = prepare_run(event, "boulevard", folder, seed=seed, mode="lockstep")
         start = make_start(run, load_event(event)[0], seed, latency_max_s=1.0)
         assert start.contact is not None
-        free = drive_start(start, CampaignDriver(driver="built_in"), 0.0, event=False)
+        free = drive_start(start, CampaignDriver(driver="built_in"), ZERO_LATENCY, event=False)
         return start, free.record
 
     return make
@@ -74,7 +75,7 @@ def dither(now: Now) -> Answer:
 
 def say_nothing(now: Now) -> Answer:
     """Answer nothing from just before T_obs on, so that the fallback brakes."""
-    quiet = now.at_s >= now.start.observable_s - LATENCY_S
+    quiet = now.at_s >= now.start.observable_s - LATENCY
     return Answer(None) if quiet else lane_plan(now.question)
 
 
@@ -128,8 +129,8 @@ def test_no_way_to_game_it_gains_a_headline_on_other_events_or_with_latency(
             return way(Now(question, start))
 
     monkeypatch.setitem(baselines.BASELINES, "scripted", Cheat)
-    drove = drive_start(start, SCRIPTED, LATENCY_S)
-    free = drive_start(start, SCRIPTED, LATENCY_S, event=False)
+    drove = drive_start(start, SCRIPTED, LATENCY)
+    free = drive_start(start, SCRIPTED, LATENCY, event=False)
     needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
     succeeds = drove.outcome.kind == "avoided" and not needless
     assert not succeeds, (drove.outcome, needless)
@@ -148,8 +149,8 @@ def test_constant_velocity_gains_none_either_and_the_oracle_does(
         kinds = {}
         for name in ("constant_velocity", "oracle"):
             driver = CampaignDriver(driver=name)
-            kinds[name] = drive_start(start, driver, LATENCY_S).outcome.kind
-            free = drive_start(start, driver, LATENCY_S, event=False)
+            kinds[name] = drive_start(start, driver, LATENCY).outcome.kind
+            free = drive_start(start, driver, LATENCY, event=False)
             needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
             assert not needless, name
         assert kinds == {"constant_velocity": "collision", "oracle": "avoided"}, event
@@ -168,7 +169,7 @@ def test_a_driver_that_ends_where_no_event_comes_is_needless(
             return super().answer(question)
 
     monkeypatch.setitem(baselines.BASELINES, "scripted", Leaves)
-    free = drive_start(start, SCRIPTED, LATENCY_S, event=False)
+    free = drive_start(start, SCRIPTED, LATENCY, event=False)
     assert free.outcome.kind == "died"
     needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
     assert needless == f"ends by died at {free.outcome.at_s:.2f} s"
@@ -192,7 +193,7 @@ def test_a_driver_begins_each_run_without_what_it_was_in_the_one_before(
             return lane_plan(question, 6.0 if self.runs > 1 else 0.0)
 
     monkeypatch.setitem(baselines.BASELINES, "scripted", Remembering)
-    first, second = (drive_start(start, SCRIPTED, LATENCY_S) for _ in range(2))
+    first, second = (drive_start(start, SCRIPTED, LATENCY) for _ in range(2))
     assert (first.outcome.kind, second.outcome.kind) == ("collision", "collision")
     assert [repr(r.truths) for r in first.record.reports] == [
         repr(r.truths) for r in second.record.reports
@@ -227,7 +228,7 @@ def test_the_run_file_of_the_twin_differs_in_nothing_that_a_driver_gets(
     monkeypatch.setitem(baselines.BASELINES, "scripted", Recording)
     for event in (True, False):
         asked.clear()
-        drive_start(start, SCRIPTED, LATENCY_S, event=event)
+        drive_start(start, SCRIPTED, LATENCY, event=event)
         seen[event] = list(asked)
     assert len(seen[True]) > 10
     assert seen[True] == seen[False]

@@ -19,6 +19,7 @@ from ssp_core import names
 from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.motion.trajectory import Trajectory
+from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import Camera, RunSpec, load_run
 from ssp_core.world.driver import (
     Answer,
@@ -145,7 +146,7 @@ def python(folder: Path, name: str, **given: Any) -> dict[str, Any]:
 
 
 def driven_run(start: Start, options: dict[str, Any], latency_s: float = 0.0) -> RunSpec:
-    return start.driven_by("mine", driver_options("mine", options), latency_s)
+    return start.driven_by("mine", driver_options("mine", options), Latency(latency_s))
 
 
 def drive(run: RunSpec, start: Start) -> tuple[Outcome, InProcessResult, Record]:
@@ -248,7 +249,7 @@ def test_a_failed_run_drops_no_campaign_and_the_next_has_a_fresh_model(
     }
     options = driver_options("mine", python(folder, "leave"))
     driver = CampaignDriver(driver="mine", options=options)
-    rows = rows_of(Job(json.dumps(sealed), driver, (0.0, 0.5), 1, SEED)).rows
+    rows = rows_of(Job(json.dumps(sealed), driver, (Latency(0.0), Latency(0.5)), 1, SEED)).rows
     kinds = [row[RUN_COLUMNS.index("outcome")] for row in rows]
     reasons = {row[RUN_COLUMNS.index("why")] for row in rows}
     assert (kinds, reasons) == (["died"] * 2, {"its process ended with exit status 3"})
@@ -334,8 +335,8 @@ def test_the_world_waits_for_an_answer_at_the_step_of_its_frame(
 
     monkeypatch.setitem(baselines.BASELINES, "watching", Watching)
     records = []
-    for latency in ({}, {"measured": True}):
-        run = start.driven_by("watching", {}, 0.3, **latency)  # type: ignore[arg-type]
+    for measured in (False, True):
+        run = start.driven_by("watching", {}, Latency(0.3, measured))
         outcome, _, record = drive(run.model_copy(update={"camera": SMALL}), start)
         assert outcome.kind == "collision", outcome
         asked = [r.now_ns for r in record.reports if r.drive is not None and r.drive.asked]
@@ -461,10 +462,10 @@ def test_a_measured_run_leaves_its_bag_and_is_driven_again_to_the_same_bytes(
 
 def test_a_question_that_is_not_the_recorded_one_is_our_fault(start: Start, folder: Path) -> None:
     options = driver_options("mine", python(folder, "keep"))
-    run = start.driven_by("mine", options, 0.5, measured=True)
-    kept = answers_of(drive(run, start)[2])
-    other = [*kept[:9], replace(kept[9], question="sha256:0"), *kept[10:]]
+    run = start.driven_by("mine", options, Latency(0.5, measured=True))
     assert run.driven is not None
+    kept = answers_of(run.driven, drive(run, start)[2])
+    other = [*kept[:9], replace(kept[9], question="sha256:0"), *kept[10:]]
     result, record = run_in_process(run, answers=other)
     outcome = outcome_of(run, run.driven, result, record, start.twin)
     assert outcome.kind == "harness"

@@ -14,6 +14,7 @@ from typing import Any
 
 from measure import report
 
+from ssp_core.run_file.latency import ZERO_LATENCY
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.world.driver import NO_RESPONSE, driver_options
 from ssp_ot_controller.driving.frames import QuestionFrames
@@ -50,7 +51,7 @@ def driven(run: RunSpec) -> tuple[float, Record]:
 def bound(run: RunSpec, of: Start, record: Record) -> float:
     """Times real time of drawing and stepping alone."""
     started = time.perf_counter()
-    run_in_process(of.driven_by(NO_RESPONSE, {}, 0.0))
+    run_in_process(of.driven_by(NO_RESPONSE, {}, ZERO_LATENCY))
     frames, shown = QuestionFrames(run, 0.9), 0
     for one in record.reports:
         frames.see(one.step, one.now_ns, one.truths)
@@ -70,7 +71,7 @@ def main() -> None:
         "function": "sil_driven:steady",
         "folder": str(Path(__file__).parent),
     }
-    run = made.driven_by("steady", driver_options("steady", options), 0.0)
+    run = made.driven_by("steady", driver_options("steady", options), ZERO_LATENCY)
     driven(run)  # imports, kernels and the server of models are there now
     found = [driven(run) for _ in range(ROUNDS)]
     rates = [rate for rate, _ in found]

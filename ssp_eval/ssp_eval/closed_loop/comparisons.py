@@ -9,6 +9,7 @@ from itertools import combinations, product
 
 import numpy as np
 
+from ssp_core.run_file.latency import Latency
 from ssp_eval.closed_loop.folder import Run
 from ssp_eval.statistics.bootstrap import RESAMPLES, SEED
 from ssp_eval.statistics.paired import Test, mcnemar
@@ -39,7 +40,7 @@ class Pair:
         test: its ``more`` are starts on which the first succeeds more often than the second.
     """
 
-    latency_s: float
+    latency: Latency
     first: str
     second: str
     starts: int
@@ -56,24 +57,24 @@ class OverEvents:
     """
 
     driver: str
-    latency_s: float
+    latency: Latency
     events: int
     headline: float | None
     interval: Interval
 
 
-def shares_of(runs: Iterable[Run]) -> dict[tuple[str, float], dict[Place, float]]:
+def shares_of(runs: Iterable[Run]) -> dict[tuple[str, Latency], dict[Place, float]]:
     """Return by driver and latency the share of successful runs of each (event, start).
 
     A run that stayed ``harness`` is no run; a driver without rates has no shares.
     """
     there = list(runs)
     without = drivers_without_rates([run.row for run in there])
-    found: dict[tuple[str, float], dict[Place, list[bool]]] = {}
+    found: dict[tuple[str, Latency], dict[Place, list[bool]]] = {}
     for run in there:
         row = run.row
         if row.outcome != HARNESS and row.driver not in without:
-            cell = found.setdefault((row.driver, row.latency_s), {})
+            cell = found.setdefault((row.driver, row.latency), {})
             cell.setdefault((row.event, row.start), []).append(row.succeeds)
     return {
         cell: {place: sum(each) / len(each) for place, each in of_cell.items()}
@@ -96,23 +97,23 @@ def pairs_of(
     """
     each = [*combinations(drivers, 2)] if others is None else [*product(drivers, others)]
     shares = shares_of(runs)
-    latencies = sorted({latency_s for _, latency_s in shares})
+    latencies = sorted({latency for _, latency in shares})
     found = []
-    for latency_s in latencies:
+    for latency in latencies:
         for first, second in each:
-            one = shares.get((first, latency_s), {})
-            other = shares.get((second, latency_s), {})
+            one = shares.get((first, latency), {})
+            other = shares.get((second, latency), {})
             both = sorted(one.keys() & other.keys())
             if both:
                 more = sum(one[place] > other[place] for place in both)
                 fewer = sum(one[place] < other[place] for place in both)
-                found.append(Pair(latency_s, first, second, len(both), mcnemar(more, fewer)))
+                found.append(Pair(latency, first, second, len(both), mcnemar(more, fewer)))
     return found
 
 
 def over_events(
     runs: Sequence[Run],
-    headlines: Mapping[tuple[str, str, float], float | None],
+    headlines: Mapping[tuple[str, str, Latency], float | None],
     resamples: int = RESAMPLES,
     seed: int = SEED,
 ) -> list[OverEvents]:
@@ -126,21 +127,21 @@ def over_events(
     """
     shares = shares_of(runs)
     found = []
-    for driver, latency_s in dict.fromkeys((key[1], key[2]) for key in headlines):
-        own = {k[0]: v for k, v in headlines.items() if k[1:] == (driver, latency_s)}
+    for driver, latency in dict.fromkeys((key[1], key[2]) for key in headlines):
+        own = {k[0]: v for k, v in headlines.items() if k[1:] == (driver, latency)}
         values = [v for v in own.values() if v is not None]
         whole = len(values) == len(own)
         headline = math.fsum(values) / len(values) if values and whole else None
         interval = NO_INTERVAL
         if headline is not None and len(own) >= LEAST_EVENTS:
             by_event = [
-                [v for (event, _), v in shares[driver, latency_s].items() if event == name]
+                [v for (event, _), v in shares[driver, latency].items() if event == name]
                 for name in own
             ]
-            samples = _resampled(by_event, resamples, seed, driver, f"{latency_s:g}")
+            samples = _resampled(by_event, resamples, seed, driver, str(latency))
             interval = percentile_interval(samples, reach(len(own)))
             interval = Interval(max(interval.low or 0.0, 0.0), min(interval.high or 0.0, 1.0))
-        found.append(OverEvents(driver, latency_s, len(own), headline, interval))
+        found.append(OverEvents(driver, latency, len(own), headline, interval))
     return found
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
 
+from ssp_core.run_file.latency import Latency
 from ssp_eval import pages
 from ssp_eval.closed_loop.folder import LoopCampaign, Run
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
@@ -45,7 +46,7 @@ def outcome_plot(driver: str, runs: Sequence[Run], rates: Sequence[Rates]) -> st
     floor, height = _HEIGHT - _BOTTOM, _HEIGHT - _BOTTOM - _TOP
     parts = [pages.element("line", x1=_LEFT, x2=_WIDTH - _LEFT, y1=floor, y2=floor, class_="base")]
     for k, one in enumerate(rates):
-        own = [run for run in runs if run.row.latency_s == one.latency_s]
+        own = [run for run in runs if run.row.latency == one.latency]
         x, top = _LEFT + (k + (1 - _BAR) / 2) * room, floor
         for share, count in counts_of(own).items():
             if not count:
@@ -53,8 +54,7 @@ def outcome_plot(driver: str, runs: Sequence[Run], rates: Sequence[Rates]) -> st
             part = height * count / len(own)
             top -= part
             told = pages.title(
-                f"{driver}, L = {one.latency_s:g} s: {count} of {len(own)} "
-                f"{share.replace('_', ' ')}"
+                f"{driver}, {one.latency.words}: {count} of {len(own)} {share.replace('_', ' ')}"
             )
             kind = class_of(share)
             parts.append(
@@ -64,7 +64,7 @@ def outcome_plot(driver: str, runs: Sequence[Run], rates: Sequence[Rates]) -> st
         shown = "–" if one.headline is None else f"{one.headline:.2f}"
         parts += [
             pages.text(middle, _TOP - 7, shown, text_anchor="middle", class_="value"),
-            pages.text(middle, floor + 15, f"{one.latency_s:g}", text_anchor="middle"),
+            pages.text(middle, floor + 15, one.latency.shown, text_anchor="middle"),
         ]
     parts.append(pages.text(_WIDTH / 2, _HEIGHT - 4, "L, s", text_anchor="middle"))
     named = f"Outcomes of {driver} over latency"
@@ -91,7 +91,7 @@ class Chain:
     """
 
     driver: str
-    latency_s: float
+    latency: Latency
     wait_s: float | None
     answer_s: float | None
     response_s: float | None
@@ -112,14 +112,14 @@ class Chain:
 
 def chains_of(campaign: LoopCampaign, event: str) -> list[Chain]:
     """Return the chains of all drivers that answer questions, in the order of the table."""
-    cells: dict[tuple[str, float], list[Run]] = {}
+    cells: dict[tuple[str, Latency], list[Run]] = {}
     for run in campaign.critical:
         if run.row.event == event and run.cells["frame_s"]:
-            cells.setdefault((run.row.driver, run.row.latency_s), []).append(run)
-    return [_chain(driver, latency_s, runs) for (driver, latency_s), runs in cells.items()]
+            cells.setdefault((run.row.driver, run.row.latency), []).append(run)
+    return [_chain(driver, latency, runs) for (driver, latency), runs in cells.items()]
 
 
-def _chain(driver: str, latency_s: float, runs: Sequence[Run]) -> Chain:
+def _chain(driver: str, latency: Latency, runs: Sequence[Run]) -> Chain:
     names = ("observable_s", "frame_s", "effective_s", "response_s")
     steps: list[float | None] = []
     for begin, end in pairwise(names):
@@ -130,4 +130,4 @@ def _chain(driver: str, latency_s: float, runs: Sequence[Run]) -> Chain:
         ]
         steps.append(median(values) if values else None)
     responded = sum(bool(run.cells["response_s"]) for run in runs)
-    return Chain(driver, latency_s, steps[0], steps[1], steps[2], responded, len(runs))
+    return Chain(driver, latency, steps[0], steps[1], steps[2], responded, len(runs))

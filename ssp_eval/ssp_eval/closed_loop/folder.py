@@ -111,7 +111,7 @@ def _runs(path: Path) -> list[Run]:
 def _run(path: Path, number: int, row: Sequence[str]) -> Run:
     try:
         return Run(number, read_row(list(row)), dict(zip(RUN_COLUMNS, row, strict=True)))
-    except ValueError as error:
+    except (ValueError, InputError) as error:
         raise InputError(
             f"is no row of a campaign: {error}",
             file=path,

@@ -129,7 +129,7 @@ def _part(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> dict[s
                             [run for run in runs if run.row.driver == driver],
                             sorted(
                                 (one for one in rates if one.driver == driver),
-                                key=lambda one: one.latency_s,
+                                key=lambda one: one.latency,
                             ),
                         )
                     ),
@@ -182,7 +182,7 @@ def _with_words(chain: Chain) -> dict[str, Any]:
         told += f"; no response in {chain.runs - chain.responded} of {chain.runs}"
     return {
         "driver": chain.driver,
-        "latency_s": chain.latency_s,
+        "latency": chain.latency,
         "parts": chain.parts,
         "told": told,
     }
@@ -216,7 +216,7 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
             lost = one.planned - one.driven
             found.append(
                 (
-                    f"{one.driver} on {one.event} at L = {one.latency_s:g} s has no rate: our side "
+                    f"{one.driver} on {one.event} at {one.latency.words} has no rate: our side "
                     f"failed in {lost} of {one.planned} runs.",
                     True,
                 )
@@ -224,7 +224,7 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
         if one.starved:
             found.append(
                 (
-                    f"{one.driver} on {one.event} at L = {one.latency_s:g} s is starved in "
+                    f"{one.driver} on {one.event} at {one.latency.words} is starved in "
                     f"{one.starved} of {one.planned} runs: its plans end before the next can be "
                     "effective. It is shown, not ranked.",
                     False,
@@ -263,14 +263,26 @@ def card_rows(card: Mapping[str, Any]) -> list[tuple[str, str]]:
     rows = []
     for key, value in card.items():
         if key == "latencies":
-            for one in value:
-                shown = f"p50 {one['p50_s']:g} s, p99 {one['p99_s']:g} s, {one['contains']}"
-                rows.append((f"L {one['given']}", shown))
+            rows += [(f"L {one['given']}", _latency_words(one)) for one in value]
         elif isinstance(value, Mapping):
             rows += [(f"{key}: {name}".replace("_", " "), _words(v)) for name, v in value.items()]
         else:
             rows.append((key.replace("_", " "), _words(value)))
     return rows
+
+
+def _latency_words(latency: Mapping[str, Any]) -> str:
+    if latency["p50_s"] is None:
+        return f"measured, not known until all runs are done; {latency['contains']}"
+    words = f"p50 {latency['p50_s']:.3g} s, p99 {latency['p99_s']:.3g} s, {latency['contains']}"
+    if "answers" not in latency:
+        return words
+    return (
+        f"{words}; {counted(latency['answers'], 'answer')}, medians of the parts: encoding "
+        f"{latency['encoding_p50_s']:.3g} s, transport and inference "
+        f"{latency['transport_and_inference_p50_s']:.3g} s, parsing "
+        f"{latency['parsing_p50_s']:.3g} s; {latency['over_bound']} above the bound"
+    )
 
 
 def _words(value: Any) -> str:

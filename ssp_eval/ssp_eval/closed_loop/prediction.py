@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from statistics import fmean
 
+from ssp_core.run_file.latency import Latency
 from ssp_eval.closed_loop.folder import LoopCampaign
 from ssp_eval.closed_loop.tables import groups_of
 from ssp_eval.score.metrics import COMPONENTS
@@ -42,7 +43,7 @@ class Prediction:
     """
 
     event: str
-    latency_s: float
+    latency: Latency
     metric: str
     n: int
     rho: float | None
@@ -82,19 +83,19 @@ def predict(
     """
     models = {one.shown for one in campaign.plan.everybody if one.driver not in BASELINES}
     group_of = {name: k for k, group in enumerate(groups_of(campaign)) for name in group}
-    cells: dict[tuple[str, float, int], list[Point]] = {}
+    cells: dict[tuple[str, Latency, int], list[Point]] = {}
     for one in campaign.rates:
         score = scores.get((one.event, one.driver))
         if one.driver not in models or one.starved or score is None or one.headline is None:
             continue
         if one.low is None or one.high is None:
             continue
-        cell = one.event, one.latency_s, group_of[one.driver]
+        cell = one.event, one.latency, group_of[one.driver]
         points = cells.setdefault(cell, [])
         points.append(Point(one.driver, score, one.headline, one.low, one.high))
     return [
-        Prediction(event, latency_s, metric, len(points), rho_of(points), inversions_of(points))
-        for (event, latency_s, _), points in cells.items()
+        Prediction(event, latency, metric, len(points), rho_of(points), inversions_of(points))
+        for (event, latency, _), points in cells.items()
     ]
 
 
@@ -137,7 +138,7 @@ def prediction_table(campaign: LoopCampaign, rows: Sequence[CellRow]) -> Table:
         "Open loop against closed loop",
         (
             Column("event", "event", "text"),
-            Column("latency_s", "L, s", "number"),
+            Column("latency", "L, s", "number"),
             Column("metric", "score", "text"),
             Column("n", "drivers", "count"),
             Column("rho", "ρ", "signed"),
@@ -145,7 +146,7 @@ def prediction_table(campaign: LoopCampaign, rows: Sequence[CellRow]) -> Table:
         ),
         tuple(
             (
-                *(o.event, o.latency_s, o.metric, o.n, o.rho),
+                *(o.event, o.latency.shown, o.metric, o.n, o.rho),
                 ", ".join(f"{a} over {b}" for a, b in o.inversions),
             )
             for o in found

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from statistics import median
 
+from ssp_core.run_file.latency import Latency
 from ssp_eval.closed_loop.comparisons import LEAST_EVENTS, Pair, over_events, pairs_of
 from ssp_eval.closed_loop.folder import LoopCampaign, Run
 from ssp_eval.score.cli import NULL
@@ -73,15 +74,15 @@ def with_ends(value: float | None, low: float | None, high: float | None) -> str
 
 def headline_table(campaign: LoopCampaign, event: str, drivers: Sequence[str]) -> Table:
     """Return the headlines of one event: drivers over latencies."""
-    by_place = {(one.driver, one.latency_s): one for one in campaign.rates if one.event == event}
-    latencies = sorted({latency_s for _, latency_s in by_place})
+    by_place = {(one.driver, one.latency): one for one in campaign.rates if one.event == event}
+    latencies = sorted({latency for _, latency in by_place})
     columns = [Column("driver", "driver", "text"), Column("rank", "", "text")]
-    columns += [Column(f"l_{k}", f"L = {value:g} s", "text") for k, value in enumerate(latencies)]
+    columns += [Column(f"l_{k}", value.words, "text") for k, value in enumerate(latencies)]
     rows = []
     for driver in drivers:
         cells: list[Value] = []
-        for latency_s in latencies:
-            one = by_place.get((driver, latency_s))
+        for latency in latencies:
+            one = by_place.get((driver, latency))
             cells.append(NULL if one is None else with_ends(one.headline, one.low, one.high))
         marked = "privileged" if campaign.card(driver)["privileged"] else ""
         rows.append((driver, marked, *cells))
@@ -93,7 +94,7 @@ def outcome_table(rates: Iterable[Rates], event: str, drivers: Sequence[str]) ->
     own = [one for one in rates if one.event == event and one.driver in drivers]
     there = [k for k in range(len(OUTCOMES)) if any(one.outcomes[k] for one in own)]
     columns = (
-        *(Column("driver", "driver", "text"), Column("latency_s", "L, s", "number")),
+        *(Column("driver", "driver", "text"), Column("latency", "L, s", "number")),
         *(Column("planned", "runs", "count"), Column("worst", "worst case", "decimal")),
         *(Column(OUTCOMES[k], OUTCOMES[k].replace("_", " "), "count") for k in there),
         *(Column("needless", "needless", "count"), Column("starved", "starved", "count")),
@@ -101,7 +102,7 @@ def outcome_table(rates: Iterable[Rates], event: str, drivers: Sequence[str]) ->
     )
     rows = tuple(
         (
-            *(one.driver, one.latency_s, one.planned, one.worst),
+            *(one.driver, one.latency.shown, one.planned, one.worst),
             *(one.outcomes[k] for k in there),
             *(one.needless, one.starved, one.within_sd, one.between_sd),
         )
@@ -112,15 +113,15 @@ def outcome_table(rates: Iterable[Rates], event: str, drivers: Sequence[str]) ->
 
 def severity_table(campaign: LoopCampaign, event: str, drivers: Sequence[str]) -> Table:
     """Return the means of the measures of harm, each with the number of runs that have it."""
-    columns = [Column("driver", "driver", "text"), Column("latency_s", "L, s", "number")]
+    columns = [Column("driver", "driver", "text"), Column("latency", "L, s", "number")]
     columns += [Column(name, title, "text") for name, title in _SEVERITY]
     rows: list[tuple[Value, ...]] = []
-    cells: dict[tuple[str, float], list[Run]] = {}
+    cells: dict[tuple[str, Latency], list[Run]] = {}
     for run in campaign.critical:
         if run.row.event == event and run.row.driver in drivers:
-            cells.setdefault((run.row.driver, run.row.latency_s), []).append(run)
-    for (driver, latency_s), runs in cells.items():
-        rows.append((driver, latency_s, *(_middle(runs, name) for name, _ in _SEVERITY)))
+            cells.setdefault((run.row.driver, run.row.latency), []).append(run)
+    for (driver, latency), runs in cells.items():
+        rows.append((driver, latency.shown, *(_middle(runs, name) for name, _ in _SEVERITY)))
     return Table(
         f"severity_{event}",
         event,
@@ -148,14 +149,14 @@ def _middle(runs: Sequence[Run], name: str) -> str:
 def over_events_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
     """Return the headlines over events, with an interval from eight events on."""
     headlines = {
-        (one.event, one.driver, one.latency_s): one.headline
+        (one.event, one.driver, one.latency): one.headline
         for one in campaign.rates
         if one.driver in drivers
     }
     found = over_events(campaign.critical, headlines)
-    latencies = sorted({one.latency_s for one in found})
+    latencies = sorted({one.latency for one in found})
     cells = {
-        (one.driver, one.latency_s): with_ends(one.headline, one.interval.low, one.interval.high)
+        (one.driver, one.latency): with_ends(one.headline, one.interval.low, one.interval.high)
         + (f" ({one.events})" if one.events < len(campaign.plan.events) else "")
         for one in found
     }
@@ -170,12 +171,12 @@ def over_events_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
         "Headline over events",
         (
             Column("driver", "driver", "text"),
-            *(Column(f"l_{k}", f"L = {s:g} s", "text") for k, s in enumerate(latencies)),
+            *(Column(f"l_{k}", s.words, "text") for k, s in enumerate(latencies)),
         ),
         tuple(
-            (driver, *(cells.get((driver, latency_s), NULL) for latency_s in latencies))
+            (driver, *(cells.get((driver, latency), NULL) for latency in latencies))
             for driver in drivers
-            if any((driver, latency_s) in cells for latency_s in latencies)
+            if any((driver, latency) in cells for latency in latencies)
         ),
         notes=(
             "Each event counts once; in brackets how many, where a driver isn't defined for all. "
@@ -229,7 +230,7 @@ def _pairs(name: str, what: str, campaign: LoopCampaign, pairs: Sequence[Pair]) 
         (
             Column("first", "driver", "text"),
             Column("second", "against", "text"),
-            Column("latency_s", "L, s", "number"),
+            Column("latency", "L, s", "number"),
             Column("starts", "starts", "count"),
             Column("more", "first alone", "count"),
             Column("fewer", "second alone", "count"),
@@ -238,7 +239,7 @@ def _pairs(name: str, what: str, campaign: LoopCampaign, pairs: Sequence[Pair]) 
         ),
         tuple(
             (
-                *(o.first, o.second, o.latency_s, o.starts),
+                *(o.first, o.second, o.latency.shown, o.starts),
                 *(o.test.more, o.test.fewer, o.test.p, o.test.p_least),
             )
             for o in pairs

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 from ssp_core.errors import InputError
+from ssp_core.run_file.latency import Latency
 from ssp_eval.closed_loop.folder import LoopCampaign
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.statistics.table import Column, Table
@@ -45,7 +46,7 @@ class Words:
     """
 
     driver: str
-    latency_s: float
+    latency: Latency
     runs: int
     only_said: int
     only_done: int
@@ -98,24 +99,24 @@ def words_of(
         action: finds the longitudinal action of a text.
     """
     runs = {run.number: run for run in campaign.critical}
-    marks: dict[tuple[str, float], dict[int, tuple[bool, bool]]] = {}
+    marks: dict[tuple[str, Latency], dict[int, tuple[bool, bool]]] = {}
     for one in said:
         run, stated = runs.get(one.row), action(one.text)
         if run is None or stated is None or one.speed_mps < SLOWS_MPS:
             continue
         brakes, slows = stated in _BRAKES, one.slows_mps >= SLOWS_MPS
-        cell = marks.setdefault((run.row.driver, run.row.latency_s), {})
+        cell = marks.setdefault((run.row.driver, run.row.latency), {})
         only_said, only_done = cell.get(one.row, (False, False))
         cell[one.row] = only_said or (brakes and not slows), only_done or (slows and not brakes)
     return [
         Words(
             driver,
-            latency_s,
+            latency,
             len(cell),
             sum(only_said for only_said, _ in cell.values()),
             sum(only_done for _, only_done in cell.values()),
         )
-        for (driver, latency_s), cell in sorted(marks.items())
+        for (driver, latency), cell in sorted(marks.items())
     ]
 
 
@@ -130,13 +131,13 @@ def words_table(campaign: LoopCampaign) -> Table | None:
         "Words against deeds",
         (
             Column("driver", "driver", "text"),
-            Column("latency_s", "L, s", "number"),
+            Column("latency", "L, s", "number"),
             Column("runs", "runs with words", "count"),
             Column("only_said", "says it brakes, doesn't", "decimal"),
             Column("only_done", "brakes, says otherwise", "decimal"),
         ),
         tuple(
-            (o.driver, o.latency_s, o.runs, o.only_said / o.runs, o.only_done / o.runs)
+            (o.driver, o.latency.shown, o.runs, o.only_said / o.runs, o.only_done / o.runs)
             for o in found
         ),
         notes=(

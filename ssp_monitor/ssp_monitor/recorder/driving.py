@@ -42,7 +42,7 @@ def drive_messages(
     """
     if report.asked is not None:
         yield names.vla_request_topic(driven.driver), _request(report.asked)
-        if report.given is not None:
+        if report.given is not None and driven.latency.measured:
             yield names.vla_latency_topic(driven.driver), _latency(report.asked, report.given)
     if report.answered is not None:
         yield names.vla_response_topic(driven.driver), _response(driven, report.answered)

@@ -134,7 +134,7 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
     if run.driven is not None:
         add(names.vla_request_topic(run.driven.driver), "VlaRequest", command)
         add(names.vla_response_topic(run.driven.driver), "VlaResponse", command)
-        if run.driven.measured_up_to_s is not None:
+        if run.driven.latency.measured:
             latency = names.vla_latency_topic(run.driven.driver)
             add(latency, "diagnostic_msgs/msg/DiagnosticArray", command)
         add(names.reference_topic(run.vut.id), "Reference", command)

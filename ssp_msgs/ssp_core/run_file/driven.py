@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
-from ssp_core.run_file.values import Finite, NonNegative, Positive, Strict
+from ssp_core.run_file.latency import ZERO_LATENCY, LatencyField
+from ssp_core.run_file.values import NonNegative, Positive, Strict
 
 # A part of topics, as a model's name is.
 _NAME = r"^[A-Za-z][A-Za-z0-9_]{0,63}$"
@@ -24,11 +25,8 @@ class Driven(Strict):
 
     driver: DriverName
     options: dict[str, Any] = Field({}, description="of the driver")
-    latency_s: Annotated[Finite, Field(ge=0, le=10)] = Field(
-        0.0, description="L: from a frame's stamp until its answer is effective"
-    )
-    measured_up_to_s: Annotated[Finite, Field(ge=0, le=10)] | None = Field(
-        None, description="L is measured, this is its declared bound; null: it is latency_s"
+    latency: LatencyField = Field(
+        ZERO_LATENCY, description="L: zero, fixed:S, or measured:S with its declared bound"
     )
     first_request_s: NonNegative = Field(description="no frame before it is asked about")
     hand_over_s: NonNegative = Field(description="t_h")

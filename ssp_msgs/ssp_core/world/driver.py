@@ -237,7 +237,7 @@ class DriveReport:
         answered: became effective in this step.
         effective: reference that is tracked from this step on, where it is a new one.
         asked: the question of this step's frame.
-        given: what came of it, where its latency is measured.
+        given: what came of it.
         died: why the driver gives no answers any more; empty: it does.
         dies: why it ends with the question that is open; empty: it doesn't.
     """

@@ -97,9 +97,8 @@ class Pilot:
         self._first_ns = seconds_to_ns(driven.first_request_s)
         self._hand_over_ns = seconds_to_ns(driven.hand_over_s)
         # None: it is measured.
-        self._latency_ns = (
-            seconds_to_ns(driven.latency_s) if driven.measured_up_to_s is None else None
-        )
+        given = driven.latency
+        self._latency_ns = None if given.measured else seconds_to_ns(given.seconds)
         self._frames, self._fresh = frames, FreshFrames()
         self._seeing = driver if isinstance(driver, SeeingDriver) else None
         kept_s = HISTORY_S
@@ -138,8 +137,7 @@ class Pilot:
             if not self._seen or self._seen[-1].stamp_ns < vut.stamp_ns:
                 self._seen.append(vut)
             if self._open is None and now_ns >= self._first_ns and not self._died:
-                asked, got = self._ask(self._driver, now_ns, vut, truths)
-                given = got if self._latency_ns is None else None
+                asked, given = self._ask(self._driver, now_ns, vut, truths)
                 # Without latency it is effective in the step of its frame.
                 answered = self._due(now_ns) or answered
         mode, reference, fresh = DriveMode.COMMAND, self._approach, None

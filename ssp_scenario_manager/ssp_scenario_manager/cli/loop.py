@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -15,11 +16,14 @@ from rich.progress import Progress
 from ssp_core import console
 from ssp_core.files import make_folder, taken_folder
 from ssp_core.options import WholeNumber
+from ssp_core.processes import measuring_alone
 from ssp_scenario_manager.closed_loop.again import run_of_row
+from ssp_scenario_manager.closed_loop.answers import repeated
+from ssp_scenario_manager.closed_loop.bags import Bags, bag_rows, write_bags
 from ssp_scenario_manager.closed_loop.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.plan_file import load_plan
 from ssp_scenario_manager.closed_loop.rates import Rates
-from ssp_scenario_manager.closed_loop.tables import TABLE_FILE
+from ssp_scenario_manager.closed_loop.tables import RUNS_FILE, TABLE_FILE, rows_there
 from ssp_scenario_manager.closed_loop.top_view import told_with_view
 from ssp_scenario_manager.compile.task import TASK_FOLDER
 from ssp_scenario_manager.run.sweep import for_one_process, run_one
@@ -44,12 +48,23 @@ AGAIN_FOLDER = "again"
     help="With the folder of a campaign instead of its plan: drive the run of this row of runs.csv "
     "again, and leave its bag and a view from above.",
 )
+@click.option(
+    "--bags",
+    type=click.Choice(["all", "failed", "none"]),
+    default="failed",
+    help="Runs that leave a bag in OUT/bags; failed: those that are no success, and all runs on "
+    "the first start of each event. A finished campaign is given what it has not.  "
+    "[default: failed]",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the table as JSON.")
-def loop(plan_file: Path, out: Path | None, jobs: int, again: int | None, as_json: bool) -> int:
+def loop(
+    plan_file: Path, out: Path | None, jobs: int, again: int | None, bags: Bags, as_json: bool
+) -> int:
     """Run the campaign of PLAN_FILE: events × drivers × latencies × starts × repeats.
 
     It leaves plan.json, starts.json and cards.json (sealed before a driver runs), runs.csv (a row
     per run) and table.csv (a row per event, driver and latency); `ssp report` makes a page of them.
+    The bags of runs lie in bags/ROW, each in a folder as `ssp run` leaves it.
     Exit status 1 where a baseline that must have a headline of 0 has another one.
 
     \b
@@ -64,10 +79,14 @@ def loop(plan_file: Path, out: Path | None, jobs: int, again: int | None, as_jso
         raise click.UsageError("give the folder of the campaign with --out")
     plan = load_plan(plan_file)
     make_folder(out)
-    with taken_folder(out), console.progress("runs", None, estimated=True) as bar:
-        rates, refused = run_campaign(plan, out, jobs, _counted(bar), console.note)
+    with taken_folder(out):
+        with console.progress("runs", None, estimated=True) as bar:
+            rates, refused = run_campaign(plan, out, jobs, _counted(bar), console.note)
+        recorded = list(bag_rows(plan, rows_there(out / RUNS_FILE), bags))
+        with console.progress("bags", None, estimated=True) as bar:
+            write_bags(out, recorded, jobs, _counted(bar))
     if as_json:
-        click.echo(json.dumps([asdict(one) for one in rates]))
+        click.echo(json.dumps([{**asdict(one), "latency": str(one.latency)} for one in rates]))
     else:
         for one in rates:
             console.out.print(_line(one), markup=False)
@@ -92,20 +111,29 @@ def _counted(bar: Progress) -> Callable[[int, int], None]:
 
 def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
     """Drive one run of a campaign again."""
-    run, task = run_of_row(campaign, row)
+    again = run_of_row(campaign, row)
     folder = out or campaign / AGAIN_FOLDER / str(row)
     make_folder(folder)
     with taken_folder(folder, empty=True):
-        shutil.copytree(task, folder / TASK_FOLDER)
-        spec = for_one_process(run.model_copy(update={"run_id": folder.name}), camera=True)
-        told = run_one(
-            spec, folder, as_json, recorded=True, further=partial(told_with_view, folder, None)
-        )
+        shutil.copytree(again.task, folder / TASK_FOLDER)
+        spec = for_one_process(again.run.model_copy(update={"run_id": folder.name}), camera=True)
+        measures = again.asks_anew and spec.driven is not None and spec.driven.latency.measured
+        if again.asks_anew:
+            console.note("our side failed this run, whose answers aren't kept: the model is asked")
+        with measuring_alone(console.note) if measures else nullcontext():
+            told = run_one(
+                spec,
+                folder,
+                as_json,
+                recorded=True,
+                further=partial(told_with_view, folder, again.kept),
+                answers=repeated(again.kept),
+            )
     return 0 if told["verdict"] == "valid" else 1
 
 
 def _line(one: Rates) -> str:
-    place = f"{one.event:18} {one.driver:18} L {one.latency_s:<5g} "
+    place = f"{one.event:18} {one.driver:18} L {one.latency.shown:<8} "
     if one.headline is None or one.low is None or one.high is None:
         return place + f"no rate, {one.planned - one.driven} of {one.planned} failed on our side"
     return place + f"{one.headline:.2f} [{one.low:.2f}, {one.high:.2f}] of {one.driven}"

@@ -7,6 +7,7 @@ import shutil
 import tempfile
 import time
 from collections import Counter
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,17 +20,17 @@ from ssp_core.carla.address import SCHEME, parse_address
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
 from ssp_core.options import WholeNumber
-from ssp_core.processes import check_shared_memory
+from ssp_core.processes import check_shared_memory, measuring_alone
 from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.driver import sees_frames
+from ssp_scenario_manager.closed_loop.answers import KeptAnswers, repeated
 from ssp_scenario_manager.closed_loop.single import (
     Drive,
     driven_run,
     kept_answers,
     parse_drive,
-    repeated,
 )
 from ssp_scenario_manager.closed_loop.top_view import told_with_view
 from ssp_scenario_manager.compile.changes import differences, with_value
@@ -290,15 +291,16 @@ def run(
         shutil.move(draft / TASK_FOLDER, folder / TASK_FOLDER)
     if in_process:
         drawn_by = servers.get(names.FRONT_CAMERA)
-        told = run_one(
-            spec,
-            folder,
-            as_json,
-            recorded=record,
-            server=drawn_by,
-            further=partial(told_with_view, folder, kept),
-            answers=repeated(kept),
-        )
+        with measuring_alone(console.note) if _measures(spec, kept) else nullcontext():
+            told = run_one(
+                spec,
+                folder,
+                as_json,
+                recorded=record,
+                server=drawn_by,
+                further=partial(told_with_view, folder, kept),
+                answers=repeated(kept),
+            )
         if junit is not None:
             write_junit(junit, "ssp run", [_case(spec, folder, told)])
         return 0 if told["verdict"] == "valid" else 1
@@ -349,6 +351,14 @@ def _drive(
     if not in_process or swept:
         raise click.UsageError("--drive needs --in-process, and goes with one run")
     return parse_drive(text, latency or "zero", models_file)
+
+
+def _measures(spec: RunSpec, kept: KeptAnswers | None) -> bool:
+    """Tell whether a model is asked, and the time that it takes is measured."""
+    driven = spec.driven
+    if driven is None or kept is not None:
+        return False
+    return driven.latency.measured and sees_frames(driven.driver)
 
 
 def _check_driven(spec: RunSpec, what: str, *, in_process: bool, swept: bool) -> None:

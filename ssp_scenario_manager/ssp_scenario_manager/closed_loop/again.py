@@ -2,26 +2,50 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
+from ssp_scenario_manager.closed_loop.answers import KeptAnswers, load_answers, row_file
 from ssp_scenario_manager.closed_loop.careful import CAREFUL
 from ssp_scenario_manager.closed_loop.runs import drivable, identity_of, jobs_of
 from ssp_scenario_manager.closed_loop.seal import TASKS_FOLDER, sealed_plan, sealed_starts
-from ssp_scenario_manager.closed_loop.tables import RUNS_FILE, rows_there
+from ssp_scenario_manager.closed_loop.start import Start
+from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, RUNS_FILE, Row, rows_there
 from ssp_scenario_manager.compile.task import TASK_FOLDER
 
 
-def run_of_row(folder: Path, number: int) -> tuple[RunSpec, Path]:
-    """Return the run of one row of a campaign, and the folder of its event's task.
+@dataclass(frozen=True, slots=True)
+class RowRun:
+    """One row of a campaign, to be driven again.
+
+    Args:
+        start: with its twin.
+        row: of ``runs.csv``.
+        run: as it was driven.
+        task: folder of its event's task.
+        kept: answers that a model repeats; None: it is asked anew, or the driver is a baseline.
+        asks_anew: a model whose answers aren't kept, since our side failed its run.
+    """
+
+    start: Start
+    row: Row
+    run: RunSpec
+    task: Path
+    kept: KeptAnswers | None
+    asks_anew: bool
+
+
+def run_of_row(folder: Path, number: int) -> RowRun:
+    """Return the run of one row of a campaign.
 
     Args:
         folder: of the campaign.
         number: of the row in ``runs.csv``, from 1.
 
     Raises:
-        InputError: it is no campaign, or has no such row.
+        InputError: it is no campaign, or has no such row, or the row's answers were removed.
     """
     plan, _ = sealed_plan(folder)
     rows = rows_there(folder / RUNS_FILE)
@@ -44,6 +68,12 @@ def run_of_row(folder: Path, number: int) -> tuple[RunSpec, Path]:
                 value=number,
             )
         task = folder / TASKS_FOLDER / str(plan.events.index(wanted[left][0])) / TASK_FOLDER
-        latency_s = job.latencies_s[left // job.repeats]
-        return drivable(job.start).driven_by(job.driver.driver, job.driver.options, latency_s), task
+        latency = job.latencies[left // job.repeats]
+        start = drivable(job.start)
+        run = start.driven_by(job.driver.driver, job.driver.options, latency)
+        is_model = job.driver.is_model
+        is_kept = is_model and rows[number - 1][RUN_COLUMNS.index("outcome")] != "harness"
+        path = row_file(folder, number)
+        kept = load_answers(path, "let the campaign be driven anew") if is_kept else None
+        return RowRun(start, rows[number - 1], run, task, kept, asks_anew=is_model and not is_kept)
     raise InputError("isn't of this campaign's plan", file=folder / RUNS_FILE, value=number)

@@ -1,9 +1,12 @@
-"""The answers of a run with measured latency, kept beside it: with them it is driven again."""
+"""The answers of a model's run, kept beside it: with them it is driven again.
+
+A campaign keeps those of each row, so that a run that failed is seen again as it was.
+"""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,11 +14,16 @@ from pydantic import TypeAdapter, ValidationError
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
-from ssp_core.world.driver import RecordedAnswer
+from ssp_core.run_file.driven import Driven
+from ssp_core.world.driver import LatencyParts, RecordedAnswer
 from ssp_scenario_manager.run.in_process import Record
 
 ANSWERS_FILE = "answers.json"
+ANSWERS_FOLDER = "answers"  # of a campaign, by row
 ANSWERS_SCHEMA: Literal["ssp.driven_answers/1"] = "ssp.driven_answers/1"
+
+
+_NO_TIME = LatencyParts(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,29 +43,49 @@ class KeptAnswers:
 _FORM: TypeAdapter[KeptAnswers] = TypeAdapter(KeptAnswers)
 
 
-def answers_of(record: Record) -> tuple[RecordedAnswer, ...]:
-    """Return the answers of a run whose latency was measured."""
+def answers_of(driven: Driven, record: Record) -> tuple[RecordedAnswer, ...]:
+    """Return the answers of a run; without the time that they took where L is fixed.
+
+    Args:
+        driven: the driver.
+        record: of the run.
+    """
     drives = [report.drive for report in record.reports if report.drive is not None]
     return tuple(
-        RecordedAnswer(drive.asked.sha256, drive.given)
+        RecordedAnswer(
+            drive.asked.sha256,
+            drive.given if driven.latency.measured else replace(drive.given, latency=_NO_TIME),
+        )
         for drive in drives
         if drive.asked is not None and drive.given is not None
     )
 
 
-def save_answers(folder: Path, kept: KeptAnswers) -> None:
-    """Write the file of a run's folder; numbers that aren't finite stand in it as such."""
-    write_text(folder / ANSWERS_FILE, json.dumps(asdict(kept)) + "\n")
+def row_file(campaign: Path, row: int) -> Path:
+    """Return the file of the answers of a campaign's row.
+
+    Args:
+        campaign: its folder.
+        row: of ``runs.csv``, from 1.
+    """
+    return campaign / ANSWERS_FOLDER / f"{row:06d}.json"
 
 
-def load_answers(folder: Path) -> KeptAnswers:
-    """Read the file of a run's folder.
+def save_answers(path: Path, kept: KeptAnswers) -> None:
+    """Write a file of answers; numbers that aren't finite stand in it as such."""
+    write_text(path, json.dumps(asdict(kept)) + "\n")
+
+
+def load_answers(path: Path, remedy: str) -> KeptAnswers:
+    """Read a file of answers.
+
+    Args:
+        path: of the file.
+        remedy: what a person does without it.
 
     Raises:
         InputError: it isn't there, or isn't what was written.
     """
-    path = folder / ANSWERS_FILE
-    remedy = "give --drive, and the model is asked again"
     try:
         value: Any = json.loads(path.read_text())
     except FileNotFoundError:
@@ -70,3 +98,10 @@ def load_answers(folder: Path) -> KeptAnswers:
         first = error.errors(include_url=False)[0]
         field = ".".join(map(str, first["loc"]))
         raise InputError(first["msg"], file=path, field=field, remedy=remedy) from None
+
+
+def repeated(kept: KeptAnswers | None, *, event: bool = True) -> tuple[RecordedAnswer, ...] | None:
+    """Return the answers that a driver repeats in a run, or in its event-free twin."""
+    if kept is None:
+        return None
+    return kept.event if event else kept.free

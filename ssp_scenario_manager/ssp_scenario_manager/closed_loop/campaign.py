@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
-from ssp_scenario_manager.closed_loop.cards import seal_cards
+from ssp_core.processes import measuring_alone
+from ssp_scenario_manager.closed_loop.cards import complete_cards, seal_cards
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.plan_file import ZERO, LoopPlan
 from ssp_scenario_manager.closed_loop.rates import Rates, rates_of, refused_for, rising
@@ -40,16 +42,24 @@ def run_campaign(
     Args:
         plan: the campaign.
         folder: new, or of the same campaign.
-        jobs: processes that share the work.
+        jobs: processes that share the work; one where a latency is measured.
         on_rows: is given how many runs are done, at first those that were, and of how many.
         say: takes what doesn't end it, for people.
 
     Raises:
-        InputError: as ``draw_starts``, or ``runs.csv`` is of another campaign.
+        InputError: as ``draw_starts``, or ``runs.csv`` is of another campaign, or runs with a
+            measured latency would go side by side.
     """
+    if plan.is_measured and jobs > 1:
+        raise InputError(
+            "goes with one process: a measured latency is that of a run that goes alone",
+            field="--jobs",
+            value=jobs,
+            remedy="leave --jobs out, or give the fixed latencies a plan of their own",
+        )
     starts = draw_starts(plan, folder, jobs, say)
     seal_cards(folder, plan, starts)
-    todo = list(jobs_of(plan, starts))
+    todo = list(jobs_of(plan, starts, folder))
     per_job = len(plan.latencies) * plan.repeats
     path = folder / RUNS_FILE
     rows = rows_there(path)
@@ -59,7 +69,11 @@ def run_campaign(
     write_text(path, lines_of([RUN_COLUMNS, *rows]))
     total = len(todo) * per_job
     on_rows(len(rows), total)
-    with ordered_map(min(jobs, len(todo))) as run_all, path.open("a", newline="") as stream:
+    with (
+        measuring_alone(say) if plan.is_measured and len(rows) < total else nullcontext(),
+        ordered_map(min(jobs, len(todo))) as run_all,
+        path.open("a", newline="") as stream,
+    ):
         for done in run_all(rows_of, todo[len(rows) // per_job :]):
             # Before its rows: a job without rows is run again, and writes them anew.
             write_texts(folder, len(rows) // per_job, per_job, done.answers)
@@ -67,6 +81,8 @@ def run_campaign(
             stream.flush()
             rows += done.rows
             on_rows(len(rows), total)
+    if plan.is_measured:
+        complete_cards(folder, rows)
     rates = rates_of([read_row(row) for row in rows])
     knowing = {one.shown for one in plan.everybody if one.is_privileged}
     table = [rates_row(one, one.driver in knowing) for one in rates]

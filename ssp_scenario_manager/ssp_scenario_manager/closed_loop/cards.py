@@ -1,6 +1,8 @@
 """The cards of a campaign: what each driver is, and the conditions that it drove under.
 
-Results with unlike cards are not comparable. Hardware decides nothing where each latency is fixed.
+Results with unlike cards are not comparable. Hardware decides nothing where each latency is fixed;
+where one is measured, it stands under the card's hash, and what was measured doesn't: it is put
+onto the card when all runs are done.
 """
 
 from __future__ import annotations
@@ -20,14 +22,26 @@ from ssp_core import __version__
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_json
+from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import RunSpec
-from ssp_core.world.driver import model_facts, sees_frames
+from ssp_core.world.driver import LatencyParts, model_facts, sees_frames
+from ssp_scenario_manager.closed_loop.answers import load_answers, row_file
 from ssp_scenario_manager.closed_loop.careful import CAREFUL, CAREFUL_DRIVER
+from ssp_scenario_manager.closed_loop.outcome import figures_of
 from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, LoopPlan
+from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, Row
 from ssp_scenario_manager.closed_loop.values import LIMITS
 
 CARDS_FILE = "cards.json"
 CARDS_SCHEMA = "ssp.loop_cards/1"
+MEASURED_CONTAINS = (
+    "encoding of pictures and request, transport and inference with waits and further tries, "
+    "parsing; no rendering"
+)
+_MEASURED = (
+    *("answers", "p50_s", "p99_s", "encoding_p50_s", "transport_and_inference_p50_s"),
+    *("parsing_p50_s", "over_bound"),
+)
 # The drivers' package, which is used through its names alone, as make_driver is.
 _FACTS_MODULE = "ssp_ot_controller.driving.facts"
 _VERSIONS = ("numpy", "scipy", "pydantic")
@@ -94,10 +108,7 @@ def _card(
         "route_m": None if is_prescribed or sees_frames(driver.driver) else facts["route_m"],
         "step_s": run.step_s,
         "frame_period_s": starts[0]["frame_period_s"],
-        "latencies": [
-            {"given": text, "p50_s": value, "p99_s": value, "contains": "a constant"}
-            for text, value in zip(plan.latencies, plan.latencies_s, strict=True)
-        ],
+        "latencies": [_latency(one, driver.driver) for one in plan.latencies],
         "d_max_mps2": facts["d_max_mps2"],
         "tracker": None if is_prescribed else facts["tracker"],
         "starts": plan.starts,
@@ -128,13 +139,71 @@ def _seen(driver: CampaignDriver, start: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def _latency(latency: Latency, driver: str) -> dict[str, Any]:
+    """Return what a card says of an L before it is driven under; None: it isn't known yet."""
+    if latency.measured and sees_frames(driver):
+        figures = dict.fromkeys(_MEASURED)
+        return {"given": str(latency), **figures, "contains": MEASURED_CONTAINS}
+    seconds = 0.0 if latency.measured else latency.seconds
+    contains = "computed in no time" if latency.measured else "a constant"
+    return {"given": str(latency), "p50_s": seconds, "p99_s": seconds, "contains": contains}
+
+
+def complete_cards(folder: Path, rows: Sequence[Row]) -> None:
+    """Put the latencies that were measured onto the cards of a campaign.
+
+    Args:
+        folder: of the campaign.
+        rows: of ``runs.csv``, all of them.
+    """
+    path = folder / CARDS_FILE
+    cards = load_cards(path)
+    for card in cards:
+        for latency in card["latencies"]:
+            if latency["contains"] == MEASURED_CONTAINS:
+                latency.update(_measured(folder, rows, card["driver"], latency["given"]))
+    write_json(path, {"schema": CARDS_SCHEMA, "cards": cards})
+
+
+def _measured(folder: Path, rows: Sequence[Row], driver: str, given: str) -> dict[str, Any]:
+    """Return what was measured of a driver's answers, over events and event-free twins."""
+    latencies: list[LatencyParts] = []
+    for number, row in enumerate(rows, 1):
+        cells = dict(zip(RUN_COLUMNS, row, strict=True))
+        path = row_file(folder, number)
+        if (cells["driver"], cells["latency"]) == (driver, given) and path.is_file():
+            kept = load_answers(path, "name a new folder with --out")
+            latencies += [one.given.latency for one in (*kept.event, *kept.free)]
+    found = figures_of(latencies, parse_latency(given).seconds)
+    return {name: found[name] for name in _MEASURED} if latencies else {}
+
+
 def _hash(card: Mapping[str, Any]) -> str:
-    return sha256_json({k: v for k, v in card.items() if k not in ("hash", "hardware")})
+    left_out = ["hash"]
+    latencies = [dict(one) for one in card["latencies"]]
+    if any(parse_latency(one["given"]).measured for one in latencies):
+        for one in latencies:
+            if one["contains"] == MEASURED_CONTAINS:
+                one.update(dict.fromkeys(_MEASURED))
+    else:
+        left_out.append("hardware")
+    kept = {k: v for k, v in card.items() if k not in left_out}
+    return sha256_json({**kept, "latencies": latencies})
 
 
 def _hardware() -> dict[str, Any]:
     return {
         "machine": platform.machine(),
+        "processor": _processor(),
         "system": f"{sys.platform} {platform.release()}",
         "cores": os.cpu_count(),
     }
+
+
+def _processor() -> str:
+    """Return the model of the processor; empty where the system doesn't tell it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return ""
+    return next((s.partition(":")[2].strip() for s in lines if s.startswith("model name")), "")

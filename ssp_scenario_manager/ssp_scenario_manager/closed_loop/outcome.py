@@ -16,7 +16,7 @@ from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import Verdict
-from ssp_core.world.driver import DriveMode, sees_frames
+from ssp_core.world.driver import DriveMode, LatencyParts, sees_frames
 from ssp_core.world.plant import StepReport
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_scenario_manager.closed_loop.contact import Contact, first_contact, until
@@ -369,23 +369,32 @@ def severity_of(outcome: Outcome, v_r_mps: float | None) -> float | None:
 
 def measured_of(driven: Driven, record: Record) -> dict[str, Any] | None:
     """Return the measured latencies of a run and their parts, medians in s; None: L was given."""
-    if driven.measured_up_to_s is None:
+    if not driven.latency.measured:
         return None
     drives = [report.drive for report in record.reports if report.drive is not None]
     given = [drive.given.latency for drive in drives if drive.given is not None]
-    bound_s = driven.measured_up_to_s
-    parts = [(p.total_ns, p.encoding_ns, p.inference_ns, p.parsing_ns) for p in given] or [(0,) * 4]
-    seconds = np.array(parts, dtype=np.float64) / 1e9
+    return figures_of(given, driven.latency.seconds)
+
+
+def figures_of(latencies: Sequence[LatencyParts], bound_s: float) -> dict[str, Any]:
+    """Return the number of measured latencies, and their quantiles and medians of parts, s.
+
+    Args:
+        latencies: of answers.
+        bound_s: that was declared.
+    """
+    parts = [(p.total_ns, p.encoding_ns, p.inference_ns, p.parsing_ns) for p in latencies]
+    seconds = np.array(parts or [(0,) * 4], dtype=np.float64) / 1e9
     half = [round(float(value), 6) for value in np.median(seconds, axis=0)]
     return {
-        "answers": len(given),
+        "answers": len(latencies),
         "bound_s": bound_s,
         "p50_s": half[0],
         "p99_s": round(float(np.quantile(seconds[:, 0], 0.99)), 6),
         "encoding_p50_s": half[1],
         "transport_and_inference_p50_s": half[2],
         "parsing_p50_s": half[3],
-        "over_bound": int((seconds[:, 0] > bound_s).sum()) if given else 0,
+        "over_bound": int((seconds[:, 0] > bound_s).sum()),
     }
 
 
@@ -399,7 +408,7 @@ def told_of(
     return {
         "driver": driven.driver,
         "options": driven.options,
-        "latency_s": None if driven.measured_up_to_s is not None else driven.latency_s,
+        "latency": str(driven.latency),
         "measured": measured_of(driven, record),
         "frames": sees_frames(driven.driver),
         "start": driven.start,

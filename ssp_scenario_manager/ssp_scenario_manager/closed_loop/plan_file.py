@@ -10,9 +10,9 @@ from pydantic import Field, field_validator
 from ssp_core.errors import InputError
 from ssp_core.files import load_model
 from ssp_core.run_file.driven import DriverName
+from ssp_core.run_file.latency import ZERO_LATENCY, Latency, LatencyField
 from ssp_core.run_file.values import Strict
-from ssp_core.world.driver import driver_options, history_s_of, try_driver
-from ssp_scenario_manager.closed_loop.single import parse_latency
+from ssp_core.world.driver import driver_options, history_s_of, sees_frames, try_driver
 
 LOOP_SCHEMA: Literal["ssp.loop/1"] = "ssp.loop/1"
 # METHOD 8.10: they stand in each campaign. Those that know the truth stand in no rank.
@@ -48,6 +48,11 @@ class CampaignDriver(Strict):
         """Tell whether it knows the truth, whatever its label says."""
         return self.driver in PRIVILEGED
 
+    @property
+    def is_model(self) -> bool:
+        """Tell whether it answers by frames, and its answers are kept."""
+        return sees_frames(self.driver)
+
 
 class LoopPlan(Strict):
     """A campaign of driven runs."""
@@ -59,7 +64,7 @@ class LoopPlan(Strict):
     models: str | None = Field(
         None, description="ssp.models/1, by its path from the plan; drivers may name its models"
     )
-    latencies: Annotated[list[str], Field(min_length=1)] = ["zero"]
+    latencies: Annotated[list[LatencyField], Field(min_length=1)] = [ZERO_LATENCY]
     starts: Annotated[int, Field(ge=1, le=1000)] = Field(20, description="critical ones, per event")
     others: Annotated[int, Field(ge=0, le=1000)] = Field(
         1, description="harmless and unavoidable starts of each event that are run as well"
@@ -69,10 +74,17 @@ class LoopPlan(Strict):
 
     @field_validator("events", "latencies")
     @classmethod
-    def _no_two_alike(cls, values: list[str]) -> list[str]:
+    def _no_two_alike(cls, values: list[Any]) -> list[Any]:
         for value in values:
             if values.count(value) > 1:
                 raise ValueError(f"{value} stands twice")
+        return values
+
+    @field_validator("latencies")
+    @classmethod
+    def _is_measured_once(cls, values: list[Latency]) -> list[Latency]:
+        if sum(one.measured for one in values) > 1:
+            raise ValueError("measured stands twice: its bound is no condition of its own")
         return values
 
     @property
@@ -86,9 +98,14 @@ class LoopPlan(Strict):
         return max(history_s_of(one.driver, one.options) for one in self.everybody)
 
     @property
-    def latencies_s(self) -> list[float]:
-        """L in s, in the order of the file."""
-        return [parse_latency(text).seconds for text in self.latencies]
+    def is_measured(self) -> bool:
+        """Tell whether a latency is measured, so that its runs go alone on their host."""
+        return any(one.measured for one in self.latencies)
+
+    @property
+    def room_s(self) -> float:
+        """Largest latency, or bound of one, that hand-overs leave time for."""
+        return max(one.seconds for one in self.latencies)
 
 
 def _resolved(one: CampaignDriver, models: Path | None) -> CampaignDriver:
@@ -107,16 +124,6 @@ def load_plan(path: str | Path) -> LoopPlan:
     plan = load_model(LoopPlan, path)
     models = None if plan.models is None else Path(path).parent / plan.models
     plan = plan.model_copy(update={"drivers": [_resolved(one, models) for one in plan.drivers]})
-    if measured := [text for text in plan.latencies if parse_latency(text).measured]:
-        raise InputError(
-            "isn't measured in a campaign yet",
-            file=path,
-            field="latencies",
-            value=measured[0],
-            remedy="give zero and fixed:S; ssp run --latency measured drives one run",
-        )
-    if len(set(plan.latencies_s)) < len(plan.latencies):
-        raise InputError("two latencies are the same", file=path, field="latencies")
     shown = [one.shown for one in plan.everybody]
     for i, one in enumerate(plan.drivers):
         if shown.count(one.shown) > 1:

@@ -10,6 +10,7 @@ from itertools import pairwise
 from statistics import stdev
 
 from ssp_core.proportion import wilson_interval
+from ssp_core.run_file.latency import Latency
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.values import LIMITS
 
@@ -27,7 +28,7 @@ class RunRow:
     event: str
     start: str
     driver: str
-    latency_s: float
+    latency: Latency
     kind: str
     outcome: str
     needless: str
@@ -60,7 +61,7 @@ class Rates:
 
     event: str
     driver: str
-    latency_s: float
+    latency: Latency
     planned: int
     driven: int
     headline: float | None
@@ -78,9 +79,9 @@ def rates_of(rows: Sequence[RunRow]) -> list[Rates]:
     """Return the rates of each driver, latency and event, in the order of the rows."""
     critical = [row for row in rows if row.kind == "critical"]
     lost = drivers_without_rates(critical)
-    cells: dict[tuple[str, str, float], list[RunRow]] = {}
+    cells: dict[tuple[str, str, Latency], list[RunRow]] = {}
     for row in critical:
-        cells.setdefault((row.event, row.driver, row.latency_s), []).append(row)
+        cells.setdefault((row.event, row.driver, row.latency), []).append(row)
     return [_rates(*cell, found, has_rates=cell[1] not in lost) for cell, found in cells.items()]
 
 
@@ -92,7 +93,7 @@ def drivers_without_rates(rows: Sequence[RunRow]) -> set[str]:
 
 
 def _rates(
-    event: str, driver: str, latency_s: float, rows: Sequence[RunRow], *, has_rates: bool
+    event: str, driver: str, latency: Latency, rows: Sequence[RunRow], *, has_rates: bool
 ) -> Rates:
     driven = [row for row in rows if row.outcome != "harness"]
     successes = sum(row.succeeds for row in driven)
@@ -109,7 +110,7 @@ def _rates(
     return Rates(
         event,
         driver,
-        latency_s,
+        latency,
         len(rows),
         len(driven),
         headline,
@@ -140,15 +141,15 @@ def _spread(starts: Sequence[Sequence[bool]]) -> tuple[float | None, float | Non
 def refused_for(rates: Sequence[Rates], zero: Sequence[str]) -> list[str]:
     """List why a campaign is refused: drivers whose headline must be 0, and isn't (METHOD 8.10)."""
     return [
-        f"{one.driver} has a headline of {one.headline:.2f} on {one.event} at L = "
-        f"{one.latency_s:g} s, and must have 0"
+        f"{one.driver} has a headline of {one.headline:.2f} on {one.event} at "
+        f"{one.latency.words}, and must have 0"
         for one in rates
         if one.driver in zero and one.headline
     ]
 
 
 def rising(rates: Sequence[Rates], drivers: Sequence[str]) -> list[str]:
-    """List where a driver's headline is higher at a larger latency.
+    """List where a driver's headline is higher at a larger latency; a measured one has no place.
 
     Args:
         rates: of a campaign.
@@ -158,14 +159,15 @@ def rising(rates: Sequence[Rates], drivers: Sequence[str]) -> list[str]:
     for event, driver in dict.fromkeys((one.event, one.driver) for one in rates):
         if driver not in drivers:
             continue
-        cells = [one for one in rates if (one.event, one.driver) == (event, driver)]
-        cells.sort(key=lambda one: one.latency_s)
+        own = [one for one in rates if (one.event, one.driver) == (event, driver)]
+        cells = [one for one in own if not one.latency.measured]
+        cells.sort(key=lambda one: one.latency)
         for faster, slower in pairwise(cells):
             if faster.headline is None or slower.headline is None:
                 continue
             if slower.headline > faster.headline:
                 found.append(
-                    f"{driver} on {event}: {faster.headline:.2f} at L = {faster.latency_s:g} s, "
-                    f"{slower.headline:.2f} at {slower.latency_s:g} s"
+                    f"{driver} on {event}: {faster.headline:.2f} at {faster.latency.words}, "
+                    f"{slower.headline:.2f} at {slower.latency.shown} s"
                 )
     return found

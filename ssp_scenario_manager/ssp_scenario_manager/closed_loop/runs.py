@@ -8,16 +8,28 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from functools import lru_cache
 from itertools import product
+from pathlib import Path
 from typing import Any
 
+from ssp_core.files import make_folder
 from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.latency import ZERO_LATENCY, Latency
 from ssp_core.run_file.model import RunSpec
-from ssp_core.world.driver import BUILT_IN, COMMANDED
+from ssp_core.world.driver import BUILT_IN, COMMANDED, RecordedAnswer
+from ssp_scenario_manager.closed_loop.answers import (
+    KeptAnswers,
+    answers_of,
+    load_answers,
+    repeated,
+    row_file,
+    save_answers,
+)
 from ssp_scenario_manager.closed_loop.careful import CAREFUL, careful_motion, is_defined
 from ssp_scenario_manager.closed_loop.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcome import (
     Outcome,
     chain_of,
+    measured_of,
     outcome_of,
     severity_of,
 )
@@ -38,35 +50,63 @@ class Job:
 
     Args:
         start: as ``starts.json`` has it.
+        first_row: of ``runs.csv``, from 1.
+        folder: of the campaign, which takes a model's answers; None: none are kept.
     """
 
     start: str
     driver: CampaignDriver
-    latencies_s: tuple[float, ...]
+    latencies: tuple[Latency, ...]
     repeats: int
     seed: int
+    first_row: int = 1
+    folder: Path | None = None
+
+    @property
+    def count(self) -> int:
+        """Rows of the job."""
+        return len(self.latencies) * self.repeats
 
 
-def jobs_of(plan: LoopPlan, starts: Sequence[Mapping[str, Any]]) -> Iterator[Job]:
-    """Yield the jobs of a campaign in the order of its table."""
+def jobs_of(
+    plan: LoopPlan, starts: Sequence[Mapping[str, Any]], folder: Path | None = None
+) -> Iterator[Job]:
+    """Yield the jobs of a campaign in the order of its table.
+
+    Args:
+        plan: the campaign.
+        starts: sealed ones.
+        folder: takes a model's answers; None: none are kept.
+    """
+    first_row = 1
     for start in starts:
         text = json.dumps(start, sort_keys=True)
         drives_carefully = is_defined(RunSpec.model_validate(start["run"]))
         for driver in plan.everybody:
             if driver.driver == CAREFUL and not drives_carefully:
                 continue
-            yield Job(text, driver, tuple(plan.latencies_s), plan.repeats, plan.seed)
+            job = Job(
+                text, driver, tuple(plan.latencies), plan.repeats, plan.seed, first_row, folder
+            )
+            yield job
+            first_row += job.count
 
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """The findings on one run, as its row has them."""
+    """The findings on one run, as its row has them.
+
+    Args:
+        answers: with texts.
+        took: what is known of a measured latency; None: it was given.
+    """
 
     outcome: Outcome
     chain: Mapping[str, float | None]
     severity: Severity
     needless: str
     answers: tuple[Kept, ...] = ()
+    took: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +124,7 @@ def rows_of(job: Job) -> Done:
     rows: list[Row] = []
     answers: list[tuple[Kept, ...]] = []
     found: _Found | None = None
-    for latency_s in job.latencies_s:
+    for latency in job.latencies:
         for repeat in range(job.repeats):
             if job.driver.driver == CAREFUL:
                 found = _careful(job.start)
@@ -94,7 +134,8 @@ def rows_of(job: Job) -> Done:
                 or job.driver.driver not in COMMANDED
             ):
                 # Without plans nothing depends on a latency, and one sound drive stands for all.
-                found = _both(job, start, built_in, latency_s, repeat)
+                row = job.first_row + len(rows)
+                found = _both(job, start, built_in, latency, repeat, row)
             rows.append([*identity[len(rows)], *_cells(start, found)])
             answers.append(found.answers)
     return Done(rows, answers)
@@ -110,6 +151,7 @@ def _cells(start: Start, found: _Found) -> Row:
         shown(outcome.unled_s),
         str(outcome.starved).lower(),
         one_line(found.needless),
+        *(shown(None if found.took is None else found.took[key]) for key in ("p50_s", "p99_s")),
         *map(shown, astuple(severity)),
     ]
 
@@ -124,11 +166,27 @@ def order_of(name: str) -> tuple[bool, bool]:
     return order[0], order[1]
 
 
-def _both(job: Job, start: Start, built_in: Record, latency_s: float, repeat: int) -> _Found:
-    name = f"{job.seed} {start.hash} {job.driver.shown} {latency_s:g} {repeat}"
-    order = order_of(name)
-    drives = {event: _run(start, job.driver, latency_s, event=event) for event in order}
+def _both(
+    job: Job, start: Start, built_in: Record, latency: Latency, repeat: int, row: int
+) -> _Found:
+    order = order_of(f"{job.seed} {start.hash} {job.driver.shown} {latency} {repeat}")
+    keeps = job.folder is not None and job.driver.is_model
+    path = row_file(job.folder, row) if job.folder is not None and keeps else None
+    kept = None
+    if path is not None and path.is_file():
+        kept = load_answers(path, f"remove it, and the model is asked again in row {row}")
+    drives = {
+        event: _run(start, job.driver, latency, event=event, answers=repeated(kept, event=event))
+        for event in order
+    }
     driven, free = drives[True], drives[False]
+    if (
+        path is not None
+        and kept is None
+        and "harness" not in (driven.outcome.kind, free.outcome.kind)
+    ):
+        make_folder(path.parent)
+        save_answers(path, KeptAnswers(driven.answers, free.answers))
     outcome = free.outcome if free.outcome.kind == "harness" else driven.outcome
     return _Found(
         outcome,
@@ -143,6 +201,7 @@ def _both(job: Job, start: Start, built_in: Record, latency_s: float, repeat: in
         ),
         needless_in(free.run, free.driven, free.record, built_in, free.outcome),
         tuple(texts_of(driven.driven, driven.record.reports, driven.outcome.at_s)),
+        measured_of(driven.driven, driven.record),
     )
 
 
@@ -150,7 +209,7 @@ def _both(job: Job, start: Start, built_in: Record, latency_s: float, repeat: in
 def _careful(text: str) -> _Found:
     """Return the careful driver's run, which has no latency, on the objects of the oracle's."""
     start, _ = _start(text)
-    oracle = drive_start(start, CampaignDriver(driver="oracle"), 0.0)
+    oracle = drive_start(start, CampaignDriver(driver="oracle"), ZERO_LATENCY)
     outcome, reports = careful_motion(start, oracle.record)
     severity = severity_facts(
         oracle.run, oracle.driven, reports, None, outcome.contact, outcome.at_s
@@ -163,8 +222,8 @@ def identity_of(job: Job) -> list[Row]:
     facts = json.loads(job.start)
     of_start = [str(facts[name]) for name in ("event", "seed", "hash", "kind")]
     return [
-        [*of_start, job.driver.shown, f"{latency_s:g}", str(repeat)]
-        for latency_s, repeat in product(job.latencies_s, range(job.repeats))
+        [*of_start, job.driver.shown, str(latency), str(repeat)]
+        for latency, repeat in product(job.latencies, range(job.repeats))
     ]
 
 
@@ -178,35 +237,52 @@ class Drove:
     record: Record
     outcome: Outcome
 
+    @property
+    def answers(self) -> tuple[RecordedAnswer, ...]:
+        """Answers of a model, with which it is driven again."""
+        return answers_of(self.driven, self.record)
 
-def _run(start: Start, driver: CampaignDriver, latency_s: float, *, event: bool) -> Drove:
+
+Answers = Sequence[RecordedAnswer] | None
+
+
+def _run(
+    start: Start, driver: CampaignDriver, latency: Latency, *, event: bool, answers: Answers
+) -> Drove:
     """Drive once, and again while our side failed (METHOD 8.7)."""
     for _ in range(1 + _HARNESS_REPEATS):
-        drove = drive_start(start, driver, latency_s, event=event)
+        drove = drive_start(start, driver, latency, event=event, answers=answers)
         if drove.outcome.kind != "harness":
             break
     return drove
 
 
 def drive_start(
-    start: Start, driver: CampaignDriver, latency_s: float, *, event: bool = True
+    start: Start,
+    driver: CampaignDriver,
+    latency: Latency,
+    *,
+    event: bool = True,
+    answers: Answers = None,
 ) -> Drove:
     """Drive one driver on a start once.
 
     Args:
         start: with its twin.
         driver: of the campaign.
-        latency_s: L.
+        latency: L.
         event: False: the event-free twin.
+        answers: that a model gave before, and repeats; None: it is asked.
     """
-    run = start.driven_by(driver.driver, driver.options, latency_s, event=event)
+    run = start.driven_by(driver.driver, driver.options, latency, event=event)
     if run.driven is None:
         raise ValueError("a driven run is driven by somebody")
-    result, record = run_in_process(run)
+    result, record = run_in_process(run, answers=answers)
     outcome = outcome_of(run, run.driven, result, record, start.twin)
     return Drove(run, run.driven, result, record, outcome)
 
 
+@lru_cache(maxsize=2)
 def drivable(text: str) -> Start:
     """Return a sealed start, with its twin.
 
@@ -220,5 +296,5 @@ def drivable(text: str) -> Start:
 def _start(text: str) -> tuple[Start, Record]:
     """Return a sealed start with its twin, and the built-in driver's event-free run."""
     start = drivable(text)
-    drove = drive_start(start, CampaignDriver(driver=BUILT_IN), 0.0, event=False)
+    drove = drive_start(start, CampaignDriver(driver=BUILT_IN), ZERO_LATENCY, event=False)
     return start, drove.record

@@ -15,6 +15,7 @@ from ssp_core import __version__
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, parse_model, write_json
 from ssp_core.hashing import sha256_json, sha256_sources
+from ssp_core.run_file.latency import ZERO_LATENCY
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, LoopPlan
 from ssp_scenario_manager.closed_loop.runs import drive_start
@@ -156,7 +157,7 @@ def _starts_of(
         RunSpec, json.loads((draft / TASK_FOLDER / "task.json").read_text())["run"], draft
     )
     event_file = str(draft / TASK_FOLDER / EVENT_FILE)
-    room_s = max(plan.latencies_s), plan.history_s
+    room_s = plan.room_s, plan.history_s
     judge = partial(_drawn, run.model_dump_json(by_alias=True), event_file, room_s)
     kept: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
     seen = dict.fromkeys((*KINDS, "off_spec"), 0)
@@ -208,7 +209,7 @@ def _drawn(
     }
     if start.contact is None:
         return "harmless", facts
-    outcome = drive_start(start, CampaignDriver(driver="oracle"), 0.0).outcome
+    outcome = drive_start(start, CampaignDriver(driver="oracle"), ZERO_LATENCY).outcome
     if outcome.kind == "avoided":
         return "critical", facts
     if outcome.contact is not None:

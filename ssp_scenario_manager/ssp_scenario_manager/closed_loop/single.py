@@ -11,6 +11,7 @@ from typing import Any
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.run_file.driven import Driven, is_driver_name
+from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import (
     BUILT_IN,
@@ -21,9 +22,11 @@ from ssp_core.world.driver import (
     try_driver,
 )
 from ssp_scenario_manager.closed_loop.answers import (
+    ANSWERS_FILE,
     KeptAnswers,
     answers_of,
     load_answers,
+    repeated,
     save_answers,
 )
 from ssp_scenario_manager.closed_loop.needless import needless_in
@@ -43,22 +46,6 @@ from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_
 
 # Seeds that are tried for a start whose event is K*'s.
 MOST_SEEDS = 50
-MOST_LATENCY_S = 10.0
-# The bound of a measured latency where none is declared.
-BOUND_S = 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class Latency:
-    """The L of a driven run, as a person asks for it.
-
-    Args:
-        seconds: L; where it is measured, its declared bound.
-        measured: from the complete request to the parsed trajectory.
-    """
-
-    seconds: float
-    measured: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,33 +93,6 @@ def parse_drive(text: str, latency: str, models_file: Path | None = None) -> Dri
     return drive
 
 
-def parse_latency(text: str) -> Latency:
-    """Read ``zero``, ``fixed:S``, ``measured``, or ``measured:S`` with its bound.
-
-    Raises:
-        InputError: it is none of these, or out of range.
-    """
-    wrong = InputError(
-        f"is no latency from 0 to {MOST_LATENCY_S:g} s",
-        field="latency",
-        value=text,
-        remedy="give zero, or fixed:S with S in seconds, such as fixed:0.2, or measured, or "
-        f"measured:S with the largest L to leave time for, without S {BOUND_S:g} s",
-    )
-    if text == "zero":
-        return Latency(0.0)
-    kind, _, seconds = text.partition(":")
-    if text == "measured":
-        seconds = str(BOUND_S)
-    try:
-        value = float(seconds)
-    except ValueError:
-        raise wrong from None
-    if kind not in ("fixed", "measured") or not 0.0 <= value <= MOST_LATENCY_S:
-        raise wrong
-    return Latency(value, measured=kind == "measured")
-
-
 def driven_run(
     run: RunSpec, event_file: Path, drive: Drive | None, say: Callable[[str], None]
 ) -> RunSpec:
@@ -155,9 +115,8 @@ def driven_run(
         return _with_driver(run, drive, event_file.parent / TASK_FILE)
     history_s = history_s_of(drive.driver, drive.options)
     event = load_event(str(event_file))[0]
-    latency = drive.latency
-    start = next_start(run, event, run.seed, latency.seconds, say, history_s)
-    return start.driven_by(drive.driver, drive.options, latency.seconds, measured=latency.measured)
+    start = next_start(run, event, run.seed, drive.latency.seconds, say, history_s)
+    return start.driven_by(drive.driver, drive.options, drive.latency)
 
 
 def next_start(
@@ -206,14 +165,13 @@ def _with_driver(run: RunSpec, drive: Drive, task_file: Path) -> RunSpec:
         raise InputError(
             f"is more than this start leaves time for, {max(room_s, 0.0):.3g} s",
             field="--latency",
-            value=latency.seconds,
+            value=str(latency),
             remedy="name the event instead of the folder, for a start of its own",
         )
     changes = {
         "driver": drive.driver,
         "options": dict(drive.options),
-        "latency_s": 0.0 if latency.measured else latency.seconds,
-        "measured_up_to_s": latency.seconds if latency.measured else None,
+        "latency": latency,
     }
     camera = None
     if sees_frames(drive.driver):
@@ -233,14 +191,14 @@ def told_of_run(
 ) -> dict[str, Any]:
     """Return what ``result.json`` says of who drove; empty for a run that nobody drove.
 
-    The twins are driven again for it: but for answers whose latency is measured, nothing but the
-    run file has to be kept.
+    The twins are driven again for it: but for a model's answers, nothing but the run file has to be
+    kept.
 
     Args:
         run: as it was driven.
         result: of the run.
         record: of the run.
-        folder: takes the answers, where their latency is measured; None: they aren't kept.
+        folder: takes the answers of a model; None: they aren't kept.
         kept: answers of the run before, which the driver repeats; None: it is asked.
     """
     driven = run.driven
@@ -252,7 +210,8 @@ def told_of_run(
     told = told_of(driven, record, outcome, v_r_mps)
     needless, free = _needless(run, driven, twin, repeated(kept, event=False))
     if folder is not None and is_kept(driven):
-        save_answers(folder, KeptAnswers(answers_of(record), answers_of(free)))
+        answers = KeptAnswers(answers_of(driven, record), answers_of(driven, free))
+        save_answers(folder / ANSWERS_FILE, answers)
     return {"driven": told | {"needless": needless}}
 
 
@@ -272,19 +231,12 @@ def kept_answers(run: RunSpec, drive: Drive | None, folder: Path) -> KeptAnswers
     """
     if drive is not None or run.driven is None or not is_kept(run.driven):
         return None
-    return load_answers(folder)
-
-
-def repeated(kept: KeptAnswers | None, *, event: bool = True) -> tuple[RecordedAnswer, ...] | None:
-    """Return the answers that a driver repeats in a run, or in its event-free twin."""
-    if kept is None:
-        return None
-    return kept.event if event else kept.free
+    return load_answers(folder / ANSWERS_FILE, "give --drive, and the model is asked again")
 
 
 def is_kept(driven: Driven) -> bool:
     """Tell whether a driven run is driven again with the answers that it had."""
-    return driven.measured_up_to_s is not None and sees_frames(driven.driver)
+    return sees_frames(driven.driver)
 
 
 def _needless(

@@ -14,6 +14,7 @@ from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.latency import ZERO_LATENCY, Latency
 from ssp_core.run_file.model import Camera, EndCondition, RunSpec
 from ssp_core.run_file.participants import ElapsedTime, TriggerSpec
 from ssp_core.vocabulary import Phase
@@ -94,25 +95,22 @@ class Start:
         self,
         driver: str,
         options: Mapping[str, Any],
-        latency_s: float,
+        latency: Latency,
         *,
         event: bool = True,
-        measured: bool = False,
     ) -> RunSpec:
         """Return the run of one driver.
 
         Args:
             driver: its name.
             options: of it.
-            latency_s: L; its declared bound where it is measured.
-            measured: L is measured.
+            latency: L.
             event: False: the event-free twin, in which no trigger fires (METHOD 8.6).
         """
         driven = Driven(
             driver=driver,
             options=dict(options),
-            latency_s=0.0 if measured else latency_s,
-            measured_up_to_s=latency_s if measured else None,
+            latency=latency,
             first_request_s=self.first_request_s,
             hand_over_s=self.hand_over_s,
             end_s=self.end_s,
@@ -190,7 +188,7 @@ def make_start(
 
 def commanded(driver: str) -> dict[str, Any]:
     """Return the changes of a driven run that a driver without plans leads."""
-    return {"driver": driver, "options": {}, "latency_s": 0.0, "measured_up_to_s": None}
+    return {"driver": driver, "options": {}, "latency": ZERO_LATENCY}
 
 
 def twin_of(run: RunSpec) -> tuple[Mapping[int, ObjectState], Contact | None]:
@@ -224,7 +222,7 @@ def from_facts(kept: Mapping[str, Any]) -> Start:
         twin={},
         camera=None if kept["camera"] is None else parse_model(Camera, kept["camera"], "camera"),
     )
-    twin, contact = twin_of(start.driven_by(NO_RESPONSE, {}, 0.0))
+    twin, contact = twin_of(start.driven_by(NO_RESPONSE, {}, ZERO_LATENCY))
     start = replace(start, twin=twin, contact=contact)
     if start.hash != kept["hash"]:
         raise InputError(

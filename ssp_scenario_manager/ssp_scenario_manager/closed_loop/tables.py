@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
+from ssp_core.run_file.latency import parse_latency
 from ssp_scenario_manager.closed_loop.outcome import CHAIN, OUTCOMES
 from ssp_scenario_manager.closed_loop.rates import Rates, RunRow
 from ssp_scenario_manager.closed_loop.severity import Severity
@@ -18,14 +19,14 @@ _MOST_WHY = 300  # characters of a row's reason
 Row = list[str]
 
 RUN_COLUMNS = [
-    *("event", "seed", "start", "kind", "driver", "latency_s", "repeat"),
+    *("event", "seed", "start", "kind", "driver", "latency", "repeat"),
     *("outcome", "outcome_s", "why", "v_i_mps", "v_r_mps", "severity"),
     *CHAIN,
-    *("unled_s", "starved", "needless"),
+    *("unled_s", "starved", "needless", "latency_p50_s", "latency_p99_s"),
     *(field.name for field in fields(Severity)),
 ]
 RATE_COLUMNS = [
-    *("event", "driver", "privileged", "latency_s", "planned", "driven"),
+    *("event", "driver", "privileged", "latency", "planned", "driven"),
     *("headline", "low", "high", "worst", "within_sd", "between_sd"),
     *OUTCOMES,
     *("needless", "starved"),
@@ -59,13 +60,18 @@ def shown(value: float | None) -> str:
 
 
 def read_row(row: Row) -> RunRow:
-    """Return the part of a run's row that rates are made of."""
+    """Return the part of a run's row that rates are made of.
+
+    Raises:
+        InputError: its latency is none.
+        ValueError: it has other columns.
+    """
     one = dict(zip(RUN_COLUMNS, row, strict=True))
     return RunRow(
         one["event"],
         one["start"],
         one["driver"],
-        float(one["latency_s"]),
+        parse_latency(one["latency"]),
         one["kind"],
         one["outcome"],
         one["needless"],
@@ -79,7 +85,7 @@ def rates_row(one: Rates, is_privileged: bool) -> Row:
         one.event,
         one.driver,
         str(is_privileged).lower(),
-        f"{one.latency_s:g}",
+        str(one.latency),
         str(one.planned),
         str(one.driven),
         *map(shown, (one.headline, one.low, one.high, one.worst)),

@@ -13,6 +13,7 @@ from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.files import write_text
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.latency import parse_latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.values import Point
 from ssp_core.templates import templates
@@ -57,7 +58,7 @@ def told_with_view(
     """Return what ``result.json`` says of who drove, and leave the view from above in a folder.
 
     Args:
-        folder: takes measured answers too.
+        folder: takes a model's answers too.
         kept: answers of the run before, which the driver repeats; None: it was asked.
         run: as it was driven.
         result: of the run.
@@ -71,7 +72,7 @@ def told_with_view(
 
 def _latency(told: dict[str, Any]) -> str:
     if told["measured"] is None:
-        return f"L = {told['latency_s']:g} s"
+        return parse_latency(told["latency"]).words
     return f"L measured, median {told['measured']['p50_s']:.2f} s"
 
 

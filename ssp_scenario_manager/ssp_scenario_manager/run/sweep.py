@@ -408,6 +408,9 @@ def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
 Further = Callable[[RunSpec, InProcessResult, Record], dict[str, Any]]
 
 
+def _say_nothing(_: str) -> None: ...
+
+
 def _nothing_further(_: RunSpec, __: InProcessResult, ___: Record) -> dict[str, Any]:
     return {}
 
@@ -421,6 +424,7 @@ def run_one(
     server: ServerOfRun | None = None,
     further: Further = _nothing_further,
     answers: Sequence[RecordedAnswer] | None = None,
+    quiet: bool = False,
 ) -> dict[str, Any]:
     """Do one run, which leaves run.yaml, states.npz and result.json; return the last's content.
 
@@ -432,18 +436,31 @@ def run_one(
         server: that draws the bag's frames; None: our own renderer does.
         further: returns what else ``result.json`` says of the run.
         answers: that the model of a driven run gave before, and repeats; None: it is asked.
+        quiet: prints nothing of the run.
     """
     run_file = folder / "run.yaml"
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
     if recorded:
         bag = folder / "bag"
-        result, record, told = run_recorded(spec, run_file, bag, console.note, server, answers)
+        say = _say_nothing if quiet else console.note
+        result, record, told = run_recorded(spec, run_file, bag, say, server, answers)
     else:
         (result, record), told = run_in_process(spec, answers=answers), {}
+    written = result_json(spec, result) | told | further(spec, result, record)
+    if not quiet:
+        # Said first: the disk may be full.
+        _say(spec, folder, result, written, as_json)
+    save_states(folder / "states.npz", spec, record)
+    write_json(folder / RESULT_FILE, written)
+    return written
+
+
+def _say(
+    spec: RunSpec, folder: Path, result: InProcessResult, written: dict[str, Any], as_json: bool
+) -> None:
+    """Print what a run did."""
     for line in _told(spec, result):
         console.note(line)
-    written = result_json(spec, result) | told | further(spec, result, record)
-    # Said first: the disk may be full.
     if as_json:
         click.echo(json.dumps(written))
     else:
@@ -469,9 +486,6 @@ def run_one(
                 console.out.print(
                     f"  needless without the event: {driven['needless']}", markup=False
                 )
-    save_states(folder / "states.npz", spec, record)
-    write_json(folder / RESULT_FILE, written)
-    return written
 
 
 def _told(spec: RunSpec, result: InProcessResult) -> list[str]:

@@ -1,0 +1,234 @@
+"""Campaigns with a measured latency: what is kept of a model, and that it goes alone."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import tempfile
+import threading
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from ssp_core import names
+from ssp_core.bag.reader import BagReader
+from ssp_core.errors import InputError
+from ssp_core.processes import measuring_alone
+from ssp_core.run_file.latency import Latency, parse_latency
+from ssp_core.run_file.model import Camera, RunSpec
+from ssp_core.world.driver import driver_options
+from ssp_scenario_manager.cli.loop import loop
+from ssp_scenario_manager.closed_loop import plan_file, seal
+from ssp_scenario_manager.closed_loop.bags import Bags, bag_rows, write_bags
+from ssp_scenario_manager.closed_loop.campaign import run_campaign
+from ssp_scenario_manager.closed_loop.plan_file import LoopPlan
+from ssp_scenario_manager.closed_loop.start import Start, make_start
+from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, rows_there
+
+SMALL = Camera(width_px=64, height_px=64)
+# It never answers alike twice: what comes again was kept.
+MODEL = """
+import random
+
+
+def keep(request):
+    v = request.history[-1].speed_mps * random.uniform(0.97, 1.0)
+    return f"I keep my speed, {random.random()}.", [(0.5 * v * k, 0.0) for k in range(11)]
+"""
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a campaign of one start, the oracle and a model that isn't there any more."""
+    folder = tmp_path_factory.mktemp("measured") / "campaign"
+    models = tmp_path_factory.mktemp("models")
+    (models / "model_of_a_day.py").write_text(MODEL)
+    with pytest.MonkeyPatch.context() as patch:
+        _few(patch)
+        run(plan_of(models), folder)
+    (models / "model_of_a_day.py").unlink()
+    return folder
+
+
+def _few(patch: pytest.MonkeyPatch) -> None:
+    """Leave out most baselines, and most pixels."""
+
+    def small(compiled: RunSpec, *rest: Any) -> Start:
+        return make_start(compiled.model_copy(update={"camera": SMALL}), *rest)
+
+    patch.setattr(plan_file, "BASELINES", ("oracle",))
+    patch.setattr(seal, "make_start", small)
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    _few(monkeypatch)
+
+
+def plan_of(models: Path) -> LoopPlan:
+    function = {"backend": "python", "function": "model_of_a_day:keep", "folder": str(models)}
+    driver = {"driver": "mine", "options": driver_options("mine", function)}
+    return LoopPlan.model_validate(
+        {
+            "schema": "ssp.loop/1",
+            "events": ["cut_in"],
+            "latencies": ["zero", "measured:0.5"],
+            "starts": 1,
+            "others": 0,
+            "drivers": [driver],
+        }
+    )
+
+
+def again(folder: Path) -> LoopPlan:
+    return LoopPlan.model_validate(json.loads((folder / "plan.json").read_text())["plan"])
+
+
+def run(plan: LoopPlan, folder: Path, jobs: int = 1) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    run_campaign(plan, folder, jobs, lambda *_: None, lambda _: None)
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "runs.csv").open()))
+
+
+def test_a_measured_latency_stands_in_its_row_and_on_its_card(measured: Path) -> None:
+    found = {(one["driver"], one["latency"]): one for one in rows(measured)}
+    assert set(found) == {(d, s) for d in ("oracle", "mine") for s in ("zero", "measured:0.5")}
+    assert found["mine", "zero"]["latency_p50_s"] == ""
+    assert float(found["mine", "measured:0.5"]["latency_p50_s"]) > 0.0
+    # A baseline computes in no time.
+    assert found["oracle", "measured:0.5"]["latency_p99_s"] == "0.0"
+    assert found["oracle", "measured:0.5"]["outcome"] == "avoided"
+    cards = json.loads((measured / "cards.json").read_text())["cards"]
+    (given,) = (one["latencies"][1] for one in cards if one["driver"] == "mine")
+    assert given["given"] == "measured:0.5"
+    assert 0.0 < given["p50_s"] <= given["p99_s"]
+    assert given["contains"].startswith("encoding of pictures")
+    kept = json.loads((measured / "answers" / "000004.json").read_text())
+    assert given["answers"] == len(kept["event"]) + len(kept["free"])
+
+
+@pytest.mark.usefixtures("few")
+def test_a_campaign_that_was_cut_off_repeats_the_answers_that_were_given(
+    measured: Path, tmp_path: Path
+) -> None:
+    """Without the model: its answers, and what they took, lie beside the rows."""
+    folder = shutil.copytree(measured, tmp_path / "cut off")
+    (folder / "table.csv").unlink()
+    text = (folder / "runs.csv").read_text()
+    (folder / "runs.csv").write_text(text[: text.rindex("mine,zero")])
+    run(again(folder), folder)
+    for name in ("runs.csv", "table.csv", "cards.json", "texts/000001.jsonl"):
+        assert (folder / name).read_bytes() == (measured / name).read_bytes(), name
+
+
+@pytest.mark.usefixtures("few")
+def test_a_models_run_is_driven_again_by_its_answers(measured: Path, tmp_path: Path) -> None:
+    folder, row = tmp_path / "again", 4
+    said = CliRunner().invoke(loop, [str(measured), "--again", str(row), "--out", str(folder)])
+    assert said.exception is None, said.output
+    told = json.loads((folder / "result.json").read_text())["driven"]
+    wanted = rows(measured)[row - 1]
+    assert (told["outcome"], told["latency"]) == (wanted["outcome"], wanted["latency"])
+    assert str(told["outcome_s"]) == wanted["outcome_s"]
+    assert str(told["v_i_mps"]) == wanted["v_i_mps"]
+    kept = (measured / "answers" / f"{row:06d}.json").read_bytes()
+    assert (folder / "answers.json").read_bytes() == kept
+
+
+@pytest.mark.usefixtures("few")
+def test_answers_that_were_removed_are_missed(measured: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(measured, tmp_path / "campaign")
+    (folder / "answers" / "000004.json").unlink()
+    said = CliRunner().invoke(loop, [str(folder), "--again", "4", "--out", str(tmp_path / "a")])
+    assert isinstance(said.exception, InputError)
+    assert "000004.json: isn't there" in str(said.exception)
+
+
+@pytest.mark.usefixtures("few")
+def test_a_run_of_a_campaign_leaves_the_bag_of_the_run_that_its_row_is_of(
+    measured: Path, tmp_path: Path
+) -> None:
+    """Without the model, and once: a second call finds it there."""
+    folder = shutil.copytree(measured, tmp_path / "campaign")
+    told: list[tuple[int, int]] = []
+    for _ in range(2):
+        write_bags(folder, [4], 1, lambda *counts: told.append(counts))
+    assert told == [(0, 1), (1, 1), (1, 1)]
+    left = folder / "bags" / "000004"
+    row, driven = rows(folder)[3], json.loads((left / "result.json").read_text())["driven"]
+    assert [str(driven[key]) for key in ("outcome", "outcome_s", "v_i_mps", "needless")] == [
+        row[key] for key in ("outcome", "outcome_s", "v_i_mps", "needless")
+    ]
+    kept = json.loads((folder / "answers" / "000004.json").read_text())["event"]
+    with BagReader(left / "bag") as bag:
+        counts = Counter(message.topic for message in bag.messages())
+        responses = [bag.decode(m) for m in bag.messages(["/ssp/vla/mine/response"])]
+        latencies = [bag.decode(m) for m in bag.messages(["/ssp/vla/mine/latency"])]
+    assert counts["/ssp/vla/mine/request"] == len(latencies) == len(kept)
+    assert [one.text for one in responses] == [
+        one["given"]["answer"]["text"] for one in kept[: len(responses)]
+    ]
+    parts = {one.key: float(one.value) for one in latencies[0].status[0].values}
+    assert parts["latency_s"] == kept[0]["given"]["latency"]["total_ns"] / 1e9
+    assert counts["/ssp/vut/reference_ack"] == len(responses)
+    # A plan that is replaced before the hand-over leads nothing.
+    assert len(responses) - 10 < counts["/ssp/vut/reference"] < len(responses)
+    assert counts[names.absolute(names.CAMERA_IMAGE)] > len(kept)
+
+
+@pytest.mark.usefixtures("few")
+def test_bags_are_of_all_runs_or_of_failed_ones_and_each_drivers_first(measured: Path) -> None:
+    plan, there = again(measured), rows_there(measured / "runs.csv")
+    later = [[*row[:2], "another start", *row[3:]] for row in there]
+
+    def chosen(which: Bags, *kept: list[list[str]]) -> list[int]:
+        return list(bag_rows(plan, [row for each in kept for row in each], which))
+
+    assert chosen("none", there) == []
+    assert chosen("failed", there) == [1, 2, 3, 4]
+    # The model hits on its second start, too, and the oracle doesn't.
+    assert chosen("failed", there, later) == [1, 2, 3, 4, 7, 8]
+    assert chosen("all", there, later) == [*range(1, 9)]
+    place = RUN_COLUMNS.index("outcome")
+    lost = [[*row[:place], "harness", *row[place + 1 :]] for row in later]
+    # A model that our side failed has no answers to repeat.
+    assert chosen("all", there, lost) == [1, 2, 3, 4, 5, 6]
+
+
+def test_runs_with_a_measured_latency_share_no_host(measured: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="goes with one process"):
+        run(again(measured), tmp_path / "two", jobs=2)
+    assert list((tmp_path / "two").iterdir()) == []
+
+
+def test_two_commands_that_measure_go_one_after_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    waits, order = threading.Event(), []
+
+    def second() -> None:
+        with measuring_alone(lambda text: (order.append(text), waits.set())):  # type: ignore[func-returns-value]
+            order.append("second")
+
+    with measuring_alone(order.append):
+        other = threading.Thread(target=second)
+        other.start()
+        waits.wait()
+        order.append("first")
+    other.join()
+    assert order[0].startswith("another command measures latencies on this host")
+    assert order[1:] == ["first", "second"]
+
+
+@pytest.mark.parametrize("text", ["zero", "fixed:0.25", "fixed:1", "measured:0.5", "measured:2"])
+def test_a_latency_has_one_text(text: str) -> None:
+    assert str(parse_latency(text)) == text
+    assert sorted([Latency(0.0, measured=True), Latency(2.0)])[0] == Latency(2.0)
