@@ -10,7 +10,7 @@ from ssp_core.run_file.verdict import EndWord
 from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
 from ssp_monitor.page.ending import NEXT, end_of
 from ssp_monitor.page.snapshot import Snapshots
-from ssp_monitor.status.board import Board, Event, SessionFact
+from ssp_monitor.status.board import Board, Event, EventList, SessionFact
 from support.states import object_state
 
 S = 1_000_000_000
@@ -29,7 +29,7 @@ def board_of(*states: SessionPhase, verdict: Verdict = Verdict.VALID) -> Board:
         reasons = (BY_HAND,) if last and verdict is Verdict.ABORTED else ()
         fact = SessionFact((100 + 5 * k) * S, state, verdict=verdict if last else Verdict.NONE)
         board.hear_session(replace(fact, reasons=reasons), (20 + k) * S)
-    board.manager_at_ns = 30 * S
+    board.manager.at_ns = 30 * S
     return board
 
 
@@ -41,7 +41,7 @@ def aborted() -> Board:
         SessionPhase.ABORTED,
         verdict=Verdict.ABORTED,
     )
-    board.tell(Event("safety", 110 * S, "operator"))
+    board.events.add(Event("safety", 110 * S, "operator"))
     return board
 
 
@@ -61,9 +61,9 @@ def test_an_accepted_abort_ends_with_its_verdict_and_with_what_stood_when() -> N
 
 def test_an_abort_of_another_cause_is_not_the_operators() -> None:
     board = aborted()
-    board.events.clear()
-    board.tell(Event("safety", 109 * S, "vut silent"))
-    board.tell(Event("safety", 110 * S, "operator"))
+    board.events = EventList()
+    board.events.add(Event("safety", 109 * S, "vut silent"))
+    board.events.add(Event("safety", 110 * S, "operator"))
     end = end_of(board, word(Verdict.ABORTED), 30 * S)
     assert end is not None
     assert end["head"] == "ended: aborted"
@@ -87,7 +87,7 @@ def test_after_the_end_silence_is_no_news(make) -> None:
     board.hear_states([object_state("ot1", stamp_ns=115 * S, speed_mps=0.0)], 23 * S)
     board.offered = frozenset()
     snapshots = Snapshots(board)
-    snapshots.word = word(board.session.verdict, final=False)
+    snapshots.word = word(board.session.fact.verdict, final=False)
     first = snapshots.snapshot(31 * S)
     later = snapshots.snapshot(900 * S)
     assert first == later
@@ -158,7 +158,7 @@ def test_a_session_that_begins_again_is_shown_again() -> None:
     snapshots = Snapshots(board)
     assert snapshots.snapshot(40 * S)["end"] is not None
     board.hear_session(SessionFact(130 * S, SessionPhase.LOADED), 41 * S)
-    board.manager_at_ns = 41 * S
+    board.manager.at_ns = 41 * S
     board.hear_states([object_state("ot1", control_state=ControlState.ARMED)], 41 * S)
     shown = snapshots.snapshot(41 * S)
     assert shown["end"] is None

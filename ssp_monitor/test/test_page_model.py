@@ -33,6 +33,8 @@ from ssp_monitor.status.board import (
     MOST_OBJECTS,
     Board,
     Event,
+    Heard,
+    HeardManager,
     LinkFact,
     RecorderFact,
     SessionFact,
@@ -64,7 +66,8 @@ def ready_board(run: RunSpec) -> Board:
     """Everything as it must be to arm, heard at 10 s."""
     board = Board(run)
     at_ns = 10 * S
-    board.manager_at_ns = board.camera_at_ns = at_ns
+    board.manager.at_ns = at_ns
+    board.camera = Heard("", at_ns)
     board.hear_session(SessionFact(5 * S, SessionPhase.CONNECTED), at_ns)
     board.hear_states([state("vut", Role.VUT)], at_ns)
     board.hear_states([state("ot1", x_m=30.0, y_m=6.0), state("walker", x_m=60.0, y_m=6.0)], at_ns)
@@ -124,9 +127,9 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda b: setattr(b, "manager_at_ns", None), "the scenario manager is silent"),
-        (lambda b: setattr(b, "camera_at_ns", None), "no camera frame arrives"),
-        (lambda b: setattr(b, "recorder_at_ns", None), "the recorder is silent"),
+        (lambda b: setattr(b, "manager", HeardManager()), "the scenario manager is silent"),
+        (lambda b: setattr(b, "camera", Heard("")), "no camera frame arrives"),
+        (lambda b: setattr(b, "recorder", Heard(b.recorder.value)), "the recorder is silent"),
         (
             lambda b: b.hear_recorder(RecorderFact(False, missing=("/ssp/x",)), 10 * S),
             "the recorder is not ready: /ssp/x",
@@ -157,7 +160,7 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
             lambda b: setattr(b, "rules", HeardRules()),
             "ot1 has not said what it judges by",
         ),
-        (lambda b: b.links.clear(), NOT_MEASURED),
+        (lambda b: b.links.value.clear(), NOT_MEASURED),
         (
             lambda b: b.hear_links({"ot1": LinkFact(0.2, 0.9)}, 10 * S),
             "the link to ot1 takes 0.900 s there and back, limit 0.5 s",
@@ -215,8 +218,8 @@ def test_the_page_asks_for_all_that_the_manager_asks_for(run):
     named = [any(who in text for who in run.object_ids) for text in told]
     assert named == sorted(named)
     late = ready_board(run)
-    late.manager_at_ns = 11 * S
-    late.manager_stamp_ns = 6 * S
+    late.manager.at_ns = 11 * S
+    late.manager.stamp_ns = 6 * S
     found = " ".join(standing_in_the_way(late, 11 * S))
     # Half of what ends an armed session, of each of its participants.
     for sign in signs_of_life(run):
@@ -264,7 +267,7 @@ def test_a_session_that_has_started_waits_for_nothing(run):
 def test_age_makes_an_object_late_and_then_stale(run, later_s, late, stale):
     board = ready_board(run)
     now_ns = 10 * S + round(later_s * S)
-    board.manager_at_ns = now_ns
+    board.manager.at_ns = now_ns
     snapshot = Snapshots(board).snapshot(now_ns)
     found = {one["id"]: one for one in snapshot["objects"]}["ot1"]
     assert (found["late"], found["stale"]) == (late, stale)
@@ -275,7 +278,7 @@ def test_age_makes_an_object_late_and_then_stale(run, later_s, late, stale):
 
 def test_one_silent_object_is_no_blindness(run):
     board = ready_board(run)
-    board.manager_at_ns = 13 * S
+    board.manager.at_ns = 13 * S
     board.hear_states([state("vut", Role.VUT), state("walker")], 13 * S)
     snapshot = Snapshots(board).snapshot(13 * S)
     assert snapshot["stale"] == ["ot1 is silent for 3.0 s"]
@@ -335,22 +338,22 @@ def test_elapsed_counts_from_the_start_to_the_end():
     assert board.elapsed_s is None
     board.hear_session(SessionFact(20 * S, SessionPhase.RUNNING), 0)
     assert board.elapsed_s == 0.0
-    board.manager_stamp_ns = 23 * S
+    board.manager.stamp_ns = 23 * S
     assert board.elapsed_s == 3.0
     board.hear_session(SessionFact(25 * S, SessionPhase.FINISHED, verdict=Verdict.VALID), 0)
-    board.manager_stamp_ns = 60 * S
+    board.manager.stamp_ns = 60 * S
     assert board.elapsed_s == 5.0
     board.hear_phase(Phase.CONFLICT, Event("phase", 22 * S, "phase conflict"))
     board.hear_session(SessionFact(61 * S, SessionPhase.LOADED), 0)
     assert board.elapsed_s is None
-    assert board.phase is Phase.UNKNOWN
+    assert board.session.phase is Phase.UNKNOWN
 
 
 def test_events_are_newest_first_dated_from_the_start_and_bounded():
     board = Board()
     board.hear_session(SessionFact(20 * S, SessionPhase.RUNNING), 0)
     for k in range(MOST_EVENTS + 10):
-        board.tell(Event("safety", (21 + k) * S, f"event {k}", measured=1.0, limit=math.inf))
+        board.events.add(Event("safety", (21 + k) * S, f"event {k}", measured=1.0, limit=math.inf))
     events = Snapshots(board).events()["events"]
     assert len(events) == MOST_EVENTS
     assert events[0]["title"] == f"event {MOST_EVENTS + 9}"
@@ -420,7 +423,7 @@ def ages_of(board: Board, now_ns: int = 10 * S) -> dict[str, Any]:
 
 def test_a_state_that_arrives_late_is_old(run):
     board = ready_board(run)
-    board.manager_stamp_ns = round(7.5 * S)  # states are of 5 s
+    board.manager.stamp_ns = round(7.5 * S)  # states are of 5 s
     found = ages_of(board)["ot1"]
     assert (found["age"], found["late"], found["stale"]) == (2.5, True, True)
     snapshot = Snapshots(board).snapshot(10 * S)
@@ -428,9 +431,9 @@ def test_a_state_that_arrives_late_is_old(run):
     assert "what ot1 says is 2.5 s old" in snapshot["stale"]
     assert "the state of ot1 is 2.50 s old, limit 0.15 s" in snapshot["standing"]
     # A manager that isn't heard any more tells nothing of the time; nor does one that is behind.
-    board.manager_at_ns = 8 * S
+    board.manager.at_ns = 8 * S
     assert ages_of(board)["ot1"]["age"] == 0.01
-    board.manager_at_ns, board.manager_stamp_ns = 10 * S, 2 * S
+    board.manager.at_ns, board.manager.stamp_ns = 10 * S, 2 * S
     assert ages_of(board)["ot1"]["age"] == 0.01
 
 
@@ -502,15 +505,15 @@ def test_only_a_picture_that_can_be_shown_makes_the_camera_young():
     assert pictures.settle() == ""
     pictures.put(picture_message(b"\xff\xd8first"), 3)
     assert pictures.settle() == ""
-    assert (board.camera_at_ns, board.camera_fault) == (3, "")
+    assert (board.camera.at_ns, board.camera.value) == (3, "")
     assert pictures.take(S) == b"\xff\xd8first"
     pictures.put(picture_message(b"\x89PNG"), 4)
     assert "is no JPEG" in pictures.settle()
     snapshot = Snapshots(board).snapshot(5)
-    assert (board.camera_at_ns, snapshot["camera_fault"]) == (3, "not JPEG")
+    assert (board.camera.at_ns, snapshot["camera_fault"]) == (3, "not JPEG")
     assert pictures.take(9 * S) is None
     pictures.put(picture_message(b"\xff\xd8second"), 6)
     pictures.settle()
-    assert (board.camera_at_ns, board.camera_fault) == (6, "")
+    assert (board.camera.at_ns, board.camera.value) == (6, "")
     assert pictures.take(2 * S - 1) is None  # not yet due
     assert pictures.take(2 * S) == b"\xff\xd8second"

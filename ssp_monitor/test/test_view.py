@@ -29,7 +29,16 @@ from ssp_monitor.ros.view_node import (
     Trail,
     standing_marks,
 )
-from ssp_monitor.status.board import Board, LinkFact, Received, RecorderFact, SessionFact
+from ssp_monitor.status.board import (
+    Board,
+    Heard,
+    HeardManager,
+    HeardSession,
+    LinkFact,
+    Received,
+    RecorderFact,
+    SessionFact,
+)
 from ssp_monitor.status.health import ClockWatch, health
 from support.states import object_state
 
@@ -151,9 +160,9 @@ def _board(run_mapping: dict[str, Any], **changes: Any) -> Board:
     board = Board(RunSpec.model_validate(run_mapping))
     for name in ("vut", "ot1", "walker"):
         board.objects[name] = Received(_state(name), NOW_NS)
-    board.session = SessionFact(NS_PER_S, SessionPhase.RUNNING)
-    board.session_at_ns = board.manager_at_ns = board.recorder_at_ns = NOW_NS
-    board.recorder = RecorderFact(True, "bag")
+    board.session = HeardSession(SessionFact(NS_PER_S, SessionPhase.RUNNING), NOW_NS)
+    board.manager = HeardManager(NOW_NS)
+    board.recorder = Heard(RecorderFact(True, "bag"), NOW_NS)
     for name, value in changes.items():
         setattr(board, name, value)
     return board
@@ -196,7 +205,7 @@ def test_nothing_heard_is_stale_not_well(run_mapping):
     ],
 )
 def test_the_recorders_health(fact, level, text, run_mapping):
-    status = _health(_board(run_mapping, recorder=fact))["recorder"]
+    status = _health(_board(run_mapping, recorder=Heard(fact, NOW_NS)))["recorder"]
     assert status.level is level
     assert text in status.message
 
@@ -212,11 +221,13 @@ def test_the_recorders_health(fact, level, text, run_mapping):
     ],
 )
 def test_the_sessions_health(fact, level, run_mapping):
-    assert _health(_board(run_mapping, session=fact))["session"].level is level
+    assert (
+        _health(_board(run_mapping, session=HeardSession(fact, NOW_NS)))["session"].level is level
+    )
 
 
 def test_a_silent_manager_and_a_clock_that_stands(run_mapping):
-    board = _board(run_mapping, manager_at_ns=NOW_NS - 2 * NS_PER_S)
+    board = _board(run_mapping, manager=HeardManager(NOW_NS - 2 * NS_PER_S))
     clock = ClockWatch()
     clock.see(5, NOW_NS - 3 * NS_PER_S)
     clock.see(5, NOW_NS)
@@ -252,7 +263,7 @@ def test_an_objects_health(changes, age_s, level, text, run_mapping):
 
 def test_slow_links_and_wrong_clocks_are_warned_of(run_mapping):
     links = {"vut": LinkFact(0.16, 0.1), "ot1": LinkFact(0.0, 0.6), "walker": LinkFact()}
-    found = _health(_board(run_mapping, links=links, links_at_ns=NOW_NS))
+    found = _health(_board(run_mapping, links=Heard(links, NOW_NS)))
     assert "0.160 s off" in found["object vut"].message
     assert "takes 0.600 s" in found["object ot1"].message
     assert found["object walker"].level is Level.OK
@@ -262,13 +273,13 @@ def test_slow_links_and_wrong_clocks_are_warned_of(run_mapping):
 def test_links_of_a_manager_that_tells_nothing_any_more_are_not_known(run_mapping):
     links = {"ot1": LinkFact(0.0, 0.6)}
     old = NOW_NS - round(3.1 * NS_PER_S)
-    found = _health(_board(run_mapping, links=links, links_at_ns=old))["object ot1"]
+    found = _health(_board(run_mapping, links=Heard(links, old)))["object ot1"]
     assert found.level is Level.OK
     assert ("link there and back, s", "unknown") in found.values
 
 
 def test_a_state_that_was_held_up_on_its_way_is_old(run_mapping):
-    found = _health(_board(run_mapping, manager_stamp_ns=3 * NS_PER_S))
+    found = _health(_board(run_mapping, manager=HeardManager(NOW_NS, 3 * NS_PER_S)))
     assert found["object ot1"].level is Level.STALE
     assert ("state age, s", "2.000") in found["object ot1"].values
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from ssp_core.run_file.verdict import EndWord
 from ssp_core.vocabulary import SessionPhase, Verdict
-from ssp_monitor.status.board import OVER, STALE_S, Board, age_s
+from ssp_monitor.status.board import OVER, STALE_S, Board
 
 # What a person does after a run, by its verdict.
 NEXT: dict[Verdict, str] = {
@@ -53,26 +53,26 @@ def verdict_of(board: Board, word: EndWord | None) -> tuple[Verdict, tuple[str, 
     """Return verdict and reasons: the runner's, which knows more, or else the session's own."""
     if word is not None:
         return word.verdict, word.reasons
-    fact = board.session
+    fact = board.session.fact
     return (Verdict.NONE, ()) if fact is None else (fact.verdict, fact.reasons)
 
 
 def _has_left(board: Board, now_ns: int) -> bool:
     """Tell whether the session is over and its manager, which could begin another, has gone."""
-    if board.session is None or board.session.state not in OVER:
+    if board.session.state not in OVER:
         return False
     unheard = board.offered is not None and "abort" not in board.offered
-    return unheard or age_s(now_ns, board.manager_at_ns) > STALE_S
+    return unheard or board.manager.silent_s(now_ns) > STALE_S
 
 
 def _standing(board: Board) -> tuple[bool, str]:
-    state = board.session.state if board.session is not None else SessionPhase.UNKNOWN
+    fact, state = board.session.fact, board.session.state
     if state in _UNARMED:
         return True, "no object was armed"
     if state in OVER:
         at_s = board.elapsed_s
         return True, "everything stood" + ("" if at_s is None else f" at {at_s:.1f} s")
-    why = f" ({board.session.reason})" if board.session and board.session.reason else ""
+    why = f" ({fact.reason})" if fact and fact.reason else ""
     heard = f"the session was {state.name}{why} when it was last heard"
     return False, f"{heard}, and nobody reported a standstill. Objects may be moving."
 
@@ -86,7 +86,7 @@ def _verdict(board: Board, word: EndWord | None) -> str:
 
 def _is_by_hand(board: Board) -> bool:
     """Tell whether the first safety event of this run is a person's abort."""
-    since_ns = board.started_ns or 0
+    since_ns = board.session.started_ns or 0
     for _, event in board.events:
         if event.kind == "safety" and event.stamp_ns >= since_ns:
             return event.title == _BY_HAND

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from ssp_core.geometry import Polyline, box_distance
@@ -21,6 +22,7 @@ from ssp_monitor.status.board import (
     STALE_S,
     Board,
     Event,
+    Heard,
     LinkFact,
     Received,
     RecorderFact,
@@ -99,7 +101,7 @@ class Snapshots:
             self._frozen = None
             return {**self._live(now_ns), "end": None}
         if self._frozen is None:
-            heard_ns = self._board.session_at_ns
+            heard_ns = self._board.session.at_ns
             self._frozen = self._live(now_ns if heard_ns is None else min(now_ns, heard_ns))
         session = {**self._session(), "commands": [], "next": end["next"]}
         quiet = {"stale": [], "leaderless": False, "abort_unheard": False, "standing": []}
@@ -112,23 +114,23 @@ class Snapshots:
             "session": self._session(),
             "ages": self._ages(now_ns),
             "stale": self.stale(now_ns),
-            "leaderless": age_s(now_ns, board.manager_at_ns) > STALE_S,
+            "leaderless": board.manager.silent_s(now_ns) > STALE_S,
             "blind": self._is_blind(now_ns),
             "standing": standing_in_the_way(board, now_ns),
             "objects": self._objects(now_ns),
-            "recorder": _recorder(board.recorder),
+            "recorder": _recorder(board.recorder.value),
             "replay": board.replay,
             "abort_unheard": self._is_abort_unheard(),
-            "camera_fault": board.camera_fault,
+            "camera_fault": board.camera.value,
         }
 
     def stale(self, now_ns: int) -> list[str]:
         """List silent sources, as sentences; what they last said must not pass for the present."""
         board = self._board
         silent = []
-        if board.manager_at_ns is None:
+        if board.manager.at_ns is None:
             silent.append("the scenario manager was never heard")
-        elif (age := age_s(now_ns, board.manager_at_ns)) > STALE_S:
+        elif (age := board.manager.silent_s(now_ns)) > STALE_S:
             silent.append(f"the scenario manager is silent for {age:.1f} s")
         for object_id in self._expected():
             heard = board.objects.get(object_id)
@@ -162,9 +164,9 @@ class Snapshots:
 
     def events(self) -> dict[str, Any]:
         """Return all remembered events, newest first."""
-        zero_ns = self._board.started_ns
+        zero_ns = self._board.session.started_ns
         return {
-            "events_seen": self._board.events_seen,
+            "events_seen": self._board.events.seen,
             "events": [_event(n, event, zero_ns) for n, event in reversed(self._board.events)],
         }
 
@@ -174,8 +176,7 @@ class Snapshots:
 
     def _session(self) -> dict[str, Any]:
         board = self._board
-        fact = board.session
-        state = fact.state if fact is not None else SessionPhase.UNKNOWN
+        fact, state = board.session.fact, board.session.state
         run = board.run
         elapsed_s = board.elapsed_s
         verdict, reasons = verdict_of(board, self.word)
@@ -193,7 +194,7 @@ class Snapshots:
             "mode": run.mode if run else "",
             "verdict": verdict.name,
             "reasons": list(reasons),
-            "phase": _phase(board.phase),
+            "phase": _phase(board.session.phase),
             "elapsed_s": None if elapsed_s is None else number(elapsed_s, 2),
             "commands": self._commands(state),
             "next": "" if board.replay else NEXT_WHILE_ARMING if arming else NEXT[state],
@@ -202,10 +203,10 @@ class Snapshots:
     def _ages(self, now_ns: int) -> dict[str, float | None]:
         board = self._board
         sources = {
-            "session": board.session_at_ns,
-            "manager": board.manager_at_ns,
-            "recorder": board.recorder_at_ns,
-            "camera": board.camera_at_ns,
+            "session": board.session.at_ns,
+            "manager": board.manager.at_ns,
+            "recorder": board.recorder.at_ns,
+            "camera": board.camera.at_ns,
         }
         return {name: number(age_s(now_ns, at_ns), 2) for name, at_ns in sources.items()}
 
@@ -425,9 +426,9 @@ class Pictures:
         try:
             self._jpeg = jpeg_of(data)
         except ValueError as error:
-            self._board.camera_fault = NOT_JPEG
+            self._board.camera = replace(self._board.camera, value=NOT_JPEG)
             return str(error)
-        self._board.camera_at_ns, self._board.camera_fault = at_ns, ""
+        self._board.camera = Heard("", at_ns)
         return ""
 
     def take(self, now_ns: int) -> bytes | None:

@@ -133,7 +133,7 @@ class MonitorPage(Node):
     def _session_token(self) -> str:
         """Return the run file's token, or without one that of the manager that is heard."""
         run = self._board.run
-        return (run.session_token if run is not None else "") or self._board.session_token
+        return (run.session_token if run is not None else "") or self._board.manager.session_token
 
     def _announce(self, made: bool, token: str) -> None:
         if not is_loopback(self.server.door.bound):
@@ -183,11 +183,11 @@ class MonitorPage(Node):
         self._pictures.put(data, time.monotonic_ns())
 
     def _on_event(self, convert: Callable[[Any], Event], message: Any) -> None:
-        self._board.tell(convert(message))
+        self._board.events.add(convert(message))
 
     def _on_ack(self, ack: Any) -> None:
         if not ack.accepted:
-            self._board.tell(messages.refused_event(ack))
+            self._board.events.add(messages.refused_event(ack))
 
     def _hear_runner(self) -> None:
         """Take the runner's words, in a thread of its own; without it there is no run."""
@@ -217,8 +217,8 @@ class MonitorPage(Node):
         payloads: dict[str, Payload] = {}
         snapshot = {"type": "snapshot", **self._snapshots.snapshot(now_ns)}
         payloads["snapshot"] = json.dumps(snapshot, separators=(",", ":"), allow_nan=False)
-        if self._events_pushed != self._board.events_seen:
-            self._events_pushed = self._board.events_seen
+        if self._events_pushed != self._board.events.seen:
+            self._events_pushed = self._board.events.seen
             events = {"type": "events", **self._snapshots.events()}
             payloads["events"] = json.dumps(events, separators=(",", ":"), allow_nan=False)
         if (picture := self._pictures.take(now_ns)) is not None:

@@ -86,8 +86,8 @@ class SessionSubscriptions:
         data, self._heartbeat = self._heartbeat, None
         try:
             beat = decode_heartbeat(data)
-            self._board.manager_stamp_ns = beat.stamp_ns
-            self._board.session_token = beat.session_token
+            self._board.manager.stamp_ns = beat.stamp_ns
+            self._board.manager.session_token = beat.session_token
         except ValueError as error:
             self.tell_once(f"{names.HEARTBEAT}: {error}")
 
@@ -113,7 +113,7 @@ class SessionSubscriptions:
 
     def _on_heartbeat(self, data: bytes) -> None:
         self._heartbeat = data
-        self._board.manager_at_ns = time.monotonic_ns()
+        self._board.manager.at_ns = time.monotonic_ns()
 
     def _on_session(self, message: SessionState) -> None:
         try:

@@ -1,5 +1,8 @@
 """The newest of everything that was heard of a session, as plain values, and how old each is.
 
+This file owns what is known: a board begins empty and never begins anew; a source's newest word
+replaces the one before, and a session that is loaded begins the run's own time anew.
+
 Here and wherever a board is looked at, ``at_ns`` and ``now_ns`` are of this host's steady clock.
 """
 
@@ -8,8 +11,9 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
@@ -173,40 +177,145 @@ _BEGUN_AGAIN_NS = 1_000_000_000
 OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 
 
-@dataclass
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Heard(Generic[T]):
+    """The newest word of one source.
+
+    Args:
+        at_ns: when it arrived; None: never.
+    """
+
+    value: T
+    at_ns: int | None = None
+
+    def age_s(self, now_ns: int) -> float:
+        """Return how long ago it arrived; inf: never."""
+        return age_s(now_ns, self.at_ns)
+
+
+@dataclass(slots=True)
+class HeardManager:
+    """The manager's heartbeats: when the newest arrived, and what it says.
+
+    Args:
+        stamp_ns: session time.
+        session_token: of the newest one that could be read; may be empty.
+    """
+
+    at_ns: int | None = None
+    stamp_ns: int | None = None
+    session_token: str = ""
+
+    def silent_s(self, now_ns: int) -> float:
+        """Return the time since the newest heartbeat; inf: there was none."""
+        return age_s(now_ns, self.at_ns)
+
+
+@dataclass(slots=True)
+class HeardSession:
+    """The session's newest transition, the event's phase, and the run's own time.
+
+    Args:
+        fact: None: no transition was heard.
+        started_ns: session time at which the run began; None before it.
+        ended_ns: session time of its end.
+    """
+
+    fact: SessionFact | None = None
+    at_ns: int | None = None
+    phase: Phase = Phase.UNKNOWN
+    started_ns: int | None = None
+    ended_ns: int | None = None
+
+    @property
+    def state(self) -> SessionPhase:
+        """The state after the newest transition; UNKNOWN before the first."""
+        return SessionPhase.UNKNOWN if self.fact is None else self.fact.state
+
+    def hear(self, fact: SessionFact, at_ns: int) -> Event:
+        """Take a transition, which begins or ends the run's own time; return it as an event."""
+        before = self.fact
+        self.fact, self.at_ns = fact, at_ns
+        if fact.state in (SessionPhase.IDLE, SessionPhase.LOADED):
+            self.started_ns = self.ended_ns = None
+            self.phase = Phase.UNKNOWN
+        elif fact.state is SessionPhase.RUNNING:
+            self.started_ns, self.ended_ns = fact.stamp_ns, None
+        elif fact.state in OVER and self.ended_ns is None:
+            self.ended_ns = fact.stamp_ns
+        was = before.state.name if before is not None else ""
+        return Event(
+            "session",
+            fact.stamp_ns,
+            f"{was} → {fact.state.name}" if was else fact.state.name,
+            f"{fact.event}: {fact.reason}" if fact.reason else fact.event,
+        )
+
+    def elapsed_s(self, now_ns: int | None) -> float | None:
+        """Return the session time since the start of the run, until its end; None before it.
+
+        Args:
+            now_ns: session time; None: unknown.
+        """
+        if self.started_ns is None:
+            return None
+        until_ns = self.ended_ns if self.ended_ns is not None else now_ns
+        if until_ns is None or until_ns < self.started_ns:
+            return 0.0
+        return (until_ns - self.started_ns) / 1e9
+
+
+class EventList:
+    """The newest events, numbered from 1; iteration gives number and event, the oldest first.
+
+    Attributes:
+        seen: how many there were; the oldest ones are forgotten when there are too many.
+    """
+
+    def __init__(self) -> None:
+        self.seen = 0
+        self._kept: deque[tuple[int, Event]] = deque(maxlen=MOST_EVENTS)
+
+    def add(self, event: Event) -> None:
+        """Add one more event."""
+        self.seen += 1
+        self._kept.append((self.seen, event))
+
+    def __iter__(self) -> Iterator[tuple[int, Event]]:
+        return iter(self._kept)
+
+    def __reversed__(self) -> Iterator[tuple[int, Event]]:
+        return reversed(self._kept)
+
+
+@dataclass(slots=True)
 class Board:
     """Takes facts as they come. Every ``at_ns`` is ns on this host's steady clock.
 
     Args:
+        vut_refused: why no state is made of the VUT's newest fix; empty: one is made.
         motion: what the run's participants state, held against their places.
+        camera: what is wrong with its newest picture, and when the newest good one came.
         offered: commands whose services were found; None: nobody looks for them.
     """
 
     run: RunSpec | None = None
     objects: dict[str, Received] = field(default_factory=dict)
-    session: SessionFact | None = None
-    session_at_ns: int | None = None
-    phase: Phase = Phase.UNKNOWN
-    manager_at_ns: int | None = None
-    manager_stamp_ns: int | None = None
-    session_token: str = ""
-    started_ns: int | None = None
-    ended_ns: int | None = None
-    links: dict[str, LinkFact] = field(default_factory=dict)
-    links_at_ns: int | None = None
+    session: HeardSession = field(default_factory=HeardSession)
+    manager: HeardManager = field(default_factory=HeardManager)
+    links: Heard[dict[str, LinkFact]] = field(default_factory=lambda: Heard({}))
     rules: HeardRules = field(default_factory=HeardRules)
-    recorder: RecorderFact | None = None
-    recorder_at_ns: int | None = None
-    vut_refused: str = ""
-    vut_refused_at_ns: int | None = None
+    recorder: Heard[RecorderFact | None] = Heard(None)
+    vut_refused: Heard[str] = Heard("")
     bodies: dict[str, tuple[BodyStatus, int]] = field(default_factory=dict)
     motion: dict[str, ConsistencyWatch] = field(default_factory=dict)
-    camera_at_ns: int | None = None
-    camera_fault: str = ""
+    camera: Heard[str] = Heard("")
     replay: bool = False
     offered: frozenset[str] | None = None
-    events: deque[tuple[int, Event]] = field(default_factory=lambda: deque(maxlen=MOST_EVENTS))
-    events_seen: int = 0
+    events: EventList = field(default_factory=EventList)
 
     def __post_init__(self) -> None:
         if self.run is None:
@@ -231,60 +340,35 @@ class Board:
                 watch.see(state)
 
     def hear_session(self, fact: SessionFact, at_ns: int) -> None:
-        """Take a transition, which becomes an event, and begins or ends the run's own time."""
-        before = self.session
-        self.session, self.session_at_ns = fact, at_ns
-        if fact.state in (SessionPhase.IDLE, SessionPhase.LOADED):
-            self.started_ns = self.ended_ns = None
-            self.phase = Phase.UNKNOWN
-        elif fact.state is SessionPhase.RUNNING:
-            self.started_ns, self.ended_ns = fact.stamp_ns, None
-        elif fact.state in OVER and self.ended_ns is None:
-            self.ended_ns = fact.stamp_ns
-        was = before.state.name if before is not None else ""
-        self.tell(
-            Event(
-                "session",
-                fact.stamp_ns,
-                f"{was} → {fact.state.name}" if was else fact.state.name,
-                f"{fact.event}: {fact.reason}" if fact.reason else fact.event,
-            )
-        )
+        """Take a transition, which becomes an event."""
+        self.events.add(self.session.hear(fact, at_ns))
 
     def hear_phase(self, phase: Phase, event: Event) -> None:
         """Take the beginning of a phase of the event."""
-        self.phase = phase
-        self.tell(event)
+        self.session.phase = phase
+        self.events.add(event)
 
     def hear_links(self, links: dict[str, LinkFact], at_ns: int) -> None:
-        self.links, self.links_at_ns = links, at_ns
+        """Take the manager's measurements of all links."""
+        self.links = Heard(links, at_ns)
 
     def hear_recorder(self, fact: RecorderFact, at_ns: int) -> None:
-        self.recorder, self.recorder_at_ns = fact, at_ns
+        """Take the recorder's report on itself."""
+        self.recorder = Heard(fact, at_ns)
 
     def hear_localisation(self, reason: str, at_ns: int) -> None:
         """Take the reason why no state is made of the VUT's newest fix; empty: one is made."""
-        self.vut_refused, self.vut_refused_at_ns = reason, at_ns
+        self.vut_refused = Heard(reason, at_ns)
 
     def hear_body(self, status: BodyStatus, at_ns: int) -> None:
         """Take the report of a live object's process on its body (BodyStatus.msg)."""
         if status.object_id in self.bodies or len(self.bodies) < MOST_OBJECTS:
             self.bodies[status.object_id] = status, at_ns
 
-    def tell(self, event: Event) -> None:
-        """Add one more event; the oldest one is forgotten when there are too many."""
-        self.events_seen += 1
-        self.events.append((self.events_seen, event))
-
     @property
     def elapsed_s(self) -> float | None:
         """Session time since the start of the run, None before it."""
-        if self.started_ns is None:
-            return None
-        until_ns = self.ended_ns if self.ended_ns is not None else self.manager_stamp_ns
-        if until_ns is None or until_ns < self.started_ns:
-            return 0.0
-        return (until_ns - self.started_ns) / 1e9
+        return self.session.elapsed_s(self.manager.stamp_ns)
 
 
 @dataclass
@@ -332,7 +416,7 @@ def age_s(now_ns: int, at_ns: int | None) -> float:
 
 def links_of(board: Board, now_ns: int) -> dict[str, LinkFact]:
     """Return the links as they are now; empty if the manager hasn't told of them lately."""
-    return board.links if age_s(now_ns, board.links_at_ns) <= LINKS_FRESH_S else {}
+    return board.links.value if board.links.age_s(now_ns) <= LINKS_FRESH_S else {}
 
 
 def object_age_s(board: Board, heard: Received, now_ns: int) -> float:
@@ -341,8 +425,9 @@ def object_age_s(board: Board, heard: Received, now_ns: int) -> float:
     A state that was held up on its way arrives late and looks new by its arrival alone.
     """
     age = age_s(now_ns, heard.at_ns)
-    if board.manager_stamp_ns is not None and age_s(now_ns, board.manager_at_ns) <= STALE_S:
-        age = max(age, (board.manager_stamp_ns - heard.state.stamp_ns) / 1e9)
+    manager = board.manager
+    if manager.stamp_ns is not None and manager.silent_s(now_ns) <= STALE_S:
+        age = max(age, (manager.stamp_ns - heard.state.stamp_ns) / 1e9)
     link = links_of(board, now_ns).get(heard.state.object_id)
     if link is not None and math.isfinite(link.state_age_s):
         age = max(age, link.state_age_s)

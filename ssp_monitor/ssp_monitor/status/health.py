@@ -42,11 +42,11 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
 
     The list is empty once the session is past its start.
     """
-    session = board.session.state if board.session is not None else SessionPhase.UNKNOWN
+    session = board.session.state
     if session not in _BEFORE_START:
         return []
     problems = []
-    if age_s(now_ns, board.manager_at_ns) > STALE_S:
+    if board.manager.silent_s(now_ns) > STALE_S:
         problems.append("the scenario manager is silent")
     if session in (SessionPhase.UNKNOWN, SessionPhase.IDLE):
         problems.append("no run is loaded")
@@ -65,17 +65,17 @@ def standing_in_the_way(board: Board, now_ns: int) -> list[str]:
 
 def _facts(board: Board, now_ns: int) -> Facts:
     """Collect the facts heard, as the manager's rules ask for them."""
-    run, recorder = board.run, board.recorder or RecorderFact(ready=False)
+    run, recorder = board.run, board.recorder.value or RecorderFact(ready=False)
     ages_s = {who: age_s(now_ns, heard.at_ns) for who, heard in board.objects.items()}
-    ages_s[names.MONITOR] = age_s(now_ns, board.recorder_at_ns)
-    ages_s[names.FRONT_CAMERA] = age_s(now_ns, board.camera_at_ns)
+    ages_s[names.MONITOR] = board.recorder.age_s(now_ns)
+    ages_s[names.FRONT_CAMERA] = board.camera.age_s(now_ns)
     if run is not None:
         # Of a simulated world the states of the VUT are the sign.
         for who in (names.VUT_ID, names.SIL_WORLD):
             ages_s[who] = ages_s.get(run.vut.id, math.inf)
     live = run is not None and run.mode == "live"
     ids = [target.id for target in run.targets] if run is not None else []
-    adapted = age_s(now_ns, board.vut_refused_at_ns) <= ADAPTER_SILENT_S
+    adapted = board.vut_refused.age_s(now_ns) <= ADAPTER_SILENT_S
     return Facts(
         ages_s=ages_s,
         # What is measured was answered within the last second, and how long ago isn't told.
@@ -88,7 +88,7 @@ def _facts(board: Board, now_ns: int) -> Facts:
         recorder_ready=recorder.ready,
         recorder_missing=recorder_lacks(recorder.missing, recorder.failure, recorder.warnings),
         recorder_lost=recorder.lost,
-        vut_refused=board.vut_refused if adapted else "",
+        vut_refused=board.vut_refused.value if adapted else "",
         motion=board.motion,
         other_managers=len(recorder.strangers),
         foreign="; ".join(recorder.strangers),
@@ -102,11 +102,11 @@ def _session_ns(board: Board, now_ns: int) -> int:
     In a live session it goes on after the manager's last word of it; a simulated world stands still
     before the start.
     """
-    if board.manager_stamp_ns is None:
+    stamp_ns, heard_ns = board.manager.stamp_ns, board.manager.at_ns
+    if stamp_ns is None:
         return max((heard.state.stamp_ns for heard in board.objects.values()), default=0)
     live = board.run is not None and board.run.mode == "live"
-    heard_ns = board.manager_at_ns
-    return board.manager_stamp_ns + (now_ns - heard_ns if live and heard_ns is not None else 0)
+    return stamp_ns + (now_ns - heard_ns if live and heard_ns is not None else 0)
 
 
 def not_armed(board: Board) -> list[str]:
@@ -163,10 +163,10 @@ def _number(value: float, digits: int = 3) -> str:
 
 
 def _recorder(board: Board, now_ns: int) -> Status:
-    fact, name = board.recorder, "ssp: recorder"
+    fact, name = board.recorder.value, "ssp: recorder"
     if fact is None:
         return Status(name, "monitor", Level.STALE, "no recorder was heard")
-    silent_s = age_s(now_ns, board.recorder_at_ns)
+    silent_s = board.recorder.age_s(now_ns)
     values = (
         ("bag", fact.bag),
         ("messages", str(fact.messages)),
@@ -196,7 +196,7 @@ def _recorder(board: Board, now_ns: int) -> Status:
 
 
 def _session(board: Board, now_ns: int) -> Status:
-    fact, name, part = board.session, "ssp: session", "scenario_manager"
+    fact, name, part = board.session.fact, "ssp: session", "scenario_manager"
     if fact is None:
         return Status(name, part, Level.STALE, "no session was heard")
     in_the_way = standing_in_the_way(board, now_ns)
@@ -204,12 +204,12 @@ def _session(board: Board, now_ns: int) -> Status:
         ("state", fact.state.name),
         ("run", fact.run_id),
         ("scenario", fact.scenario),
-        ("phase", board.phase.name),
+        ("phase", board.session.phase.name),
         ("verdict", fact.verdict.name),
         ("reasons", "; ".join(fact.reasons)),
         ("in the way of arming", "; ".join(in_the_way)),
     )
-    silent_s = age_s(now_ns, board.manager_at_ns)
+    silent_s = board.manager.silent_s(now_ns)
     why = f": {fact.reason}" if fact.reason else ""
     if fact.state in (SessionPhase.ABORTING, SessionPhase.ABORTED):
         level, message = Level.ERROR, f"{fact.state.name}{why}"
@@ -234,7 +234,7 @@ def _clock(board: Board, clock: ClockWatch, now_ns: int) -> Status:
         ("session time, s", _number(clock.stamp_ns / 1e9)),
         ("unchanged for, s", _number(stands_s, 2)),
     )
-    running = board.session is not None and board.session.state is SessionPhase.RUNNING
+    running = board.session.state is SessionPhase.RUNNING
     if stands_s <= CLOCK_STANDS_S:
         return Status(name, "session time", Level.OK, "session time goes on", values)
     level = Level.ERROR if running else Level.WARN
