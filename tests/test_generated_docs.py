@@ -103,7 +103,7 @@ def test_who_judges_what(generate: ModuleType) -> None:
         "ssp_ot_controller/ssp_ot_controller/",
         "ssp_scenario_manager/ssp_scenario_manager/session/",
     )
-    told_by = ("objects/local_safety", "objects/target", "bodies/iso22133/conversation")
+    told_by = ("objects/local_safety", "objects/own_states", "bodies/iso22133/conversation")
     by_objects = judged_in(*(f"{target}{name}.py" for name in told_by))
     told_by = ("limits", "progress", "supervision", "dispatches", "local_stops", "state_history")
     by_manager = SILENCES | judged_in(*(f"{core}{name}.py" for name in told_by))

@@ -30,7 +30,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 )
 from ssp_ot_controller.bodies.iso22133.trajectories import read_trajectory
 from ssp_ot_controller.bodies.iso22133.units import to_gps
-from ssp_ot_controller.objects.target import OWN_STANDSTILL_MPS
+from ssp_ot_controller.objects.own_states import OWN_STANDSTILL_MPS
 from ssp_ot_controller.rehearsal.iso_object import IsoObject
 from ssp_ot_controller.rehearsal.iso_server import IsoServer, serve
 from ssp_ot_controller.rehearsal.played import StateLog

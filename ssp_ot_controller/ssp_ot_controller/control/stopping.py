@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from ssp_core.safety.stopping import (
     stopping_of,
 )
 from ssp_core.vocabulary import ObjectClass
+from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.control.tracker import Track
 
 # From the first command to brake on the object is given so long before it is judged.
@@ -55,6 +56,54 @@ class BrakeMonitor:
             return False
         due_mps = abs(self.from_mps) - LEAST_SHARE * deceleration_mps2 * elapsed_s
         return not abs(speed_mps) <= max(due_mps, _SLOW_MPS)
+
+
+class Brakes:
+    """How one object stops: as asked, as hard as it goes once its brakes failed, or blindly.
+
+    Args:
+        deceleration_mps2: that a stop is asked for.
+        yaw_rad: of its start.
+
+    Attributes:
+        blind: the object has lost its place; it stays blind until it is cleared, whatever it sees
+            later.
+    """
+
+    def __init__(self, deceleration_mps2: float, yaw_rad: float) -> None:
+        self.blind = False
+        self._deceleration_mps2 = deceleration_mps2
+        self._monitor: BrakeMonitor | None = None  # of the braking that lasts
+        self._failed = False  # until it is cleared
+        self._last = Command(0.0, 0.0, yaw_rad)
+
+    def clear(self) -> None:
+        """Believe in places and brakes again, when the object is cleared."""
+        self.blind = self._failed = False
+
+    def release(self, command: Command) -> Command:
+        """Take a command that drives, and return it."""
+        self._last, self._monitor = command, None
+        return command
+
+    def brake(self, speed_mps: float, now_ns: int, command: Command) -> Command:
+        """Take a command that brakes, and return it; an emergency stop if the brakes fail."""
+        if self._monitor is None:
+            self._monitor = BrakeMonitor(now_ns, speed_mps)
+        elif self._monitor.fails(speed_mps, now_ns, self._deceleration_mps2):
+            self._failed = True
+        self._last = replace(command, emergency_stop=True) if self._failed else command
+        return self._last
+
+    def stop_blindly(self) -> Command:
+        """Return the command of an object that has lost its place."""
+        self.blind = True
+        return self.hold_steering()
+
+    def hold_steering(self) -> Command:
+        """Return the last steering, and the brakes as hard as they go."""
+        self._last = replace(self._last, acceleration_mps2=0.0, emergency_stop=True)
+        return self._last
 
 
 # Points of a reference are looked at so far apart at most.

@@ -54,9 +54,10 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 from ssp_ot_controller.bodies.iso22133.states import session_of
 from ssp_ot_controller.bodies.iso22133.trajectories import points_of
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns, to_gps
+from ssp_ot_controller.objects.own_states import OWN_STANDSTILL_MPS
 from ssp_ot_controller.objects.rules import ObjectRules
 from ssp_ot_controller.objects.state_machine import ObjectEvent
-from ssp_ot_controller.objects.target import OWN_STANDSTILL_MPS, Target
+from ssp_ot_controller.objects.target import Target
 from ssp_ot_controller.rehearsal.centre_link import CentreLink, Sent
 from ssp_ot_controller.rehearsal.iso_settings import (
     Refused,
