@@ -24,7 +24,7 @@ from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.run_file.values import Start
 from ssp_core.safety import liveness
 from ssp_core.safety.codes import MEANINGS, SafetyCode
-from ssp_core.safety.consistency import HOLDS_S
+from ssp_core.safety.contradiction import HOLDS_S
 from ssp_core.safety.publishers import Part, expected_publishers
 from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict

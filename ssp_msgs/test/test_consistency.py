@@ -11,7 +11,8 @@ import pytest
 
 from ssp_core.run_file.model import Limits
 from ssp_core.safety import window
-from ssp_core.safety.consistency import Bounds, ConsistencyWatch, Contradiction
+from ssp_core.safety.consistency import Bounds, ConsistencyWatch, WindowCounts
+from ssp_core.safety.contradiction import Contradiction
 from ssp_core.safety.limits import net_way_m
 from ssp_core.vocabulary import ObjectClass
 from tests.support.tracks import (
@@ -248,7 +249,7 @@ def test_a_pause_and_a_clock_that_is_set_back_begin_anew() -> None:
     assert all(watch.contradiction is None for watch in watched(before + after, Bounds()))
     back = [(t - 30.0, *values) for t, *values in after]
     *_, watch = watched(before + back, Bounds())
-    assert watch.windows > 1.4 * 75
+    assert watch.counts.judged > 1.4 * 75
     assert watch.contradiction is None
     late = [(1.5, 0.0, 0.0, 0.0, 10.0, 0.0)]
     *_, watch = watched(before + late, Bounds())
@@ -279,7 +280,7 @@ def test_near_misses_are_counted() -> None:
     rows = drive(2.0, lambda t: (8.1 * t, 0.0))
     *_, watch = watched(rows, Bounds())
     assert watch.contradiction is None
-    assert (watch.windows, watch.moving_windows, watch.near_misses) == (75, 75, 0)
+    assert watch.counts == WindowCounts(judged=75, moving=75)
     *_, watch = watched(drive(2.0, lambda t: (7.9 * t, 0.0)), Bounds())
-    assert (watch.contradiction, watch.near_misses) == (None, 75)
-    assert watch.nearest == pytest.approx(0.84)
+    assert (watch.contradiction, watch.counts.near_misses) == (None, 75)
+    assert watch.counts.nearest == pytest.approx(0.84)

@@ -10,21 +10,18 @@ judged by the same rules.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
-from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
+from ssp_core.safety.contradiction import Contradiction, Findings
 from ssp_core.safety.delays import DELAYS_S, Delays
+from ssp_core.safety.samples import SIGMAS, Samples
 from ssp_core.safety.window import (
-    LEAST_SAMPLES,
     MAP_AXES,
     SPEED_MPS,
     UNSTEADY_DELAY,
-    WINDOW_S,
     Window,
     kind_of,
     speed_bound_mps,
@@ -41,21 +38,12 @@ _DIRECTION_RAD = {
     ObjectClass.CYCLIST: math.radians(30.0),
     ObjectClass.PEDESTRIAN: math.radians(60.0),
 }
-# Three sigma of the distance between two places.
-SIGMAS = 3.0 * math.sqrt(2.0)
-# A contradiction ends a session when it holds for so long on end; a shorter one is kept in mind
-# from so many windows on: single places may be wrong by more than three sigma.
-HOLDS_S = 0.5
-_DOUBT_S = 0.1
-_DOUBT_WINDOWS = 3
 # A place that steps again so soon after it stepped doesn't step: it moves.
 _STEP_APART_S = 1.0
 # Without a state for longer than this a window begins anew.
 _PAUSE_S = 0.5
 # A stamp that lies so far before the newest one comes of a clock that was set back.
 _SET_BACK_S = 1.0
-# So much is remembered.
-_REMEMBERED_S = 3.0
 # A window this near to its bound, or beyond it, is worth a look before a day on the track.
 NEAR_SHARE = 0.8
 
@@ -96,87 +84,60 @@ class Bounds:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Contradiction:
-    """Windows on end in which what is stated doesn't fit the places.
+@dataclass(slots=True)
+class WindowCounts:
+    """The windows that were judged, since the watch was made.
 
     Args:
-        kind: what explains it best, for people.
-        text: kind, with the newest window's figures.
-        held_s: from the first of them to the newest.
-        windows: how many.
-        moving: the object moved meanwhile, by its places.
+        judged: how many.
+        moving: those of them in which the object moved.
+        near_misses: those that came near to their bound, or passed it.
+        nearest: the largest share of its bound that one of them reached.
     """
 
-    kind: str
-    text: str
-    held_s: float
-    windows: int
-    moving: bool
+    judged: int = 0
+    moving: int = 0
+    near_misses: int = 0
+    nearest: float = 0.0
 
-    @property
-    def holds(self) -> bool:
-        """It has held long enough to end a session."""
-        return self.held_s >= HOLDS_S
-
-
-_NEVER = Contradiction("", "", 0.0, 0, False)
-
-
-class _Sample(NamedTuple):
-    """One state; a tuple, since one is made for each state of each object.
-
-    Args:
-        t_s: since the first.
-        yaw_rad: without jumps by a whole turn.
-        way_m: integral of the stated speed.
-        turn_rads: integral of the yaw.
-    """
-
-    t_s: float
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    speed_mps: float
-    std_m: float
-    way_m: float
-    turn_rads: float
+    def see_share(self, share: float) -> None:
+        """Count a window by the share of its bound that it reached."""
+        if share > NEAR_SHARE:
+            self.near_misses += 1
+            self.nearest = max(self.nearest, share)
 
 
 class ConsistencyWatch:
     """The states of one object, as they come; each is judged by those before it.
 
     Attributes:
-        contradiction: of the newest windows; None: they agree, or there is none yet.
-        doubt: the last contradiction, until the same object has moved without one for as long as
-            a contradiction takes to hold.
-        windows: judged so far; moving_windows: those of them in which it moved.
-        near_misses: windows of them that came near to their bound, or passed it.
-        nearest: the largest share of its bound that a window reached.
+        counts: of the windows that were judged.
     """
 
     def __init__(self, bounds: Bounds) -> None:
-        self.windows = self.moving_windows = self.near_misses = 0
-        self.nearest = 0.0
+        self.counts = WindowCounts()
         self._bounds = bounds
         self._direction_rad = bounds.direction_rad
         self._least_cosine = math.cos(NEAR_SHARE * (bounds.direction_rad or 0.0))
         self.clear()
 
     def clear(self) -> None:
-        """Forget all states."""
-        self.contradiction: Contradiction | None = None
-        self.doubt: Contradiction | None = None
-        self._zero_ns = 0
-        self._t: list[float] = []
-        self._samples: list[_Sample] = []
-        self._begin = self._speed_from = self._way_from = 0
-        self._since = 0.0
-        self._kinds: dict[str, float] = {}
+        """Forget all states; what was counted stays."""
+        self._samples = Samples(self._bounds.position_std_m, self._bounds.pause_s)
+        self._findings = Findings()
         self._speed_delays, self._yaw_delays = Delays(), Delays()
         self._fits_alone = False  # a delay fits the newest window, and didn't fit those before
-        self._agrees_since: float | None = None
         self._stepped_s = -math.inf
+
+    @property
+    def contradiction(self) -> Contradiction | None:
+        """The contradiction of the newest windows; None: they agree, or there is none yet."""
+        return self._findings.contradiction
+
+    @property
+    def doubt(self) -> Contradiction | None:
+        """The last contradiction, until the object has moved without one for long enough."""
+        return self._findings.doubt
 
     # -- what arrives --------------------------------------------------------------------------
 
@@ -210,82 +171,50 @@ class ConsistencyWatch:
             speed_mps: along the yaw, backwards is negative; all values are finite.
             position_std_m: as stated; not finite: unknown.
         """
-        if self._t:
-            t = ns_to_seconds(stamp_ns - self._zero_ns)
-            if t <= self._t[-1]:
-                if self._t[-1] - t <= _SET_BACK_S:
-                    return
-                self.clear()
-        if not self._t:
-            self._zero_ns, t = stamp_ns, 0.0
-        self._append(t, x_m, y_m, yaw_rad, speed_mps, position_std_m)
+        lag_s = self._samples.lag_s(stamp_ns)
+        if lag_s >= 0.0:
+            if lag_s <= _SET_BACK_S:
+                return
+            self.clear()
+        if self._samples.append(stamp_ns, x_m, y_m, yaw_rad, speed_mps, position_std_m):
+            self._begin_anew()
         self._judge()
 
-    def _append(
-        self, t: float, x_m: float, y_m: float, yaw_rad: float, speed_mps: float, std_m: float
-    ) -> None:
-        most, samples = self._bounds.position_std_m, self._samples
-        way = turn = 0.0
-        if samples:
-            last_t, _, _, last_yaw, last_speed, _, way, turn = samples[-1]
-            yaw_rad = last_yaw + math.remainder(yaw_rad - last_yaw, math.tau)
-            dt = t - last_t
-            way += 0.5 * (last_speed + speed_mps) * dt
-            turn += 0.5 * (last_yaw + yaw_rad) * dt
-            if dt > self._bounds.pause_s:
-                self._restart(len(samples))
-        std_m = std_m if std_m <= most else most
-        samples.append(_Sample(t, x_m, y_m, yaw_rad, speed_mps, std_m, way, turn))
-        self._t.append(t)
-        # Now and then, so that it costs nothing.
-        if len(samples) >= 64 and self._t[len(samples) // 2] < t - _REMEMBERED_S:
-            self._forget(len(samples) // 2)
-
-    def _forget(self, number: int) -> None:
-        del self._t[:number], self._samples[:number]
-        self._begin = max(self._begin - number, 0)
-        self._speed_from = max(self._speed_from - number, 0)
-        self._way_from = max(self._way_from - number, 0)
-
-    def _restart(self, at: int) -> None:
-        """Let windows begin with the sample of this number at the earliest."""
-        self._begin = self._speed_from = self._way_from = at
-        self.contradiction = None
-        self._agrees_since = None
+    def _begin_anew(self) -> None:
+        """Judge the windows that follow without those before."""
+        self._findings.interrupt()
         self._speed_delays.begin_anew()
         self._yaw_delays.begin_anew()
 
     # -- judgement -----------------------------------------------------------------------------
 
     def _judge(self) -> None:
-        n = len(self._t) - 1
-        start = self._window_start(n)
+        samples = self._samples
+        start = samples.window_start()
         if start is None:
             return
-        self.windows += 1
-        share, moves, off = self._share(start, n)
-        self.moving_windows += moves
-        if off and share <= 1.0 and self._in_map_axes(start, n):
-            self._contradicts(self._window(start, n), MAP_AXES)
+        self.counts.judged += 1
+        share, moves, off = self._share(start)
+        self.counts.moving += moves
+        if off and share <= 1.0 and self._in_map_axes(start):
+            self._contradicts(samples.window(start), MAP_AXES)
             return
-        if share > NEAR_SHARE:
-            self.near_misses += 1
-            self.nearest = max(self.nearest, share)
+        self.counts.see_share(share)
         if share <= 1.0 and self._speed_delays.is_at_rest and self._yaw_delays.is_at_rest:
-            self._agrees(moves)
+            self._findings.agree(samples.t_s[-1], moves=moves)
             return
         found = None
         if share <= 1.0 and self._fits_as_before(start):
             self._speed_delays.begin_anew()
             self._yaw_delays.begin_anew()
         else:
-            found = self._found(start, n)
+            found = self._found(start)
         if share <= 1.0:
             self._take_for_now(found, moves)
         elif found is None:
             # Only a delay explains it: no proof that the last contradiction is mended.
-            self.contradiction = self._agrees_since = None
-        elif not self._steps(start if self._direction_rad is None else self._way_from, n):
+            self._findings.interrupt()
+        elif not self._steps(start if self._direction_rad is None else samples.way_from):
             kind = UNSTEADY_DELAY if self._fits_alone else self._kind(found)
             self._contradicts(found, kind)
 
@@ -296,7 +225,7 @@ class ConsistencyWatch:
         delay_s = self._speed_delays.believed_s
         if delay_s == 0.0:
             return True
-        window = self._shifted(start, delay_s)
+        window = self._samples.shifted(start, delay_s)
         if window is None:
             return True
         return abs(window.speed_excess_mps) <= self._speed_bound(window, start)
@@ -306,9 +235,9 @@ class ConsistencyWatch:
         if found is not None:
             self._contradicts(found, UNSTEADY_DELAY)
         else:
-            self._agrees(moves)
+            self._findings.agree(self._samples.t_s[-1], moves=moves)
 
-    def _share(self, start: int, n: int) -> tuple[float, bool, bool]:
+    def _share(self, start: int) -> tuple[float, bool, bool]:
         """Give the larger share of their bounds that speed and direction reach, without a delay.
 
         Spelt out in numbers: it is asked for each state of each object.
@@ -317,8 +246,9 @@ class ConsistencyWatch:
             The share; whether the object moves, as it says or by its places; and whether its speed
             is off by more than AXES_SHARE.
         """
-        t0, x0, y0, _, _, std0, way0, turn0 = self._samples[start]
-        t1, x1, y1, _, _, std1, way1, turn1 = self._samples[n]
+        samples = self._samples
+        t0, x0, y0, _, _, std0, way0, turn0 = samples.rows[start]
+        t1, x1, y1, _, _, std1, way1, turn1 = samples.rows[-1]
         span = t1 - t0
         dx, dy = x1 - x0, y1 - y0
         way = math.hypot(dx, dy) / span
@@ -333,10 +263,10 @@ class ConsistencyWatch:
         if not moves or self._direction_rad is None:
             return share, moves, False
         if way * span < LEAST_WAY_M:
-            window = self._direction_window(start, n)
-            turned = 0.0 if window is None else self._direction_share(window, self._way_from)
+            window = self._direction_window(start)
+            turned = 0.0 if window is None else self._direction_share(window, samples.way_from)
             return max(share, turned), moves, off
-        self._way_from = start
+        samples.way_from = start
         if self._bounds.signed and stated < SPEED_MPS:
             return share, moves, off
         yaw = (turn1 - turn0) / span
@@ -346,93 +276,66 @@ class ConsistencyWatch:
             along = -along if self._bounds.signed else abs(along)
         if along > self._least_cosine * way * span or noise >= way:
             return share, moves, off
-        return max(share, self._direction_share(self._window(start, n), start)), moves, off
+        return max(share, self._direction_share(samples.window(start), start)), moves, off
 
-    def _in_map_axes(self, start: int, n: int) -> bool:
+    def _in_map_axes(self, start: int) -> bool:
         """Tell whether the twist fits the parent's frame, and with no delay the object's.
 
         It may be off by less than a speed may be: on a road that leads a little off the map's x.
         """
-        window = self._window(start, n)
+        window = self._samples.window(start)
         if abs(window.speed_mps - window.vx_mps) >= 0.5 * abs(window.speed_excess_mps):
             return False
-        for delay_s in self._speed_delays.possible(self._t[-1]):
-            w = self._shifted(start, delay_s)
+        for delay_s in self._speed_delays.possible(self._samples.t_s[-1]):
+            w = self._samples.shifted(start, delay_s)
             if w is None:
                 return False
-            bound = max(AXES_SHARE * w.way_mps, SPEED_MPS, self._noise_m(start) / w.span_s)
+            bound = max(AXES_SHARE * w.way_mps, SPEED_MPS, self._samples.noise_m(start) / w.span_s)
             if abs(w.speed_excess_mps) <= bound:
                 return False
         return True
 
-    def _found(self, start: int, n: int) -> Window | None:
+    def _found(self, start: int) -> Window | None:
         """Give the window in which no delay explains what is stated; None: one does."""
-        way = self._direction_window(start, n)
-        fast = self._window(start, n)
+        way = self._direction_window(start)
+        fast = self._samples.window(start)
         is_off = abs(fast.speed_excess_mps) > self._speed_bound(fast, start)
         if self._is_off(self._speed_delays, is_off, start, self._speed_fit(start)):
             return way or fast
         if way is None:
             return None
-        first = self._way_from
+        first = self._samples.way_from
         is_off = self._direction_share(way, first) > 1.0
         fit = self._direction_fit(first)
         return way if self._is_off(self._yaw_delays, is_off, first, fit) else None
 
-    def _window_start(self, n: int) -> int | None:
-        """Give the newest sample from which a window ends now; None: there is none."""
-        latest = self._t[n] - WINDOW_S + 1e-9
-        first = self._speed_from
-        while first + 1 <= n - (LEAST_SAMPLES - 1) and self._t[first + 1] <= latest:
-            first += 1
-        self._speed_from = first
-        fits = first <= n - (LEAST_SAMPLES - 1) and self._t[first] <= latest
-        return first if fits else None
-
-    def _window(self, first: int, last: int) -> Window:
-        a, b = self._samples[first], self._samples[last]
-        span = b.t_s - a.t_s
-        return Window(
-            span,
-            (b.x_m - a.x_m) / span,
-            (b.y_m - a.y_m) / span,
-            (b.way_m - a.way_m) / span,
-            (b.turn_rads - a.turn_rads) / span,
-        )
-
     def _speed_bound(self, window: Window, first: int) -> float:
-        noise_mps = self._noise_m(first) / window.span_s
+        noise_mps = self._samples.noise_m(first) / window.span_s
         return speed_bound_mps(window.speed_mps, window.way_mps, noise_mps)
 
-    def _noise_m(self, first: int) -> float:
-        return SIGMAS * max(self._samples[first].std_m, self._samples[-1].std_m)
-
-    def _direction_window(self, start: int, n: int) -> Window | None:
+    def _direction_window(self, start: int) -> Window | None:
         """Give the shortest window that is long enough to say where the object goes, if any."""
         if self._direction_rad is None:
             return None
-        first = min(self._way_from, start)
-        while first < start and self._chord_m(first + 1, n) >= LEAST_WAY_M:
+        samples = self._samples
+        first = min(samples.way_from, start)
+        while first < start and samples.chord_m(first + 1) >= LEAST_WAY_M:
             first += 1
-        self._way_from = first
-        window = self._window(first, n)
+        samples.way_from = first
+        window = samples.window(first)
         way_m = window.way_mps * window.span_s
         if not (window.way_mps > DIRECTION_MPS and way_m >= LEAST_WAY_M):
             return None
         # Without a speed of which the sign could be told the speed itself is what contradicts.
         if self._bounds.signed and abs(window.speed_mps) < SPEED_MPS:
             return None
-        return window if self._noise_m(first) < way_m else None
-
-    def _chord_m(self, first: int, last: int) -> float:
-        a, b = self._samples[first], self._samples[last]
-        return math.hypot(b.x_m - a.x_m, b.y_m - a.y_m)
+        return window if self._samples.noise_m(first) < way_m else None
 
     def _direction_share(self, way: Window, first: int) -> float:
         return abs(way.turned_rad(signed=self._bounds.signed)) / self._direction_bound(way, first)
 
     def _direction_bound(self, way: Window, first: int) -> float:
-        noise_rad = math.atan2(self._noise_m(first), way.way_mps * way.span_s)
+        noise_rad = math.atan2(self._samples.noise_m(first), way.way_mps * way.span_s)
         return max(self._direction_rad or 0.0, noise_rad)
 
     # -- a delay between place and motion ------------------------------------------------------
@@ -463,7 +366,7 @@ class ConsistencyWatch:
             fit: gives what is left over, and what may be.
         """
         if delays.believed_s != 0.0:
-            window = self._shifted(first, delays.believed_s)
+            window = self._samples.shifted(first, delays.believed_s)
             if window is None:
                 return False
             left, bound = fit(window)
@@ -471,49 +374,17 @@ class ConsistencyWatch:
         if not is_off:
             delays.begin_anew()
             return False
-        windows = [w for d in DELAYS_S if (w := self._shifted(first, d)) is not None]
+        windows = [w for d in DELAYS_S if (w := self._samples.shifted(first, d)) is not None]
         if len(windows) < len(DELAYS_S):
             # Nobody knows yet.
             return False
         fits = [abs(left) <= bound for left, bound in map(fit, windows)]
         self._fits_alone = any(fits)
-        return not delays.take(self._t[-1], fits)
-
-    def _shifted(self, first: int, delay_s: float) -> Window | None:
-        """Give the window with its motion, or its places, so much older; both end by now."""
-        begin, end = self._t[first], self._t[-1]
-        older = abs(delay_s)
-        if begin - older < self._t[self._begin]:
-            return None
-        span = end - begin
-        old, new = (begin - older, end - older), (begin, end)
-        places, motion = (new, old) if delay_s > 0.0 else (old, new)
-
-        (ax, ay, _, _), (bx, by, _, _) = map(self._at, places)
-        (_, _, a_way, a_turn), (_, _, b_way, b_turn) = map(self._at, motion)
-        return Window(
-            span,
-            (bx - ax) / span,
-            (by - ay) / span,
-            (b_way - a_way) / span,
-            (b_turn - a_turn) / span,
-        )
-
-    def _at(self, t: float) -> tuple[float, float, float, float]:
-        """Give x, y, way and turn between two samples."""
-        i = min(max(bisect_right(self._t, t) - 1, 0), len(self._t) - 2)
-        a, b = self._samples[i], self._samples[i + 1]
-        share = (t - a.t_s) / (b.t_s - a.t_s)
-        return (
-            a.x_m + share * (b.x_m - a.x_m),
-            a.y_m + share * (b.y_m - a.y_m),
-            a.way_m + share * (b.way_m - a.way_m),
-            a.turn_rads + share * (b.turn_rads - a.turn_rads),
-        )
+        return not delays.take(self._samples.t_s[-1], fits)
 
     # -- places that step ----------------------------------------------------------------------
 
-    def _steps(self, first: int, n: int) -> bool:
+    def _steps(self, first: int) -> bool:
         """Tell whether one step of the place explains what was found.
 
         Windows then begin after it.
@@ -521,19 +392,16 @@ class ConsistencyWatch:
         A receiver that gets a better fix moves its place at once. One that does so again and again
         is one that moves.
         """
-        whole = self._window(first, n)
+        samples = self._samples
+        whole = samples.window(first)
         span, vx, vy = whole.span_s, whole.vx_mps, whole.vy_mps
 
-        def step(k: int) -> tuple[float, float, float]:
-            a, b = self._samples[k - 1], self._samples[k]
-            return b.t_s - a.t_s, b.x_m - a.x_m, b.y_m - a.y_m
-
         def off_m(k: int) -> float:
-            dt, step_x, step_y = step(k)
+            dt, step_x, step_y = samples.step(k)
             return math.hypot(step_x - vx * dt, step_y - vy * dt)
 
-        k = max(range(first + 1, n + 1), key=off_m)
-        dt, step_x, step_y = step(k)
+        k = max(range(first + 1, len(samples.rows)), key=off_m)
+        dt, step_x, step_y = samples.step(k)
         share = span / (span - dt)
         vx, vy = (vx - step_x / span) * share, (vy - step_y / span) * share
         if math.hypot(step_x - vx * dt, step_y - vy * dt) > self._bounds.jump_m:
@@ -542,11 +410,12 @@ class ConsistencyWatch:
         excess = abs(left.speed_excess_mps) > self._speed_bound(left, first)
         if excess or (self._judges_direction(left) and self._direction_share(left, first) > 1.0):
             return False
-        again = self._t[k] - self._stepped_s < _STEP_APART_S
-        self._stepped_s = self._t[k]
+        again = samples.t_s[k] - self._stepped_s < _STEP_APART_S
+        self._stepped_s = samples.t_s[k]
         if again:
             return False
-        self._restart(k)
+        samples.restart(k)
+        self._begin_anew()
         return True
 
     def _judges_direction(self, window: Window) -> bool:
@@ -556,41 +425,18 @@ class ConsistencyWatch:
 
     # -- findings ------------------------------------------------------------------------------
 
-    def _agrees(self, moves: bool) -> None:
-        now = self._t[-1]
-        self.contradiction = None
-        doubt = self.doubt
-        if doubt is None:
-            return
-        if doubt.moving and not moves:
-            self._agrees_since = None
-        elif self._agrees_since is None:
-            self._agrees_since = now
-        elif now - self._agrees_since >= HOLDS_S:
-            self.doubt = None
-
     def _contradicts(self, window: Window, kind: str) -> None:
-        before, now = self.contradiction, self._t[-1]
-        if before is None:
-            self._since = now
-            self._kinds.clear()
         # A delay hides the mistake while the speed changes; the faster the clearer.
-        self._kinds[kind] = self._kinds.get(kind, 0.0) + window.way_mps
-        kind = max(self._kinds, key=self._kinds.__getitem__)
-        self.contradiction = Contradiction(
+        found = self._findings.contradict(
+            self._samples.t_s[-1],
             kind,
-            f"{kind}: {self._figures(window)}",
-            now - self._since,
-            1 if before is None else before.windows + 1,
-            window.way_mps >= DIRECTION_MPS or (before or self.doubt or _NEVER).moving,
+            window.way_mps,
+            self._figures(window),
+            moves=window.way_mps >= DIRECTION_MPS,
         )
-        self._agrees_since = None
-        found = self.contradiction
         if found.holds:
             # None of them explains what came so far.
             self._speed_delays, self._yaw_delays = Delays(), Delays()
-        if found.windows >= _DOUBT_WINDOWS and found.held_s >= _DOUBT_S:
-            self.doubt = found
 
     def _figures(self, window: Window) -> str:
         turned = math.degrees(window.turned_rad(signed=self._bounds.signed))
@@ -600,8 +446,7 @@ class ConsistencyWatch:
         return f"{text} in {window.span_s:.2f} s"
 
     def _kind(self, window: Window) -> str:
-        newest = self._t[-1] - window.span_s - 1e-9
-        fastest = max(abs(one.speed_mps) for one in self._samples if one.t_s >= newest)
+        fastest = self._samples.fastest_mps(self._samples.t_s[-1] - window.span_s - 1e-9)
         direction_rad = self._direction_rad or DIRECTION_RAD
         return kind_of(window, fastest, direction_rad, signed=self._bounds.signed)
 
@@ -613,14 +458,9 @@ class ConsistencyWatch:
         Returns:
             Way in m and time in s, at most ``span_s``; 0 and 0 where there is no state.
         """
-        if not self._t:
-            return 0.0, 0.0
-        since = self._t[-1] - span_s
-        first = max(bisect_right(self._t, since + 1e-9) - 1, 0)
-        covered = min(self._t[-1] - self._t[first], span_s)
-        return self._chord_m(first, len(self._t) - 1), covered
+        return self._samples.net_way_m(span_s)
 
     @property
     def position_std_m(self) -> float:
         """Return how uncertain the newest place is; no more than counts."""
-        return self._samples[-1].std_m if self._samples else 0.0
+        return self._samples.position_std_m

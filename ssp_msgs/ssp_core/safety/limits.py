@@ -16,7 +16,8 @@ from ssp_core.geometry import box_distance
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.codes import SafetyCode
-from ssp_core.safety.consistency import HOLDS_S, ConsistencyWatch
+from ssp_core.safety.consistency import ConsistencyWatch
+from ssp_core.safety.contradiction import HOLDS_S
 from ssp_core.value_class import value_class
 
 # What is slower stands.

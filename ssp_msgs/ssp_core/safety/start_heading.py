@@ -16,8 +16,9 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety.codes import SafetyCode
-from ssp_core.safety.consistency import LEAST_WAY_M, SIGMAS, Bounds
+from ssp_core.safety.consistency import LEAST_WAY_M, Bounds
 from ssp_core.safety.limits import LimitViolation
+from ssp_core.safety.samples import SIGMAS
 
 UNKNOWN_AT_REST = (
     "its heading is not known at rest (limits.heading_by_course): judged on its first metre"

@@ -9,7 +9,8 @@ from __future__ import annotations
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import ParticipantSpec
-from ssp_core.safety.consistency import Bounds, ConsistencyWatch, Contradiction
+from ssp_core.safety.consistency import Bounds, ConsistencyWatch
+from ssp_core.safety.contradiction import Contradiction
 from ssp_core.safety.limits import (
     Continuity,
     LimitViolation,

@@ -194,15 +194,16 @@ def _motion(object_id: str, watch: ConsistencyWatch, by_course: bool) -> Finding
     if watch.doubt is not None:
         remedy = "look at the axes, units and mounting of its source; then drive it again"
         return fail(name, f"contradicts its places: {watch.doubt.text}", remedy)
-    if not watch.moving_windows:
+    counts = watch.counts
+    if not counts.moving:
         return ok(
             name, f"it stood: speed, direction and yaw are judged while it moves{known_later}"
         )
-    text = f"agrees with its places in {watch.windows} windows, {watch.moving_windows} moving"
+    text = f"agrees with its places in {counts.judged} windows, {counts.moving} moving"
     text += known_later
-    if not watch.near_misses:
+    if not counts.near_misses:
         return ok(name, text)
-    near = f"{watch.near_misses} near misses, at most {watch.nearest:.0%} of the bound"
+    near = f"{counts.near_misses} near misses, at most {counts.nearest:.0%} of the bound"
     remedy = "look at delays between places, heading and speed, and at the stated deviation"
     return Finding(name, Status.WARN, f"{text}; {near}", remedy)
 
