@@ -22,6 +22,7 @@ setup(
             "sil_world = ssp_ot_controller.ros.sil_world:main",
             "front_camera = ssp_ot_controller.ros.front_camera:main",
             "object_target = ssp_ot_controller.ros.object_target:main",
+            "vut_driver = ssp_ot_controller.ros.vut_driver:main",
             "vut_adapter = ssp_ot_controller.ros.vut_adapter:main",
             "rehearsal = ssp_ot_controller.rehearsal.__main__:run",
         ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ssp_core import names
+from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.publishers import ANYBODY, declarations, expected_publishers
 from ssp_monitor.recorder.topics import bag_topics
@@ -29,6 +30,11 @@ def test_every_topic_of_a_session_is_in_the_table(mode: str, objects: int) -> No
     known = {*expected_publishers(run), *ANYBODY, *declarations(run)}
     recorded = {topic.name for topic in bag_topics(run)}
     assert recorded <= {names.absolute(topic) for topic in known}
+    if mode == "lockstep":
+        driven = Driven(driver="oracle", first_request_s=1.0, hand_over_s=2.0, end_s=9.0)
+        led = run.model_copy(update={"driven": driven})
+        known = {*expected_publishers(led), *ANYBODY}
+        assert {t.name for t in bag_topics(led)} <= {names.absolute(topic) for topic in known}
     allowed = {
         topic
         for node, right in rights(run_of("live", objects)).items()

@@ -14,6 +14,7 @@ from typing import Any
 
 from ssp_core import names
 from ssp_core.bag.chain import Maker
+from ssp_core.bag.drive_messages import drive_messages
 from ssp_core.bag.writer import BagWriter
 from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.carla.record import encode_server
@@ -35,7 +36,6 @@ from ssp_core.world.transforms import (
     mount,
     of_camera,
 )
-from ssp_monitor.recorder.driving import drive_messages
 from ssp_monitor.recorder.plan import run_attachments
 from ssp_monitor.recorder.recorder import LATCHED, OFFERED, TopicRecord
 from ssp_monitor.recorder.report import Counted, report_attachment, seals

@@ -27,6 +27,7 @@ from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.cli.run import run as run_command
 from ssp_scenario_manager.closed_loop.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of, told_of
+from ssp_scenario_manager.closed_loop.sessions import told_of_session
 from ssp_scenario_manager.closed_loop.start import OffSpec, Start, make_start, twin_of
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
@@ -393,6 +394,14 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
     assert {reference.purpose for reference in references} == {"plan"}
     assert load_run(first / "run.yaml").driven == load_run(again / "run.yaml").driven
     assert sha256_file(first / "task" / "task.json") == sha256_file(again / "task" / "task.json")
+    # A recorded session is judged by the run that it is, and by none where its states differ.
+    run = load_run(first / "run.yaml")
+    assert told_of_session(run, again / "bag")["driven"] == results[0]
+    assert run.driven is not None
+    later = run.driven.model_copy(update={"latency": Latency(0.5)})
+    told = told_of_session(run.model_copy(update={"driven": later}), again / "bag")["driven"]
+    assert (told["outcome"], told["severity"]) == ("harness", None)
+    assert "aren't those of one process" in told["why"]
 
 
 @pytest.mark.parametrize(
@@ -400,7 +409,8 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
     [
         (["--mode", "live"], "no model drives hardware"),
         (["--mode", "realtime"], "goes with no realtime session"),
-        ([], "needs --in-process"),
+        (["--drive", "built_in"], "needs --in-process"),
+        (["--drive", 'm={"backend": "opencv_baseline"}'], "needs --in-process"),
         (["--in-process", "--runs", "2"], "goes with one run"),
         (["--in-process", "--latency", "fast"], "give zero, or fixed:S"),
         (["--in-process", "--latency", "fixed:nan"], "give zero, or fixed:S"),

@@ -146,6 +146,16 @@ def encode_commands(message: BodyCommands) -> bytes:
     return out
 
 
+def encode_command(stamp_ns: int, command: BodyCommand) -> bytes:
+    """Encode an ActuatorCommand.msg; raise ValueError for what its fields can't hold.
+
+    Args:
+        stamp_ns: session time of the state that it answers.
+        command: of one body.
+    """
+    return ENCAPSULATION + write(_COMMAND, [stamp_ns, *fields_of(command)])
+
+
 def _read_command(data: bytes, at: int) -> tuple[BodyCommand, int]:
     (_, *values), at = read(_COMMAND, data, at)
     return BodyCommand(*values), at

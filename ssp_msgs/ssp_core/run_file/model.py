@@ -396,6 +396,11 @@ class RunSpec(Strict):
         return self
 
     @property
+    def has_driver_node(self) -> bool:
+        """Tell whether another node drives the VUT of a session of several processes."""
+        return self.driver.external or self.driven is not None
+
+    @property
     def live_problem(self) -> str | None:
         """Name a disturbance, a fault or traffic that a live run must not have.
 

@@ -103,5 +103,5 @@ def signs_of_life(spec: RunSpec) -> tuple[SignOfLife, ...]:
 def lockstep_participants(spec: RunSpec) -> tuple[str, ...]:
     """List the nodes that a lockstep world waits for at first, the manager left out."""
     camera = (names.FRONT_CAMERA,) if spec.camera is not None else ()
-    driver = (names.VUT_DRIVER,) if spec.driver.external else ()
+    driver = (names.VUT_DRIVER,) if spec.has_driver_node else ()
     return names.OBJECT_TARGET, *camera, *driver, names.MONITOR

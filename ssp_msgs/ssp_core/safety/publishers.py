@@ -92,6 +92,18 @@ def expected_publishers(run: RunSpec | None) -> dict[str, tuple[Part, ...]]:
         run: None: no run is loaded, and nothing is known of its objects.
     """
     found = dict(_OF_SESSION)
+    if run is not None and run.driven is not None:
+        driver = run.driven.driver
+        found |= dict.fromkeys(
+            (
+                names.vla_request_topic(driver),
+                names.vla_response_topic(driver),
+                names.vla_latency_topic(driver),
+                names.reference_topic(run.vut.id),
+                names.ack_topic(run.vut.id),
+            ),
+            ONE,
+        )
     for target in () if run is None else run.targets:
         found |= dict.fromkeys(_of_object(target.id), ONE)
         if run is not None and _asks_for_references(run, target.id):

@@ -335,6 +335,14 @@ def sees_frames(name: str) -> bool:
     return not known
 
 
+def drives_as_node(name: str) -> bool:
+    """Tell whether a driver may lead the VUT of a session of several processes.
+
+    It answers with plans, and computes them in no time.
+    """
+    return name not in COMMANDED and not sees_frames(name)
+
+
 def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return what is fixed of a model before it drives: what it is shown, and how long it may take.
 

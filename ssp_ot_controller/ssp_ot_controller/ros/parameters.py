@@ -41,6 +41,7 @@ SIL_WORLD = (
     ),
     _MAP_FILE,
 )
+VUT_DRIVER = (replace(RUN_FILE, description="the run; its driver stands there"),)
 FRONT_CAMERA = (
     replace(RUN_FILE, description="the run; size, lens, rate and mount of its camera stand there"),
     Parameter(
@@ -130,6 +131,7 @@ PLAYED_CAMERA = PLAYED_BODIES = (RUN_FILE,)
 NODES = {
     "object_target": OBJECT_TARGET,
     "sil_world": SIL_WORLD,
+    "vut_driver": VUT_DRIVER,
     "front_camera": FRONT_CAMERA,
     "vut_adapter": VUT_ADAPTER,
     "played_vut": PLAYED_VUT,

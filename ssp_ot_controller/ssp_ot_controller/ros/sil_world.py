@@ -87,7 +87,7 @@ class SilWorld(Node):
         self._lockstep = self._run.mode == "lockstep"
         self._channel = Channel(self._run, names.VUT_ID)
         camera = self._run.camera
-        external = (names.VUT_DRIVER,) if self._run.driver.external else ()
+        external = (names.VUT_DRIVER,) if self._run.has_driver_node else ()
         self._barrier = StepBarrier(
             (names.OBJECT_TARGET, names.SCENARIO_MANAGER, *external),
             [t.id for t in self._run.targets],
@@ -136,7 +136,7 @@ class SilWorld(Node):
             # There the manager's answers carry the state, in step order.
             state, take = names.SESSION_STATE, self._take_session
             raw(SessionState, state, _session_of, take, ros.LATCHED, raw=False)
-        if self._run.driver.external:
+        if self._run.has_driver_node:
             topic, decode = names.VUT_COMMAND, steps.decode_command
             raw(ActuatorCommand, topic, decode, self._on_vut_command, ros.COMMAND)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -157,11 +157,15 @@ class SilWorld(Node):
     def _on_vut_command(self, message: steps.BodyCommand) -> None:
         """Take a command of an external driver; in lockstep it answers its step."""
         self._driver_heard_ns = time.monotonic_ns()
+        command = _command(message)
+        if self._run.driven is not None and not command.is_finite:
+            # It is there, and waits for the VUT's first state.
+            return
         self._barrier.on_done(names.VUT_DRIVER, message.step)
-        if self._lockstep and message.step == 0:
+        if self._lockstep and message.step == 0 and self._run.driven is None:
             # Of the state before the start there are any number, and none is driven by.
             return
-        self._commands[names.VUT_ID] = message.step, _command(message)
+        self._commands[names.VUT_ID] = message.step, command
         self._go_on()
 
     def _on_heartbeat(self, _beat: steps.Heartbeat) -> None:
@@ -222,9 +226,10 @@ class SilWorld(Node):
 
         Its driver is heard; in lockstep also everybody whom the world is going to wait for.
         """
-        if self._lockstep and self._barrier.unheard():
+        # A driver that waits for the VUT's first state is heard, though it has answered nothing.
+        if self._lockstep and set(self._barrier.unheard()) - {names.VUT_DRIVER}:
             return False
-        if not self._run.driver.external:
+        if not self._run.has_driver_node:
             return True
         heard_ns = self._driver_heard_ns
         return heard_ns is not None and time.monotonic_ns() - heard_ns <= DRIVER_FRESH_S * NS_PER_S

@@ -10,7 +10,7 @@ from collections import Counter
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -24,8 +24,9 @@ from ssp_core.processes import check_shared_memory, measuring_alone
 from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
-from ssp_core.world.driver import sees_frames
+from ssp_core.world.driver import drives_as_node, sees_frames
 from ssp_scenario_manager.closed_loop.answers import KeptAnswers, repeated
+from ssp_scenario_manager.closed_loop.sessions import told_of_session
 from ssp_scenario_manager.closed_loop.single import (
     Drive,
     driven_run,
@@ -46,8 +47,17 @@ from ssp_scenario_manager.run import faults
 from ssp_scenario_manager.run.companions import DEFAULT_PORT, shadow_model
 from ssp_scenario_manager.run.junit import Case, write_junit
 from ssp_scenario_manager.run.live import LiveSetup, live_options
-from ssp_scenario_manager.run.sweep import for_one_process, is_sweep, run_many, run_one
+from ssp_scenario_manager.run.sweep import (
+    for_one_process,
+    is_sweep,
+    run_many,
+    run_one,
+    say_driven,
+)
 from ssp_scenario_manager.session.run_script import RunOutcome
+
+if TYPE_CHECKING:
+    from ssp_scenario_manager.run.over_dds import RunResult
 
 DEFAULT_SITE = "boulevard"
 
@@ -154,8 +164,8 @@ DEFAULT_SITE = "boulevard"
     "--drive",
     "drive_text",
     metavar="NAME[=JSON]",
-    help="With --in-process: have a driver lead the VUT by its plans (docs/closed-loop.md): a "
-    'baseline, such as oracle or aeb={"ttc_s": 1.4}, or a model, named as with `ssp evaluate`: '
+    help="Have a driver lead the VUT by its plans (docs/closed-loop.md): a baseline, such as "
+    'oracle or aeb={"ttc_s": 1.4}, or, with --in-process, a model, named as with `ssp evaluate`: '
     'NAME={"backend": …, …options}, or NAME of the --models file.',
 )
 @click.option(
@@ -307,8 +317,24 @@ def run(
     from ssp_scenario_manager.run.over_dds import run_session
 
     result = run_session(
-        spec, folder.resolve(), console.note, live, page_port, video, shadows, servers
+        spec,
+        folder.resolve(),
+        console.note,
+        live,
+        page_port,
+        video,
+        shadows,
+        servers,
+        told_of_session,
     )
+    _say_session(spec, folder, result, as_json)
+    if junit is not None:
+        write_junit(junit, "ssp run", [_case(spec, folder, result.told)])
+    return 0 if result.outcome.ok and not result.unwritten else 1
+
+
+def _say_session(spec: RunSpec, folder: Path, result: RunResult, as_json: bool) -> None:
+    """Print how a session of several processes ended."""
     if as_json:
         click.echo(json.dumps(result.told))
     else:
@@ -320,11 +346,10 @@ def run(
         )
         for reason in result.outcome.reasons:
             console.out.print(f"  because {reason}", markup=False)
+        if "driven" in result.told:
+            say_driven(result.told["driven"])
     for line in result.unwritten:
         console.report_error(line)
-    if junit is not None:
-        write_junit(junit, "ssp run", [_case(spec, folder, result.told)])
-    return 0 if result.outcome.ok and not result.unwritten else 1
 
 
 def _drive(
@@ -348,9 +373,15 @@ def _drive(
             f"--drive goes with no {mode} session: no model drives hardware, and a driver's "
             "latency counts in simulated time"
         )
-    if not in_process or swept:
-        raise click.UsageError("--drive needs --in-process, and goes with one run")
-    return parse_drive(text, latency or "zero", models_file)
+    if swept:
+        raise click.UsageError("--drive goes with one run")
+    drive = parse_drive(text, latency or "zero", models_file)
+    if not in_process and not drives_as_node(drive.driver):
+        raise click.UsageError(
+            f"--drive {drive.driver} needs --in-process: a driver that sees frames, or leads the "
+            "VUT without plans, drives in one process only"
+        )
+    return drive
 
 
 def _measures(spec: RunSpec, kept: KeptAnswers | None) -> bool:
@@ -363,12 +394,13 @@ def _measures(spec: RunSpec, kept: KeptAnswers | None) -> bool:
 
 def _check_driven(spec: RunSpec, what: str, *, in_process: bool, swept: bool) -> None:
     """Refuse a driven session's folder where no driver would lead its VUT."""
-    if spec.driven is not None and (not in_process or swept):
+    driven = spec.driven
+    if driven is not None and (swept or not (in_process or drives_as_node(driven.driver))):
         raise InputError(
             "its VUT is led by a driver, in one process only",
             file=what,
             field="driven",
-            value=spec.driven.driver,
+            value=driven.driver,
             remedy="give --in-process, without --runs and --vary",
         )
 

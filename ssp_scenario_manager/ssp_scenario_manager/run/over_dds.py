@@ -57,6 +57,7 @@ NODE_MODULES = {
     names.MONITOR: "ssp_monitor.ros.monitor_node",
     names.SIL_WORLD: "ssp_ot_controller.ros.sil_world",
     names.OBJECT_TARGET: "ssp_ot_controller.ros.object_target",
+    names.VUT_DRIVER: "ssp_ot_controller.ros.vut_driver",
     names.FRONT_CAMERA: "ssp_ot_controller.ros.front_camera",
     names.VUT_ADAPTER: "ssp_ot_controller.ros.vut_adapter",
     names.SCENARIO_MANAGER: "ssp_scenario_manager.ros.manager_node",
@@ -82,6 +83,10 @@ class RunResult:
     running_wall_s: float
 
 
+def _nothing_further(_: RunSpec, __: Path) -> dict[str, Any]:
+    return {}
+
+
 def run_session(
     spec: RunSpec,
     folder: Path,
@@ -91,6 +96,7 @@ def run_session(
     video: str | None = None,
     shadows: Sequence[Companion] = (),
     servers: Mapping[str, ServerOfRun] = MappingProxyType({}),
+    further: Callable[[RunSpec, Path], dict[str, Any]] = _nothing_further,
 ) -> RunResult:
     """Run one session in processes of its own and leave run.yaml, bag, log and result.json.
 
@@ -106,6 +112,7 @@ def run_session(
         video: codec that the recorder encodes the camera's frames with; None: frames as they come.
         shadows: models that follow it in shadow mode; their answers are recorded.
         servers: CARLA servers that nodes of the session ask, by node.
+        further: returns what else ``result.json`` says of the run and its bag.
 
     Whatever happens, the folder then says how the run ended: result.json, and verdict.json in the
     bag, which an evaluation reads beside what the bag itself says. On a full disk the result alone
@@ -172,7 +179,7 @@ def run_session(
                 # Before its processes end, so that their silence is known to be the end.
                 tell_end(_end_word(followed.outcome, folder, final=False))
                 outcome = _shut_down(group, followed.outcome)
-            result = _conclude(spec, folder, followed, outcome, started, bodies, word, say)
+            result = _conclude(spec, folder, followed, outcome, started, bodies, word, say, further)
             tell_end(_end_word(result.outcome, folder, final=True))
             return result
 
@@ -194,6 +201,7 @@ def _conclude(
     bodies: dict[str, str],
     word: Declaration | None,
     say: Callable[[str], None],
+    further: Callable[[RunSpec, Path], dict[str, Any]],
 ) -> RunResult:
     """Check the bag, give the verdict, and write a run's files, as far as the disk lets."""
     bag, unwritten, sealed = folder / "bag", list[str](), list[str]()
@@ -217,7 +225,8 @@ def _conclude(
     if bag.is_dir():
         outcome = outcome.with_word_of_recorder(read_verdict(bag))
         if happened is not None and happened.is_measured:
-            outcome = outcome.with_misses(misses(spec, happened))
+            # What K* says of passing and time gap decides nothing of a driven run.
+            outcome = outcome.with_misses([] if spec.driven else misses(spec, happened))
         elif outcome.ok:
             why = (
                 "the bag can't be read" if happened is None else "the bag lacks states of somebody"
@@ -239,6 +248,7 @@ def _conclude(
         "wall_s": round(wall_s, 3),
         "running_wall_s": round(followed.running_wall_s, 3),
         "measured": measured(bag, spec, say),
+        **further(spec, recording),
     }
     write(lambda: write_json(folder / RESULT_FILE, told))
     if recording != bag:
@@ -266,6 +276,8 @@ def _simulated(spec: RunSpec, run_file: Path, bag: Path) -> dict[str, dict[str, 
         names.SIL_WORLD: {"run_file": run_file},
         names.OBJECT_TARGET: {"run_file": run_file},
     }
+    if spec.driven is not None:
+        found[names.VUT_DRIVER] = {"run_file": run_file}
     if spec.camera is not None:
         found[names.FRONT_CAMERA] = {"run_file": run_file}
     found[names.SCENARIO_MANAGER] = {"run_file": run_file}

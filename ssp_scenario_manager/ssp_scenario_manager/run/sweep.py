@@ -472,20 +472,27 @@ def _say(
         )
         for reason in result.reasons:
             console.out.print(f"  because {reason}", markup=False)
-        if (driven := written.get("driven")) is not None:
-            shown = f"  {driven['driver']}: {driven['outcome']} at {driven['outcome_s']:.2f} s"
-            console.out.print(f"{shown}, {driven['why']}", markup=False)
-            if (measured := driven["measured"]) is not None:
-                console.out.print(
-                    f"  L of {measured['answers']} answers: median {measured['p50_s']:.3f} s, p99 "
-                    f"{measured['p99_s']:.3f} s, {measured['over_bound']} above the bound of "
-                    f"{measured['bound_s']:g} s",
-                    markup=False,
-                )
-            if driven["needless"]:
-                console.out.print(
-                    f"  needless without the event: {driven['needless']}", markup=False
-                )
+        if "driven" in written:
+            say_driven(written["driven"])
+
+
+def say_driven(driven: dict[str, Any]) -> None:
+    """Print what became of a driven run.
+
+    Args:
+        driven: as ``result.json`` has it.
+    """
+    shown = f"  {driven['driver']}: {driven['outcome']} at {driven['outcome_s']:.2f} s"
+    console.out.print(f"{shown}, {driven['why']}", markup=False)
+    if (measured := driven["measured"]) is not None:
+        console.out.print(
+            f"  L of {measured['answers']} answers: median {measured['p50_s']:.3f} s, p99 "
+            f"{measured['p99_s']:.3f} s, {measured['over_bound']} above the bound of "
+            f"{measured['bound_s']:g} s",
+            markup=False,
+        )
+    if driven["needless"]:
+        console.out.print(f"  needless without the event: {driven['needless']}", markup=False)
 
 
 def _told(spec: RunSpec, result: InProcessResult) -> list[str]:
