@@ -7,11 +7,12 @@ hides the package ``ssp_eval/ssp_eval/`` from the tests.
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -59,6 +60,20 @@ def pytest_report_header() -> str | None:
         return None
     version = f"{sys.version_info.major}.{sys.version_info.minor}"
     return f"CARLA's client has no wheel for Python {version}: the tests marked carla are left out"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Collect tests without looking for cycles, and never look through the collected ones.
+
+    They stay until the end, and the search takes a third of the time that collecting them takes.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(trylast=True)
