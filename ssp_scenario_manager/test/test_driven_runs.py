@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from ssp_core.bag.reader import BagReader
 from ssp_core.cdr.references import decode_ack, decode_reference
@@ -365,15 +365,22 @@ def test_what_result_json_says_of_a_driven_run(start: Start) -> None:
 # -- the command -----------------------------------------------------------------------------------
 
 
+def invoked(*arguments: str) -> Result:
+    """The command's end, with its exit status as ``return_value``."""
+    return CliRunner().invoke(run_command, list(arguments), standalone_mode=False)
+
+
 def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_path: Path) -> None:
     first, again = tmp_path / "first", tmp_path / "again"
     options = ["--in-process", "--record", "--no-camera"]
     drive = ["--drive", "stop_at_once", "--latency", "fixed:0.2"]
-    done = CliRunner().invoke(run_command, ["cut_in", *options, *drive, "--out", str(first)])
-    assert done.exit_code == 0, done.output
+    done = invoked("cut_in", *options, *drive, "--out", str(first))
+    assert (done.exception, done.return_value) == (None, 0), done.output
     assert "stop_at_once: evaded" in done.output
-    done = CliRunner().invoke(run_command, [str(first), *options, "--out", str(again)])
-    assert done.exit_code == 0, done.output
+    done = invoked(str(first), *options, "--seed", "2", "--out", str(again))
+    assert "--seed: is settled: the folder has its start" in str(done.exception)
+    done = invoked(str(first), *options, "--out", str(again))
+    assert (done.exception, done.return_value) == (None, 0), done.output
     results = [json.loads((f / "result.json").read_text())["driven"] for f in (first, again)]
     assert results[0] == results[1]
     with np.load(first / "states.npz") as one, np.load(again / "states.npz") as other:

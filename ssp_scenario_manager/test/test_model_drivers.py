@@ -9,11 +9,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from ssp_core import names
 from ssp_core.bag.reader import BagReader
@@ -21,6 +22,7 @@ from ssp_core.errors import InputError
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import Camera, RunSpec, load_run
+from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.driver import (
     Answer,
     GivenAnswer,
@@ -44,6 +46,7 @@ from ssp_scenario_manager.closed_loop.top_view import top_view
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
+from ssp_scenario_manager.session import outbox
 
 SEED = 1
 # Pictures cost nothing at this size.
@@ -407,6 +410,11 @@ def small_camera(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     return iter(())
 
 
+def invoked(*arguments: str) -> Result:
+    """The command's end, with its exit status as ``return_value``."""
+    return CliRunner().invoke(run_command, list(arguments), standalone_mode=False)
+
+
 @pytest.mark.usefixtures("small_camera")
 def test_a_measured_run_leaves_its_bag_and_is_driven_again_to_the_same_bytes(
     tmp_path: Path, folder: Path
@@ -419,12 +427,12 @@ def test_a_measured_run_leaves_its_bag_and_is_driven_again_to_the_same_bytes(
     drive = f"mine={json.dumps(model)}"
     options = ["--in-process", "--record", "--seed", str(SEED)]
     given = ["--drive", drive, "--latency", "measured:0.5"]
-    done = CliRunner().invoke(run_command, ["cut_in", *options, *given, "--out", str(first)])
-    assert done.exit_code == 0, done.output
+    done = invoked("cut_in", *options, *given, "--out", str(first))
+    assert (done.exception, done.return_value) == (None, 0), done.output
     assert "L of " in done.output
     (tmp_path / "model_for_a_day.py").unlink()
-    done = CliRunner().invoke(run_command, [str(first), *options[:2], "--out", str(again)])
-    assert done.exit_code == 0, done.output
+    done = invoked(str(first), *options[:2], "--out", str(again))
+    assert (done.exception, done.return_value) == (None, 0), done.output
     told = [json.loads((f / "result.json").read_text())["driven"] for f in (first, again)]
     assert told[0] == told[1]
     assert told[0]["frames"] is True
@@ -456,7 +464,7 @@ def test_a_measured_run_leaves_its_bag_and_is_driven_again_to_the_same_bytes(
     assert charged["1"] == pytest.approx(float(latencies[0].status[0].values[0].value), abs=1e-9)
     (first / "answers.json").unlink()
     third = tmp_path / "third" / "run"
-    done = CliRunner().invoke(run_command, [str(first), "--in-process", "--out", str(third)])
+    done = invoked(str(first), "--in-process", "--out", str(third))
     assert "answers.json: isn't there" in str(done.exception)
 
 
@@ -466,9 +474,16 @@ def test_a_question_that_is_not_the_recorded_one_is_our_fault(start: Start, fold
     assert run.driven is not None
     kept = answers_of(run.driven, drive(run, start)[2])
     other = [*kept[:9], replace(kept[9], question="sha256:0"), *kept[10:]]
-    result, record = run_in_process(run, answers=other)
+    said: list[Any] = []
+    recording = Mock(sent=said.append)
+    result, record = run_in_process(run, recording=recording, answers=other)
     outcome = outcome_of(run, run.driven, result, record, start.twin)
-    assert outcome.kind == "harness"
+    assert (outcome.kind, result.verdict.name) == ("harness", "INVALID_HARNESS")
+    assert outcome.at_s == record.reports[-1].now_ns / 1e9
+    # Its bag tells the end, too.
+    changes = [fact for fact in said if isinstance(fact, outbox.StateChanged)]
+    assert changes[-1].state is SessionPhase.ABORTING
+    assert changes[-1].verdict.name == "INVALID_HARNESS"
     assert "isn't the one that was recorded" in outcome.why
 
 

@@ -270,7 +270,7 @@ def run(
         if faults_file is not None:
             spec = with_faults(spec, load_faults(faults_file), faults_file)
         check_live(spec)
-        _check_driven(spec, what, in_process=in_process, swept=swept)
+        _check_driven(spec, what, seed, in_process=in_process, swept=swept)
         if live is not None:
             live.check(spec)
         _tell(spec, draft, compiled)
@@ -392,9 +392,18 @@ def _measures(spec: RunSpec, kept: KeptAnswers | None) -> bool:
     return driven.latency.measured and sees_frames(driven.driver)
 
 
-def _check_driven(spec: RunSpec, what: str, *, in_process: bool, swept: bool) -> None:
-    """Refuse a driven session's folder where no driver would lead its VUT."""
+def _check_driven(
+    spec: RunSpec, what: str, seed: int | None, *, in_process: bool, swept: bool
+) -> None:
+    """Refuse a driven session's folder where no driver would lead its VUT, or its start differs."""
     driven = spec.driven
+    if driven is not None and seed is not None:
+        raise InputError(
+            "is settled: the folder has its start, which another seed would make another one",
+            field="--seed",
+            value=seed,
+            remedy="leave it out, or name the event instead of the folder",
+        )
     if driven is not None and (swept or not (in_process or drives_as_node(driven.driver))):
         raise InputError(
             "its VUT is led by a driver, in one process only",

@@ -130,7 +130,7 @@ def run_in_process(
     Raises:
         InputError: a run that needs processes, a clock or somebody else to drive the VUT.
     """
-    record, lost = Record(), ""
+    record = Record()
     plant = make_plant(spec, work_dir, answers)
     # Nothing here makes cycles, and looking for some in every kept state takes its time.
     collects = gc.isenabled()
@@ -139,17 +139,15 @@ def run_in_process(
     try:
         session.run()
     except NotRecordedError as error:
-        lost = str(error)
+        session.lose(names.VUT_DRIVER, str(error))
     except PeerError as error:
-        lost = f"{names.FRONT_CAMERA}: {error}"
+        session.lose(names.FRONT_CAMERA, str(error))
     finally:
         if collects:
             gc.enable()
         plant.close()
     reports = record.reports
     outcome, happened = judged(spec, session, record)
-    if lost:
-        outcome = outcome.with_reason(Verdict.INVALID_HARNESS, lost)
     return InProcessResult(
         verdict=outcome.verdict,
         reasons=outcome.reasons,

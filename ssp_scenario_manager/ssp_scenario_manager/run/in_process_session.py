@@ -12,6 +12,7 @@ from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.arming import Facts
+from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_core.world.plant import FaultFact, ManagerUpdate, Plant, StepReport
@@ -86,6 +87,22 @@ class InProcessSession:
         self._prepare()
         if self.session.state is SessionPhase.RUNNING:
             self._play()
+
+    def lose(self, participant: str, words: str) -> None:
+        """End a session whose plant can't go on, as that of a lost node ends.
+
+        Args:
+            participant: that is lost.
+            words: what happened to it.
+        """
+        lost = limits.Violation(
+            SafetyCode.PARTICIPANT_LOST, participant, 0.0, 0.0, self._now_ns, words=words
+        )
+        self.session.fail(lost)
+        self._flush()
+        self.session.give_up_on_standstill(self._now_ns)
+        self._flush()
+        self._answer()
 
     # -- before the start ----------------------------------------------------------------------
 
