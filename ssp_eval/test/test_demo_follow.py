@@ -27,21 +27,23 @@ def script(name: str, code: str, *needs: str, session: bool = False) -> Script:
     return Script(name, f"do {name}", (code,), needs, session)
 
 
-def timed(path: Path, name: str) -> str:
-    """Code that notes when it begins and ends."""
+def timed(path: Path, name: str, meets: str = "") -> str:
+    """Code that notes when it begins and ends; with one that it meets, it ends after that began."""
     return (
         "import time, pathlib\n"
-        f"note = pathlib.Path({str(path)!r}, {name!r})\n"
-        "begin = time.monotonic(); time.sleep(0.15)\n"
-        "note.write_text(f'{begin} {time.monotonic()}')"
+        f"notes, name, meets = pathlib.Path({str(path)!r}), {name!r}, {meets!r}\n"
+        "begin = time.monotonic()\n"
+        "(notes / f'{name}.begun').touch()\n"
+        "while meets and not (notes / f'{meets}.begun').exists(): time.sleep(0.01)\n"
+        "(notes / f'{name}.span').write_text(f'{begin} {time.monotonic()}')"
     )
 
 
 def spans(path: Path) -> dict[str, tuple[float, float]]:
     found = {}
-    for file in path.iterdir():
+    for file in path.glob("*.span"):
         begin, end = map(float, file.read_text().split())
-        found[file.name] = (begin, end)
+        found[file.stem] = (begin, end)
     return found
 
 
@@ -60,8 +62,9 @@ def test_steps_wait_for_what_they_need_and_share_the_host(tmp_path: Path, logs: 
     notes = tmp_path / "notes"
     notes.mkdir()
     plan = [("a", ""), ("s1", ""), ("s2", ""), ("b", "a"), ("c", "s1"), ("d", "b c s2")]
+    meets = {"a": "s1", "s1": "a"}
     steps = [
-        script(name, timed(notes, name), *needs.split(), session=name.startswith("s"))
+        script(name, timed(notes, name, meets.get(name, "")), *needs.split(), session="s" in name)
         for name, needs in plan
     ]
     started: list[tuple[str, int]] = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,11 +16,13 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 
+from ssp_core.bag import mcap_output
 from ssp_core.bag.append import append_attachment, sealed_end
 from ssp_core.bag.chain import LARGE_BYTES, Maker
 from ssp_core.bag.check import check_bag
 from ssp_core.bag.cut import cut_bag
 from ssp_core.bag.mcap_file import FOOTER, HEAD, RecordFrame, open_bounded, read_frame
+from ssp_core.bag.mcap_output import Buffer, write_buffers
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.repair import recover
 from ssp_core.bag.seal import Seal, files_seal, read_seal
@@ -64,6 +66,25 @@ def bag(tmp_path: Path) -> Path:
 @pytest.fixture
 def parts(tmp_path: Path) -> Path:
     return write(tmp_path / "parts", Split(max_s=1.5))
+
+
+def test_a_kill_between_any_two_writes_leaves_what_fits_its_seal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag, taken = tmp_path / "bag", []
+
+    def write_and_keep(descriptor: int, buffers: Sequence[Buffer]) -> None:
+        write_buffers(descriptor, buffers)
+        taken.append(shutil.copytree(bag, tmp_path / f"after_{len(taken)}"))
+
+    monkeypatch.setattr(mcap_output, "write_buffers", write_and_keep)
+    write(bag, Split(max_s=1.5))
+    seals = [files_seal(sorted(one.glob("*.mcap")), whole=True) for one in taken]
+    assert [seal.text for seal in seals if not seal.is_sound] == []
+    assert [bool(seal.open_at) for seal in seals] == [True] * (len(seals) - 1) + [False]
+    assert {seal.open_at for seal in seals} > {
+        f"the end of the file before bag_{n}.mcap" for n in (1, 2)
+    }
 
 
 def seal_of(path: Path) -> Seal:

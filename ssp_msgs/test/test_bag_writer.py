@@ -7,8 +7,8 @@ import os
 import shutil
 import threading
 import time
+from io import FileIO
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -26,6 +26,7 @@ from ssp_core.bag.mcap_output import (
 )
 from ssp_core.bag.metadata import ROOT_KEY
 from ssp_core.bag.reader import BagReader
+from ssp_core.bag.repair import recover
 from ssp_core.bag.split import Split
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import HostError, InputError
@@ -162,14 +163,13 @@ def test_a_folder_that_is_replaced_just_before_a_split_is_noticed(
     writer = BagWriter(bag, split=Split(max_s=1.0))
     writer.add_topic("/x", STRING)
     writer.write("/x", b"first", 0, 0)
-    make = bag_writer.McapOutput
 
-    def replace_and_make(*given: Any, **named: Any) -> mcap_output.McapOutput:
+    def replace_and_make(file: Path, mode: str) -> FileIO:
         bag.rename(tmp_path / "elsewhere")
         shutil.copytree(tmp_path / "elsewhere", bag)
-        return make(*given, **named)
+        return FileIO(file, mode)
 
-    monkeypatch.setattr(bag_writer, "McapOutput", replace_and_make)
+    monkeypatch.setattr(bag_writer, "FileIO", replace_and_make)
     with pytest.raises(HostError, match="it was replaced while it was being written"):
         writer.write("/x", b"second", 2 * 10**9, 0)
     assert [file.name for file in bag.iterdir()] == ["bag_0.mcap"]
@@ -296,5 +296,7 @@ def test_no_file_can_be_made_for_the_next_part(tmp_path: Path) -> None:
         writer.write("/x", bytes(600), 1, 1)
     assert (tmp_path / "bag" / "bag_1.mcap").read_bytes() == b"another's"
     assert writer.messages == 1
-    with BagReader(tmp_path / "bag" / "bag_0.mcap") as reader:
+    (tmp_path / "bag" / "bag_1.mcap").unlink()
+    recover(tmp_path / "bag", tmp_path / "recovered")
+    with BagReader(tmp_path / "recovered") as reader:
         assert reader.count == 1

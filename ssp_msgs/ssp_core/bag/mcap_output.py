@@ -343,16 +343,18 @@ class McapOutput:
     through, and closing is the caller's.
 
     Args:
-        path: the file; it must not exist.
+        file: opened to be written, and empty.
+        path: of it.
         chain: that the files of a bag share.
         number: of the file in its bag.
 
     Raises:
-        OSError: the file can't be made or written.
+        OSError: the file can't be written.
     """
 
     def __init__(
         self,
+        file: FileIO,
         path: Path,
         library: str,
         chain: Chain | None = None,
@@ -361,7 +363,7 @@ class McapOutput:
         maker: Maker = Maker.WRITER,
     ) -> None:
         self._ahead: list[bytes]
-        self._begin(FileIO(path, "xb"), path, Chain() if chain is None else chain)
+        self._begin(file, path, Chain() if chain is None else chain)
         opening = opening_record(maker, number, self._chain.end.hex())
         # What belongs before the open chunk and was not written yet.
         self._ahead = [MCAP0_MAGIC, record_bytes(Header("ros2", library)), opening]

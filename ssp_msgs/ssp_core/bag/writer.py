@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 
 from mcap.records import Channel, Schema
@@ -112,7 +113,8 @@ class BagWriter(Closing):
         self._chain = Chain()
         self._maker = maker
         try:
-            self._output = McapOutput(self.file, LIBRARY, self._chain, maker=maker)
+            opened = FileIO(self.file, "xb")
+            self._output = McapOutput(opened, self.file, LIBRARY, self._chain, maker=maker)
         except OSError as error:
             raise HostError(f"{self.file}: can't be opened: {error.strerror}") from error
         self._chunk = self._output.chunk
@@ -244,17 +246,20 @@ class BagWriter(Closing):
             entry.latched.keep(Kept(cdr, publish_time_ns, sequence & 0xFFFFFFFF))
 
     def _next_file(self, begin_ns: int) -> None:
-        self._finish_file(Ending.FILE)
         number = len(self.files)
         file = self.path / f"{self._stem}_{number}.mcap"
-        output = McapOutput(file, LIBRARY, self._chain, number=number, maker=self._maker)
+        self._output.flush()  # whether there can be another file or not
+        # Before the present one ends: after a kill between the two the next would seem taken away.
+        opened = FileIO(file, "xb")
         try:
+            self._finish_file(Ending.FILE)
             # Only now: a folder that was replaced before has taken the new file without a word.
             self._hand_over()
-        except HostError:
-            output.close()
+        except (HostError, OSError):
+            opened.close()
             file.unlink(missing_ok=True)
             raise
+        output = McapOutput(opened, file, LIBRARY, self._chain, number=number, maker=self._maker)
         self._sync.request(self.file.name, self._output.descriptor)
         self._output.close()
         self.files += (file,)
