@@ -151,7 +151,7 @@ time.sleep(60)
 def test_an_interrupt_lets_every_step_end_in_order(
     number: signal.Signals, tmp_path: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ssp_eval.demo.END_TIMEOUT_S", 10.0)
+    monkeypatch.setattr("ssp_eval.demo.END_TIMEOUT_S", 300.0)
     paths = {n: (str(tmp_path / n), str(tmp_path / f"{n}.ready")) for n in ("one", "two")}
     steps = [
         script(name, GRACEFUL.format(path=path, ready=ready))
