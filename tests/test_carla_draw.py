@@ -24,6 +24,7 @@ from ssp_core.cli import main
 from ssp_core.motion.state import ObjectState
 from ssp_eval.audit.doubles import _shared
 from ssp_eval.data.provenance import COUNTERPART, read_provenance
+from ssp_eval.draw.cli import default_out
 from support.carla_catalogue import BODIES
 from support.carla_commands import PATIENCE_S, left_as_found, refused, ssp
 from support.carla_counterpart import EMPTY_XODR, Actor, Behaviour, Counterpart
@@ -113,6 +114,10 @@ def test_a_recording_is_drawn_anew_and_nothing_else_changes(recorded: Path, tmp_
     # However they are ordered, these two are one recording.
     assert _shared(source, facts)
     assert _shared(facts, source)
+
+
+def test_a_drawing_that_is_given_no_folder_has_the_name_of_its_recording(recorded: Path) -> None:
+    assert default_out(recorded / "bag") == Path("out/draw-run")
 
 
 def pictures_of(bag: Path) -> list[int]:
@@ -226,7 +231,7 @@ def test_what_cannot_be_drawn_is_refused(
     other = tmp_path / "none.xodr"
     for arguments, words in (
         ([str(recorded), *given], "no CARLA server has that map"),
-        ([str(recorded), "--camera", "raster", "--out", str(out)], "names no CARLA server"),
+        ([str(recorded), "--camera", "raster"], "names no CARLA server"),
         ([str(recorded), *given, "--map", str(other)], "can't be read"),
         ([str(tmp_path), *given], "is neither a bag nor a folder with one"),
     ):

@@ -23,7 +23,7 @@ from ssp_eval.closed_loop import prediction
 from ssp_eval.closed_loop.comparisons import over_events, pairs_of
 from ssp_eval.closed_loop.figures import NEEDLESS, chains_of, counts_of, outcome_plot
 from ssp_eval.closed_loop.folder import LoopCampaign, Run, load_loop
-from ssp_eval.closed_loop.page import again, failed_of, notices_of, planned_of, render
+from ssp_eval.closed_loop.page import again, bag_of, failed_of, notices_of, planned_of, render
 from ssp_eval.closed_loop.prediction import (
     Point,
     inversions_of,
@@ -42,6 +42,7 @@ from ssp_eval.closed_loop.words import words_table
 from ssp_eval.report.cli import report
 from ssp_eval.statistics.rows import CellRow
 from ssp_eval.statistics.table import texts
+from ssp_scenario_manager.closed_loop.bags import bag_folder
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES
 from ssp_scenario_manager.closed_loop.rates import RunRow, rates_of
 from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS
@@ -345,6 +346,10 @@ def test_each_failed_run_has_the_command_that_drives_it_again(campaign: LoopCamp
     assert "stop_at_once" not in failed
     first = failed[MINE][0]
     assert campaign.runs[first.number - 1] == first
+    assert bag_of(campaign, first) == ""
+    (bag_folder(campaign.folder, first.number) / "bag").mkdir(parents=True)
+    assert bag_of(campaign, first) == f"bags/{first.number:06d}/bag"
+    assert f"<code>bags/{first.number:06d}/bag</code>" in render(campaign)
     assert again(campaign, first) == f"ssp loop '{campaign.folder}' --again {first.number}"
 
 

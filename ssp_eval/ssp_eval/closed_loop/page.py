@@ -34,6 +34,7 @@ from ssp_eval.closed_loop.tables import (
 )
 from ssp_eval.report.render import Grid, grid
 from ssp_eval.statistics.table import Table, counted
+from ssp_scenario_manager.closed_loop.bags import bag_folder
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES, PRIVILEGED, ZERO
 from ssp_scenario_manager.closed_loop.rates import refused_for, rising
 from ssp_scenario_manager.closed_loop.runs import jobs_of
@@ -108,6 +109,7 @@ def render(campaign: LoopCampaign, further: Sequence[Table] = ()) -> str:
             failed=failed_of(campaign),
             most=MOST_FAILED,
             again=lambda run: again(campaign, run),
+            bag=lambda run: bag_of(campaign, run),
             rows_of=card_rows,
         )
     )
@@ -256,6 +258,12 @@ def failed_of(campaign: LoopCampaign) -> list[tuple[str, list[Run]]]:
 def again(campaign: LoopCampaign, run: Run) -> str:
     """Return the command that drives one run again."""
     return f"ssp loop {shlex.quote(str(campaign.folder))} --again {run.number}"
+
+
+def bag_of(campaign: LoopCampaign, run: Run) -> str:
+    """Return the place of a run's bag in the campaign's folder; empty: it has none."""
+    bag = bag_folder(campaign.folder, run.number) / "bag"
+    return str(bag.relative_to(campaign.folder)) if bag.is_dir() else ""
 
 
 def card_rows(card: Mapping[str, Any]) -> list[tuple[str, str]]:

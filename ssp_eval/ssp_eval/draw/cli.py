@@ -47,11 +47,13 @@ from ssp_scenario_manager.compile.task import TASK_FILE, TASK_FOLDER, Task
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    required=True,
-    help="New folder of the bag; a drawing that was ended before goes on.",
+    help="New folder of the bag; a drawing that was ended before goes on.  "
+    "[default: out/draw-… with the name of RUN]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def draw(recording: Path, camera_text: str, map_file: Path | None, out: Path, as_json: bool) -> int:
+def draw(
+    recording: Path, camera_text: str, map_file: Path | None, out: Path | None, as_json: bool
+) -> int:
     """Draw the pictures of a finished recording anew, from its states.
 
     RUN is the folder of a session, or its bag, simulated or on a track, here or from another host.
@@ -69,6 +71,7 @@ def draw(recording: Path, camera_text: str, map_file: Path | None, out: Path, as
         )
     address = parse_address(camera_text, "--camera")
     source = find_bag(recording)
+    out = out or default_out(source)
     with BagReader(source) as bag:
         recorded = read_recorded(bag, read_provenance(bag))
         wanted, said_by = _map_of(recorded, map_file)
@@ -100,6 +103,17 @@ def draw(recording: Path, camera_text: str, map_file: Path | None, out: Path, as
     else:
         console.out.print(f"{out}: {drawn.frames} pictures, {drawn.text}", markup=False)
     return 0
+
+
+def default_out(bag: Path) -> Path:
+    """Return the folder of a drawing that was given none, the same each time.
+
+    Args:
+        bag: of the recording.
+    """
+    place = bag_folder(bag).absolute()
+    name = place.parent.name if place.name == "bag" else place.name
+    return Path("out") / f"draw-{name}"
 
 
 def _map_of(recorded: Recorded, given: Path | None) -> tuple[Path, Literal["the task", "--map"]]:
