@@ -8,8 +8,9 @@ from typing import Any
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS
 from ssp_ot_controller.control.tracker import Tracker
-from ssp_ot_controller.driving.pilot import HISTORY_S, ROUTE_M
+from ssp_ot_controller.driving.pilot import ROUTE_M
 from ssp_ot_controller.driving.plan import PLAN_LIMITS
+from ssp_ot_controller.driving.questions import HISTORY_S
 
 
 def driving_facts(vut_class: ObjectClass) -> dict[str, Any]:
