@@ -36,7 +36,8 @@ from ssp_monitor.recorder.plan import RecordingPlan
 from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.topics import Profile, Selection, TopicSpec
 from ssp_monitor.ros.conversions import offered_profiles, recording_profile, why_not_recordable
-from ssp_monitor.ros.recording import ADDING_S, Recording
+from ssp_monitor.ros.graph_watch import ADDING_S
+from ssp_monitor.ros.recording import Recording
 from ssp_monitor.ros.recording_subscriptions import (
     BATCH_MESSAGES,
     QUIET_LOOKS,
@@ -476,7 +477,7 @@ def test_types_are_judged_within_the_time_that_a_poll_has(node, tmp_path, monkey
         time.sleep(ADDING_S)
         return why_not_recordable(msgtype)
 
-    monkeypatch.setattr("ssp_monitor.ros.recording.why_not_recordable", slow)
+    monkeypatch.setattr("ssp_monitor.ros.graph_watch.why_not_recordable", slow)
     kinds = (String, msg.Heartbeat, msg.Reference)
     for number, kind in enumerate(kinds):
         node.create_publisher(kind, f"/t{number}", ros.STATE)

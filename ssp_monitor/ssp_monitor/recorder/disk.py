@@ -1,4 +1,4 @@
-"""The time that the disk lasts, and its consequences. Pure: figures come in, sentences go out."""
+"""The time that the disk lasts, and its consequences."""
 
 from __future__ import annotations
 
@@ -120,6 +120,36 @@ def outlook(free: int | None, rate_bps: float, needs: DiskNeeds) -> DiskOutlook:
     if warning is None and left_s < WARN_S:
         warning = f"the disk is full in {left_s:.0f} s: {_mb(free)} MB left at {_mb(rate_bps)} MB/s"
     return DiskOutlook(left_s, ends, unready, warning)
+
+
+class DiskWatch:
+    """The disk of one recording, as it was at the last look.
+
+    Attributes:
+        free: bytes; None when it can't be told.
+        rate_bps: written lately, bytes per second.
+        outlook: the consequences.
+    """
+
+    def __init__(self, needs: DiskNeeds) -> None:
+        self._needs = needs
+        self._rate = WriteRate()
+        self.free: int | None = None
+        self.rate_bps = 0.0
+        self.outlook = outlook(None, 0.0, needs)
+
+    def look(self, now_s: float, total_bytes: int, folder: Path) -> DiskOutlook:
+        """Look at the disk.
+
+        Args:
+            now_s: on the steady clock.
+            total_bytes: written until now.
+            folder: of the recording.
+        """
+        self.rate_bps = self._rate.note(now_s, total_bytes)
+        self.free = free_bytes(folder)
+        self.outlook = outlook(self.free, self.rate_bps, self._needs)
+        return self.outlook
 
 
 def _ends(free: int, usable: int, left_s: float, needs: DiskNeeds) -> str | None:

@@ -206,6 +206,45 @@ class _Added:
     encoder: VideoEncoder | None
 
 
+class TopicNames:
+    """The names of a bag's topics that are given away.
+
+    One thread claims topics, and another one places for pictures that could not be encoded.
+    """
+
+    def __init__(self) -> None:
+        self._claimed: set[str] = set()
+        self._originals: dict[str, str] = {}
+        self._lock = threading.Lock()
+
+    def claim(self, topic: str) -> None:
+        """Claim a topic's own name.
+
+        Raises:
+            InputError: pictures of another topic are under it.
+        """
+        with self._lock:
+            if topic in self._originals.values():
+                raise InputError("holds pictures of another topic that could not be encoded")
+            self._claimed.add(topic)
+
+    def claim_originals(self, topic: str) -> str:
+        """Claim and return a name for a topic's pictures; not a real topic's."""
+        with self._lock:
+            name, number = topic + ORIGINAL, 1
+            while name in self._claimed:
+                number += 1
+                name = f"{topic}{ORIGINAL}_{number}"
+            self._claimed.add(name)
+            self._originals[topic] = name
+        return name
+
+    def originals(self) -> dict[str, str]:
+        """Return by topic where its pictures are."""
+        with self._lock:
+            return dict(self._originals)
+
+
 class Recorder:
     """A bag with a writer thread of its own, so that a slow disk doesn't stop the reception.
 
@@ -239,10 +278,7 @@ class Recorder:
         self._records: dict[str, TopicRecord] = {}
         self._encodings: dict[str, Encoding] = {}
         self._to_add: deque[_Added] = deque()
-        # Names that are given away: by ``add`` and, for originals, by the writer thread.
-        self._names: set[str] = set()
-        self._originals: dict[str, str] = {}
-        self._naming = threading.Lock()
+        self._names = TopicNames()
         self._failure: str | None = None
         self._flushed_at = time.monotonic()
         self._writer = BagWriter(path, split=split, maker=Maker.RECORDER)
@@ -274,10 +310,7 @@ class Recorder:
             parse_offered_qos(offered)
         except ValueError:
             offered = ""
-        with self._naming:
-            if topic.name in self._originals.values():
-                raise InputError("holds pictures of another topic that could not be encoded")
-            self._names.add(topic.name)
+        self._names.claim(topic.name)
         self._queue.announce({topic.name: importance(topic)})
         encoder = self._encoder(topic.name, topic.msgtype)
         self._to_add.append(_Added(topic, offered, latched, encoder))
@@ -293,8 +326,7 @@ class Recorder:
     @property
     def originals(self) -> dict[str, str]:
         """Return by topic where its pictures are that could not be encoded."""
-        with self._naming:
-            return dict(self._originals)
+        return self._names.originals()
 
     def records(self) -> list[TopicRecord]:
         """List the written messages of each topic, in the order of the bag."""
@@ -407,13 +439,7 @@ class Recorder:
 
     def _add_originals(self, topic: str, msgtype: str, added: _Added) -> str:
         """Announce where a topic's pictures go that can't be encoded; not a real topic's name."""
-        with self._naming:
-            name, number = topic + ORIGINAL, 1
-            while name in self._names:
-                number += 1
-                name = f"{topic}{ORIGINAL}_{number}"
-            self._names.add(name)
-            self._originals[topic] = name
+        name = self._names.claim_originals(topic)
         self._announce(name, msgtype, added)
         return name
 

@@ -289,3 +289,26 @@ class RepeatedWarnings:
 
     def texts(self) -> list[str]:
         return list(self._texts.values())
+
+
+class MessageRates:
+    """Messages a second of each topic, from one call to the next.
+
+    Args:
+        now_s: on the steady clock.
+    """
+
+    def __init__(self, now_s: float) -> None:
+        self._before: tuple[float, dict[str, int]] = (now_s, {})
+
+    def take(self, now_s: float, received: Mapping[str, int]) -> dict[str, float]:
+        """Return the rates since the call before.
+
+        Args:
+            now_s: on the steady clock.
+            received: how many messages of each topic were received until now.
+        """
+        then_s, before = self._before
+        self._before = now_s, dict(received)
+        span_s = max(now_s - then_s, 1e-3)
+        return {name: (count - before.get(name, 0)) / span_s for name, count in received.items()}

@@ -1,52 +1,43 @@
-"""Brings graph, reception, bag and disk together; its owner is a node and calls ``poll``."""
+"""Brings graph, reception, bag and disk together; its owner is a node and calls ``poll``.
+
+This file owns what is said of a recording as a whole; each part owns its own figures.
+"""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache
 
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ssp_core import names, ros
 from ssp_core.errors import HostError, SspError
 from ssp_core.safety.liveness import WATCHED
 from ssp_core.vocabulary import SessionPhase
-from ssp_monitor.recorder.disk import DiskOutlook, WriteRate, free_bytes, outlook
+from ssp_monitor.recorder.disk import DiskOutlook, DiskWatch
 from ssp_monitor.recorder.losses import RivalWatch, losses_beside
 from ssp_monitor.recorder.plan import Attachment, RecordingPlan
 from ssp_monitor.recorder.recorder import Recorder, RecorderState
 from ssp_monitor.recorder.report import (
     Closed,
     Counted,
+    MessageRates,
     RepeatedWarnings,
     check_closed,
     report_attachment,
     seals,
 )
-from ssp_monitor.recorder.topics import TopicDiscovery, TopicSpec
-from ssp_monitor.ros.conversions import (
-    adapted_profile,
-    is_heard,
-    is_latched,
-    offered_profiles,
-    recording_profile,
-    topic_status,
-    why_not_recordable,
-)
+from ssp_monitor.recorder.topics import TopicSpec
+from ssp_monitor.ros.conversions import is_latched, offered_profiles, topic_status
+from ssp_monitor.ros.graph_watch import GraphWatch
 from ssp_monitor.ros.recording_subscriptions import RecordingSubscriptions
 from ssp_msgs.msg import RecorderStatus
 
-# Looking at a graph of thousands of nodes takes a while; no more of the time than one in this.
-GRAPH_SHARE = 20
-GRAPH_MOST_S = 5.0
-# To read the types of a thousand new topics and to subscribe to them takes seconds; status must go
-# out meanwhile.
-ADDING_S = 0.2
 MOST_WARNINGS = 50
 # Of so many topics each status says how they are; the bag's own report names all.
 MOST_LISTED = 500
@@ -71,21 +62,13 @@ class Recording:
         listen: Mapping[str, Callable[[bytes], None]],
         is_waiting: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._node = node
         self._plan = plan
-        self._survey = TopicDiscovery(plan.selection)
-        self._why_not = cache(why_not_recordable)
         self._missing: list[str] = []
-        self._publishers: dict[str, int] = {}
-        self._profiles: dict[str, QoSProfile] = {}
-        self._unheard: set[str] = set()
         self._sayings = RepeatedWarnings()
         self._rivals = RivalWatch(plan.alone)
-        self._rate = WriteRate()
-        self._graph_due_s = 0.0
-        self._to_judge: deque[tuple[str, Sequence[str]]] = deque()
+        self._disk = DiskWatch(plan.needs)
+        self._rates = MessageRates(time.monotonic())
         self._own = frozenset(topic.name for topic in plan.topics)
-        self._before: tuple[float, dict[str, int]] = (time.monotonic(), {})
         video = plan.video
         self.recorder = Recorder(
             plan.bag_dir,
@@ -99,6 +82,7 @@ class Recording:
             self.intake = RecordingSubscriptions(
                 plan.topics, self.recorder, plan.simulated_time, listen, is_waiting
             )
+            self._graph = GraphWatch(node, plan.selection, self._add, self._sayings.say)
             self.poll()
         except BaseException:
             self.recorder.stop()
@@ -111,7 +95,7 @@ class Recording:
         nothing tells how many it lost.
         """
         lost = dict(self.intake.lost_by_topic())
-        for name in (*self._survey.changed, *self._unheard):
+        for name in (*self._graph.topics.changed, *self._graph.unheard):
             lost[name] = lost.get(name, 0) + 1
         return lost
 
@@ -145,29 +129,20 @@ class Recording:
         Returns:
             How long the disk lasts, and whether the recording must end.
         """
-        self._missing = [t.name for t in self._plan.topics if self._is_missing(t)]
-        now_s = time.monotonic()
-        # A graph that isn't gone through yet is finished first.
-        if self._plan.selection.looks and not self._to_judge and now_s >= self._graph_due_s:
-            graph = self._graph()
-            look_s = time.monotonic() - now_s
-            self._graph_due_s = now_s + min(GRAPH_SHARE * look_s, GRAPH_MOST_S)
-            self._to_judge.extend(self._survey.in_order(graph))
-        until_s = time.monotonic() + ADDING_S
-        while self._to_judge and time.monotonic() < until_s:
-            for topic in self._survey.look([self._to_judge.popleft()], self._why_not):
-                self._add(topic)
-        self._rate_bps = self._rate.note(now_s, self.recorder.state().bytes)
-        self._free = free_bytes(self.recorder.path)
-        self._outlook = outlook(self._free, self._rate_bps, self._plan.needs)
-        return self._outlook
+        received = self.intake.received_by_topic()
+        self._missing = [
+            t.name for t in self._plan.topics if self._graph.lacks(t, received[t.name])
+        ]
+        self._graph.look()
+        written = self.recorder.state().bytes
+        return self._disk.look(time.monotonic(), written, self.recorder.path)
 
     def status(self) -> RecorderStatus:
         """Return everything but the stamp, as it was at the last poll."""
-        state = self.recorder.state()
+        state, disk = self.recorder.state(), self._disk
         lost, dropped = self.lost_by_topic(), self.recorder.dropped_by_topic
         status = RecorderStatus()
-        status.ready = not (self._missing or state.failure or self._outlook.unready)
+        status.ready = not (self._missing or state.failure or disk.outlook.unready)
         status.bag = self.recorder.path.name
         status.failure = state.failure or ""
         status.messages, status.bytes, status.files = state.messages, state.bytes, state.files
@@ -175,16 +150,16 @@ class Recording:
         status.lost = self._of_own(lost) + status.dropped
         status.missing_topics = self._missing
         status.queue_bytes, status.queue_limit_bytes = state.queue_bytes, state.queue_limit_bytes
-        status.free_bytes = self._free or 0
-        status.write_bytes_per_s = float(self._rate_bps)
-        status.disk_left_s = float(self._outlook.left_s)
+        status.free_bytes = disk.free or 0
+        status.write_bytes_per_s = float(disk.rate_bps)
+        status.disk_left_s = float(disk.outlook.left_s)
         status.flush_age_s = float(state.flush_age_s)
-        rates = self._rates()
+        rates = self._rates.take(time.monotonic(), self.intake.received_by_topic())
         records = self.recorder.records()
         status.topics = [
             topic_status(
                 record,
-                self._publishers.get(record.name, 0),
+                self._graph.publishers.get(record.name, 0),
                 lost.get(record.name, 0),
                 dropped.get(record.name, 0),
                 rates.get(record.name, 0.0),
@@ -208,13 +183,13 @@ class Recording:
             expected = {name: count - left_out[name] for name, count in received.items()}
             check = check_closed(self.recorder.path, expected, self.recorder.originals)
         names = tuple(record.name for record in self.recorder.records())
-        several = frozenset(self._survey.ambiguous)
+        several = frozenset(self._graph.topics.ambiguous)
         return Closed(state, self.lost, names, check, tuple(self._incomplete()), several)
 
     def _incomplete(self) -> Iterable[str]:
         if self.intake.error is not None:
             yield f"reception ended: {self.intake.error}"
-        for name in sorted(self._survey.ambiguous & self._plan.selection.named):
+        for name in sorted(self._graph.topics.ambiguous & self._plan.selection.named):
             yield f"{name} has several types and is not recorded"
 
     def _report(self, received: Mapping[str, int]) -> Attachment:
@@ -233,85 +208,23 @@ class Recording:
             sealed=seals(self._plan.attachments),
         )
 
-    def _is_missing(self, topic: TopicSpec) -> bool:
-        """Tell whether nothing is heard where something must be, or a publisher can't be heard.
-
-        A publisher that this process sees may not have seen this process yet: what it sends until
-        then is lost. One that speaks before a run is known to be heard by its first message.
-        """
-        wanted = recording_profile(topic.profile)
-        publishers = self._node.get_publishers_info_by_topic(topic.name)
-        self._publishers[topic.name] = len(publishers)
-        heard = [is_heard(publisher, topic.msgtype, wanted) for publisher in publishers]
-        # Before anything was heard, a publisher that can't be is a mistake that can be mended.
-        received = self.intake.received_by_topic()[topic.name]
-        known = topic.name in self._unheard or not received
-        if not all(heard) and not known:
-            self._unheard.add(topic.name)
-            stranger = publishers[heard.index(False)]
-            self._sayings.say(
-                f"{topic.name} is not heard from {stranger.node_name}: its type or profile is not "
-                "that of the run; what it says is lost"
-            )
-        silent = topic.speaks_early and not received
-        return not all(heard) or (topic.required and (not heard or silent))
-
-    def _graph(self) -> list[tuple[str, list[str]]]:
-        """Return topics that are recorded or asked for, each with the types of its publishers."""
-        graph = []
-        for name, types in self._node.get_topic_names_and_types():
-            recorded = self._survey.recorded.get(name)
-            if recorded is not None:
-                self._count_publishers(name, recorded)
-            elif not self._survey.wants(name):
-                continue
-            # A reader's type counts for nothing; most often all have the same.
-            if recorded is None or types != [recorded]:
-                publishers = self._node.get_publishers_info_by_topic(name)
-                types = sorted({publisher.topic_type for publisher in publishers})
-            graph.append((name, types))
-        return graph
-
-    def _add(self, topic: TopicSpec) -> None:
-        publishers = self._node.get_publishers_info_by_topic(topic.name)
-        profile = adapted_profile(topic, publishers)
+    def _add(
+        self, topic: TopicSpec, publishers: Sequence[TopicEndpointInfo], profile: QoSProfile
+    ) -> bool:
+        """Record a topic that was found; False, and said, where it can't be."""
         try:
             self.recorder.add(topic, offered_profiles(publishers), is_latched(publishers))
             self.intake.add(topic, profile)
         except (SspError, RuntimeError) as error:
             self._sayings.say(f"{topic.name} is not recorded: {error}")
-            return
-        self._profiles[topic.name] = profile
-
-    def _count_publishers(self, name: str, msgtype: str) -> None:
-        """Find publishers that a reader can't hear: its profile is that of the first ones."""
-        count = self._node.count_publishers(name)
-        if count == self._publishers.get(name) or name not in self._profiles:
-            return
-        self._publishers[name] = count
-        wanted = self._profiles[name]
-        for publisher in self._node.get_publishers_info_by_topic(name):
-            # Of another type the survey tells.
-            if publisher.topic_type == msgtype and not is_heard(publisher, msgtype, wanted):
-                self._unheard.add(name)
-                self._sayings.say(
-                    f"{name} is not heard from {publisher.node_name}: it came later and offers "
-                    "less than those before; what it says is lost"
-                )
-
-    def _rates(self) -> dict[str, float]:
-        """Return messages a second of each topic since the call before."""
-        now_s, received = time.monotonic(), dict(self.intake.received_by_topic())
-        then_s, before = self._before
-        self._before = now_s, received
-        span_s = max(now_s - then_s, 1e-3)
-        return {name: (count - before.get(name, 0)) / span_s for name, count in received.items()}
+            return False
+        return True
 
     def _current_warnings(self, state: RecorderState, topics: int) -> list[str]:
         """List the warnings that a person should see now; the bag's report keeps all of them."""
-        found = [*self._survey.all_warnings(), *state.warnings]
-        if self._outlook.warning is not None:
-            found.insert(0, self._outlook.warning)
+        found = [*self._graph.topics.all_warnings(), *state.warnings]
+        if self._disk.outlook.warning is not None:
+            found.insert(0, self._disk.outlook.warning)
         if 2 * state.queue_bytes > state.queue_limit_bytes:
             found.append("the disk does not keep up: more than half of the queue is in use")
         counts = Counter(self.lost_by_topic()) + self.recorder.dropped_by_topic
