@@ -26,7 +26,7 @@ UNTOLD = "- {durability: transient_local, history: unknown, depth: 0}"
 @pytest.fixture
 def small_index(monkeypatch: pytest.MonkeyPatch) -> None:
     """Files may have an index of ten chunks."""
-    monkeypatch.setattr("ssp_core.bag.writer.INDEX_BYTES", 10 * ENTRY_BYTES)
+    monkeypatch.setattr("ssp_core.bag.file_turn.INDEX_BYTES", 10 * ENTRY_BYTES)
 
 
 def record(path: Path) -> BagWriter:
@@ -70,7 +70,7 @@ def test_recovering_a_long_recording_makes_several_files_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert len(record(tmp_path / "bag").files) == 1
-    monkeypatch.setattr("ssp_core.bag.writer.INDEX_BYTES", 10 * ENTRY_BYTES)
+    monkeypatch.setattr("ssp_core.bag.file_turn.INDEX_BYTES", 10 * ENTRY_BYTES)
     monkeypatch.setattr("ssp_core.bag.writer.CHUNK_BYTES", 1)
     assert recover(tmp_path / "bag", tmp_path / "new").complete
     assert_whole(tmp_path / "new", 7)

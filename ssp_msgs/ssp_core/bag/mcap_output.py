@@ -23,10 +23,7 @@ from mcap.records import (
     Header,
     McapRecord,
     Metadata,
-    MetadataIndex,
     Schema,
-    Statistics,
-    SummaryOffset,
 )
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
@@ -43,6 +40,7 @@ from ssp_core.bag.chain import (
     opening_record,
     record_bytes,
 )
+from ssp_core.bag.file_index import FileIndex, span
 
 # Opcode, length of what follows, channel, sequence, log time, publish time.
 MESSAGE_HEAD = struct.Struct("<BQHIQQ")
@@ -368,7 +366,7 @@ class McapOutput:
         # What belongs before the open chunk and was not written yet.
         self._ahead = [MCAP0_MAGIC, record_bytes(Header("ros2", library)), opening]
         self._ahead_bytes = sum(map(len, self._ahead))
-        self._metadata_count = 1
+        self._index.metadata_count = 1
 
     @classmethod
     def reopen(
@@ -389,18 +387,7 @@ class McapOutput:
         output._begin(FileIO(path, "r+b"), path, Chain(end))
         output._file.seek(data_end)
         output._offset, output._crc = data_end, crc
-        output._schemas = list(summary.schemas.values())
-        output._channels = list(summary.channels.values())
-        output._chunk_index = bytearray(record_bytes(*summary.chunk_indexes))
-        output._attachments = list(summary.attachment_indexes)
-        output._metadata = list(summary.metadata_indexes)
-        statistics = summary.statistics
-        if statistics is not None:
-            output._chunks = statistics.chunk_count
-            output._metadata_count = statistics.metadata_count
-            output._counts = Counter(statistics.channel_message_counts)
-            if statistics.message_count:
-                output._times = statistics.message_start_time, statistics.message_end_time
+        output._index = FileIndex.of(summary)
         return output
 
     def _begin(self, file: FileIO, path: Path, chain: Chain) -> None:
@@ -410,16 +397,7 @@ class McapOutput:
         self._offset = 0
         self._crc = 0
         self.chunk = ChunkBuilder()
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
-        self._chunks = 0
-        # As it stands in the summary: as objects it would take ten times the memory.
-        self._chunk_index = bytearray()
-        self._attachments: list[AttachmentIndex] = []
-        self._metadata: list[MetadataIndex] = []
-        self._counts: Counter[int] = Counter()
-        self._metadata_count = 0
-        self._times: tuple[int, int] | None = None
+        self._index = FileIndex()
         self._ahead = []
         self._ahead_bytes = 0
 
@@ -435,22 +413,22 @@ class McapOutput:
     @property
     def index_bytes(self) -> int:
         """Bytes that the summary takes for the chunks so far."""
-        return len(self._chunk_index)
+        return self._index.chunk_bytes
 
     def counts(self) -> Counter[int]:
         """Count the messages by channel, those in the open chunk included."""
-        return self._counts + Counter(self.chunk.counts())
+        return self._index.counts + Counter(self.chunk.counts())
 
     def times(self) -> tuple[int, int] | None:
         """Return the earliest and latest log time, None while there is no message."""
-        return _span(self._times, self.chunk.times())
+        return span(self._index.times, self.chunk.times())
 
     def add_schema(self, schema: Schema) -> None:
-        self._schemas.append(schema)
+        self._index.schemas.append(schema)
         self._put_ahead(schema)
 
     def add_channel(self, channel: Channel) -> None:
-        self._channels.append(channel)
+        self._index.channels.append(channel)
         self._put_ahead(channel)
 
     def _put_ahead(self, record: McapRecord) -> None:
@@ -470,12 +448,8 @@ class McapOutput:
             buffers, length, crc, chunk_index, counts = self.chunk.finish(place)
             *content, indexes = buffers
             self._chain.take(content)
-            seal = chunk_record(self._chunks + 1, self._chain.close())
-            self._metadata_count += 1
-            self._chunks += 1
-            self._chunk_index += record_bytes(chunk_index)
-            self._counts.update(counts)
-            self._times = _span(self._times, times)
+            self._index.add_chunk(chunk_index, counts, times)
+            seal = chunk_record(self._index.chunks, self._chain.close())
             crc = crc32_combine(crc32(seal), crc, length)
             self._write([seal, *buffers], len(seal) + length, crc, chained=[indexes])
 
@@ -494,27 +468,23 @@ class McapOutput:
         whole = 0
         for buffer in buffers:
             whole = crc32(buffer, whole)
-        self._attachments.append(index)
+        self._index.attachments.append(index)
         self._write(buffers, index.length, whole)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
         self.flush()
         data = record_bytes(Metadata(name, values))
-        self._note_metadata(name, len(data))
+        self._index.add_metadata(name, self._offset, len(data))
         self._write([data], len(data), crc32(data))
-
-    def _note_metadata(self, name: str, length: int) -> None:
-        self._metadata.append(MetadataIndex(self._offset, length, name))
-        self._metadata_count += 1
 
     def finish(self, ending: Ending = Ending.BAG) -> None:
         """Write what waits, the seal, the summary and the footer; nothing may follow."""
         self.flush()
         seal_bytes = len(closing_record(ending, NOTHING.hex(), NOTHING.hex()))
-        self._note_metadata(SEAL_NAME, seal_bytes)
+        self._index.add_metadata(SEAL_NAME, self._offset, seal_bytes)
         data_end_bytes = len(record_bytes(DataEnd(0)))
         summary_start = self._offset + seal_bytes + data_end_bytes
-        summary, summary_offsets = self._summary(summary_start)
+        summary, summary_offsets = self._index.records(summary_start)
         hashed = sha256(summary + summary_offsets)
         self._chain.take([hashed.digest()])
         seal = closing_record(ending, hashed.hexdigest(), self._chain.close())
@@ -536,38 +506,6 @@ class McapOutput:
         """Close the file as it is. A second call does nothing."""
         self._file.close()
 
-    def _summary(self, start: int) -> tuple[bytes, bytes]:
-        """Return the groups of the summary from an offset on, and the records that find them."""
-        summary, offsets = b"", b""
-        for opcode, group in self._groups():
-            if group:
-                offsets += record_bytes(SummaryOffset(opcode, start + len(summary), len(group)))
-                summary += group
-        return summary, offsets
-
-    def _groups(self) -> list[tuple[Opcode, bytes | bytearray]]:
-        start_ns, end_ns = self._times or (0, 0)
-        statistics = Statistics(
-            attachment_count=len(self._attachments),
-            channel_count=len(self._channels),
-            # Channels without messages are named too, as rosbag2 does.
-            channel_message_counts={c.id: self._counts[c.id] for c in self._channels},
-            chunk_count=self._chunks,
-            message_count=self._counts.total(),
-            message_end_time=end_ns,
-            message_start_time=start_ns,
-            metadata_count=self._metadata_count,
-            schema_count=len(self._schemas),
-        )
-        return [
-            (Opcode.SCHEMA, record_bytes(*self._schemas)),
-            (Opcode.CHANNEL, record_bytes(*self._channels)),
-            (Opcode.STATISTICS, record_bytes(statistics)),
-            (Opcode.CHUNK_INDEX, self._chunk_index),
-            (Opcode.ATTACHMENT_INDEX, record_bytes(*self._attachments)),
-            (Opcode.METADATA_INDEX, record_bytes(*self._metadata)),
-        ]
-
     def _write(
         self,
         buffers: Sequence[Buffer],
@@ -581,9 +519,3 @@ class McapOutput:
         write_buffers(self.descriptor, buffers)
         self._offset += length
         self._crc = crc32_combine(self._crc, crc, length)
-
-
-def _span(one: tuple[int, int] | None, other: tuple[int, int] | None) -> tuple[int, int] | None:
-    if one is None or other is None:
-        return one or other
-    return min(one[0], other[0]), max(one[1], other[1])

@@ -1,59 +1,40 @@
-"""Writes a bag directory that rosbag2, Foxglove and rosbags read: MCAP files and metadata.yaml."""
+"""Writes a bag directory that rosbag2, Foxglove and rosbags read: MCAP files and metadata.yaml.
+
+This file owns which file is written, and whether the bag is closed: a writer that the disk failed
+is closed for good. ``BagTopics`` owns the topics, ``FileTurn`` when the next file begins.
+"""
 
 from __future__ import annotations
 
 import os
 import struct
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 
-from mcap.records import Channel, Schema
+from mcap.records import Channel
 
 from ssp_core import __version__
+from ssp_core.bag.bag_topics import BagTopics, TooMany, WrittenTopic
 from ssp_core.bag.chain import SOURCE_NAME, Chain, Ending, Maker, Source
-from ssp_core.bag.latched import Kept, LateJoiner, late_joiner
+from ssp_core.bag.file_turn import FileTurn
+from ssp_core.bag.latched import Kept
 from ssp_core.bag.mcap_output import CHUNK_BYTES, DiskSync, McapOutput
 from ssp_core.bag.metadata import (
     FILE_NAME,
     BagFacts,
     FileFacts,
-    TopicFacts,
     metadata_yaml,
-    parse_offered_qos,
     serialized_metadata,
 )
-from ssp_core.bag.split import REPEATED, Split
-from ssp_core.bag.types import BagMessage, TypeDefinition, definition
+from ssp_core.bag.split import Split
+from ssp_core.bag.types import BagMessage, TypeDefinition
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import Closing, write_text
 
-_MAX_IDS = (1 << 16) - 1
-
-
-@dataclass(slots=True)
-class WrittenTopic:
-    """One topic.
-
-    Args:
-        latched: what later files repeat, None where nothing is.
-        repeats: where later files put the repeated messages; made with the first of them.
-    """
-
-    channel: Channel
-    schema: Schema
-    latched: LateJoiner | None
-    repeats: Channel | None = None
-
-
 LIBRARY = f"ssp {__version__}"
-# A file's index is read as a whole, so it must stay far below mcap_file.MAX_SUMMARY_BYTES: when the
-# chunk indexes reach this, the bag goes on in another file. With ten active topics and two chunks
-# a second that takes a day.
-INDEX_BYTES = 32 << 20
 _MAX_TIME = (1 << 64) - 1
 
 
@@ -96,14 +77,8 @@ class BagWriter(Closing):
         first = name or self.path.name + "_0"
         self.files: tuple[Path, ...] = (self.path / f"{first}.mcap",)
         self._stem = first.removesuffix("_0")
-        self._split = split
-        self._begun_ns: int | None = None
-        self._repeated_bytes = 0
-        self._index_limit = INDEX_BYTES
-        # All topics of the bag, the same in each of its files.
-        self._topics: dict[str, WrittenTopic] = {}
-        self._schemas: dict[TypeDefinition, Schema] = {}
-        self._channels = 0
+        self._turn = FileTurn(split)
+        self._topics = BagTopics()
         self._whole: list[FileFacts] = []
         self._counts: Counter[str] = Counter()
         self.messages = 0
@@ -153,32 +128,15 @@ class BagWriter(Closing):
                 topics or types than a file has numbers for.
             ValueError: the topic was added before, or the QoS is no complete YAML list.
         """
-        parse_offered_qos(offered_qos)
-        written = written or definition(msgtype)
-        if topic in self._topics:
-            raise ValueError(f"topic {topic} was added before")
-        known = self._schemas.get(written)
-        if not written.msgtype:
-            known = Schema(0, b"", "", "")  # MCAP's way to say that a topic has no type
-        if known is None and len(self._schemas) == _MAX_IDS:
-            raise InputError("is one type too many", file=self.file, field=topic)
-        schema = known or Schema(len(self._schemas) + 1, written.data, written.encoding, msgtype)
-        metadata = {"offered_qos_profiles": offered_qos, "topic_type_hash": written.type_hash}
-        channel = self._channel(topic, metadata, schema, written.message_encoding)
-        if known is None:
-            self._schemas[written] = schema
-            self._output.add_schema(schema)
+        try:
+            channel, new_schema = self._topics.add(
+                topic, msgtype, offered_qos, written, latched=latched
+            )
+        except TooMany as error:
+            raise InputError(f"is one {error} too many", file=self.file, field=topic) from error
+        if new_schema is not None:
+            self._output.add_schema(new_schema)
         self._output.add_channel(channel)
-        kept = late_joiner(topic, msgtype, offered_qos, latched=latched)
-        self._topics[topic] = WrittenTopic(channel, schema, kept)
-
-    def _channel(
-        self, topic: str, metadata: dict[str, str], schema: Schema, encoding: str
-    ) -> Channel:
-        if self._channels == _MAX_IDS:
-            raise InputError("is one topic too many", file=self.file, field=topic)
-        self._channels += 1
-        return Channel(self._channels, topic, encoding, metadata, schema.id)
 
     def write(
         self, topic: str, cdr: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0
@@ -197,11 +155,10 @@ class BagWriter(Closing):
             KeyError: the topic was not added.
             ValueError: a time is negative or has more than 64 bits, or the writer is closed.
         """
-        entry = self._topics[topic]
+        entry = self._topics.by_name[topic]
         if self.closed:
             raise ValueError(f"{self.path} is closed")
-        full = self._output.index_bytes >= self._index_limit
-        if full or self._split is not None or entry.latched is not None:
+        if entry.latched is not None or self._turn.may_come(self._output):
             self._before_message(entry, cdr, log_time_ns, publish_time_ns, sequence)
         chunk = self._chunk
         try:
@@ -230,14 +187,7 @@ class BagWriter(Closing):
         """Begin a new file when it is time for one, and keep what later files repeat."""
         if min(log_time_ns, publish_time_ns) < 0 or max(log_time_ns, publish_time_ns) > _MAX_TIME:
             return  # write refuses it; nothing may have happened before
-        if self._begun_ns is None:
-            self._begun_ns = log_time_ns
-        elif self._output.index_bytes >= self._index_limit or (
-            self._split is not None
-            and self._split.due(
-                self._output.size, len(cdr), log_time_ns - self._begun_ns, self._repeated_bytes
-            )
-        ):
+        if self._turn.has_come(self._output, len(cdr), log_time_ns):
             try:
                 self._next_file(log_time_ns)
             except OSError as error:
@@ -265,24 +215,26 @@ class BagWriter(Closing):
         self.files += (file,)
         self._output = output
         self._chunk = output.chunk
-        self._begun_ns = begin_ns
-        for schema in self._schemas.values():
+        for schema in self._topics.schemas:
             output.add_schema(schema)
-        for name, topic in self._topics.items():
+        for topic in self._topics.by_name.values():
             output.add_channel(topic.channel)
             if topic.latched is not None and (kept := list(topic.latched.kept)):
-                if topic.repeats is None:
-                    metadata = topic.channel.metadata | REPEATED
-                    encoding = topic.channel.message_encoding
-                    topic.repeats = self._channel(name, metadata, topic.schema, encoding)
-                repeats = topic.repeats
+                repeats = self._repeats(topic)
                 output.add_channel(repeats)
                 for cdr, publish_time_ns, sequence in kept:
                     output.chunk.add(repeats.id, sequence, begin_ns, publish_time_ns, cdr)
                     if output.chunk.size >= CHUNK_BYTES:
                         output.flush()
-        self._repeated_bytes = output.size
-        self._index_limit = output.index_bytes + INDEX_BYTES
+        self._turn.begin(output, begin_ns)
+
+    def _repeats(self, topic: WrittenTopic) -> Channel:
+        try:
+            return self._topics.repeats_of(topic)
+        except TooMany as error:
+            raise InputError(
+                f"is one {error} too many", file=self.file, field=topic.channel.topic
+            ) from error
 
     def attach(self, name: str, data: bytes, media_type: str) -> None:
         """Put a file into the bag, whole, at once."""
@@ -337,33 +289,9 @@ class BagWriter(Closing):
     def facts(self) -> BagFacts:
         """Return the facts of the files written so far."""
         if len(self._whole) == len(self.files):
-            return BagFacts(tuple(self._whole), self._topic_facts(self._counts))
-        total = self._counts + self._topic_counts()
-        return BagFacts((*self._whole, self._file_facts()), self._topic_facts(total))
-
-    def _topic_counts(self) -> Counter[str]:
-        """Count the messages of the present file by topic, those that were repeated included."""
-        by_channel = self._output.counts()
-        return Counter(
-            {
-                name: by_channel[topic.channel.id]
-                + (by_channel[topic.repeats.id] if topic.repeats is not None else 0)
-                for name, topic in self._topics.items()
-            }
-        )
-
-    def _topic_facts(self, counts: Mapping[str, int]) -> tuple[TopicFacts, ...]:
-        return tuple(
-            TopicFacts(
-                name,
-                topic.schema.name,
-                topic.channel.metadata["offered_qos_profiles"],
-                topic.channel.metadata["topic_type_hash"],
-                counts.get(name, 0),
-                topic.channel.message_encoding,
-            )
-            for name, topic in self._topics.items()
-        )
+            return BagFacts(tuple(self._whole), self._topics.facts(self._counts))
+        total = self._counts + self._topics.counts(self._output.counts())
+        return BagFacts((*self._whole, self._file_facts()), self._topics.facts(total))
 
     def _file_facts(self) -> FileFacts:
         start_ns, end_ns = self._output.times() or (0, 0)
@@ -371,8 +299,8 @@ class BagWriter(Closing):
 
     def _finish_file(self, ending: Ending) -> None:
         """Write metadata record and summary of the present file, and remember what it holds."""
-        counts = self._topic_counts()
-        facts = BagFacts((self._file_facts(),), self._topic_facts(counts))
+        counts = self._topics.counts(self._output.counts())
+        facts = BagFacts((self._file_facts(),), self._topics.facts(counts))
         self._output.add_metadata("rosbag2", {"serialized_metadata": serialized_metadata(facts)})
         self._output.finish(ending)
         self._whole += facts.files
