@@ -75,7 +75,7 @@ def dither(now: Now) -> Answer:
 
 def say_nothing(now: Now) -> Answer:
     """Answer nothing from just before T_obs on, so that the fallback brakes."""
-    quiet = now.at_s >= now.start.observable_s - LATENCY
+    quiet = now.at_s >= now.start.observable_s - LATENCY.seconds
     return Answer(None) if quiet else lane_plan(now.question)
 
 
