@@ -149,6 +149,24 @@ def test_a_driver_whose_answer_can_not_be_read_has_died_or_is_refused(answer: An
     assert reports[-1][1].died.startswith("its answer can't be read") or all(refused), refused
 
 
+def test_an_error_counts_from_t_plus_its_latency_on() -> None:
+    """Up to then the plan before is driven: an error comes no sooner than an answer."""
+
+    def says(question: Question) -> Answer:
+        if question.stamp_ns >= 1_100_000_000:
+            raise RuntimeError("out of memory")
+        return lane_plan(question)
+
+    reports = drive(Scripted(says), latency_s=0.25)
+    # The frames at 0.2, 0.5 and 0.8 s are answered, the one at 1.1 s isn't.
+    dead = [at_s for at_s, report in reports if report.died]
+    assert dead[0] == pytest.approx(1.36)
+    assert {report.dies for at_s, report in reports if 1.1 <= at_s < 1.35} == {
+        "RuntimeError: out of memory"
+    }
+    assert all(r.mode is DriveMode.PLAN for at_s, r in reports if 1.1 <= at_s < 1.35)
+
+
 def test_a_driver_that_leaves_the_process_has_died() -> None:
     def says(question: Question) -> Answer:
         sys.exit(3)
