@@ -88,7 +88,7 @@ class Box:
 
     @property
     def reach_m(self) -> float:
-        """How far from its reference point it reaches, m."""
+        """Reach from its reference point, m."""
         return reach_m(self.front_m, self.rear_m, self.width_m)
 
     def corners(self) -> list[Point]:

@@ -29,7 +29,7 @@ class Size:
 
     @property
     def reach_m(self) -> float:
-        """How far from its reference point it reaches, m."""
+        """Reach from its reference point, m."""
         return reach_m(self.front_m, self.rear_m, self.width_m)
 
 

@@ -1,4 +1,4 @@
-"""How far the event of one run has come: its phases, its resolution, and a driven VUT's contact.
+"""Course of the event of one run: its phases, its resolution, and a driven VUT's contact.
 
 This file owns the present phase and when each one began; ``ssp_core.motion.event`` defines them.
 Reads no clock.
