@@ -3,11 +3,15 @@
 It has no socket and reads no clock: it is told the time, what the object target decided and what
 the object reports, and says what is sent. The object target stays the judge of the motion; here is
 judged what it can't see, the object's own state and whether it obeys.
+
+This file owns what the object was told: ``ControlQueue`` what waits, ``Trajectories`` what it
+drives, ``Conversation`` the rest. A new connection, or a new arming, forgets the run.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
@@ -171,6 +175,119 @@ class Timing:
     stop_s: float | None = None
 
 
+class ControlQueue:
+    """The control messages that wait, in their order; after a long one the object gets a pause."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Message] = deque()
+        self._quiet_until_ns = 0
+
+    def begin(self, messages: Iterable[Message], now_ns: int) -> None:
+        """Forget what waits, and let these messages wait instead: a connection stands."""
+        self._waiting = deque(messages)
+        self._quiet_until_ns = now_ns
+
+    def put(self, message: Message) -> None:
+        """Let one more message wait."""
+        self._waiting.append(message)
+
+    def due(self, now_ns: int) -> list[Message]:
+        """Take out the messages that are sent now."""
+        messages: list[Message] = []
+        while self._waiting and now_ns >= self._quiet_until_ns:
+            message = self._waiting.popleft()
+            messages.append(message)
+            if isinstance(message, Traj | Dreq):
+                self._quiet_until_ns = now_ns + PAUSE_NS
+        return messages
+
+
+class Trajectories:
+    """The trajectories of one run that the object is given, on one axis of time.
+
+    Attributes:
+        start_ns: session time of their time 0; None before it is known.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.start_ns: int | None = None
+        self._settings = settings
+        self._count = 0
+        # All times that were sent, ms, and the references.
+        self._times: set[int] = set()
+        self._sent: set[tuple[str, int]] = set()
+
+    def forget(self) -> None:
+        """Begin another run: only the first trajectory was sent."""
+        self.start_ns = None
+        self._count = 1
+        self._times = {_ms(point.t_s) for point in self.first().points}
+        self._sent.clear()
+
+    @property
+    def any_sent(self) -> bool:
+        """A reference was sent beside the first trajectory."""
+        return bool(self._sent)
+
+    def first(self) -> Traj:
+        """Return the trajectory that an object is armed with."""
+        approach = self._settings.approach
+        if approach is None:
+            return self._settings.stands
+        return trajectory_of(approach, approach.execute_at_ns, self._settings.datum, 1)
+
+    def find_start(self, references: Sequence[Reference], now_ns: int) -> LimitViolation | None:
+        """Find the session time of time 0, as soon as the manager has said it.
+
+        Returns:
+            A violation where the object was armed with another trajectory than it is to drive.
+        """
+        approach = self._settings.approach
+        if approach is None:
+            self.start_ns = now_ns
+            return None
+        first = next((r for r in references if r.purpose == approach.purpose), None)
+        if first is None:
+            return None
+        known, given = np.array(approach.columns), np.array(first.columns)
+        if known.shape != given.shape or not np.allclose(known, given, rtol=0.0, atol=1e-6):
+            words = "is to drive another trajectory than it was armed with"
+            return LimitViolation(SafetyCode.REFERENCE_REFUSED, 0.0, 0.0, words)
+        self._sent.add((first.reference_id, first.execute_at_ns))
+        self.start_ns = first.execute_at_ns
+        return None
+
+    def new(self, references: Sequence[Reference], start_ns: int, now_ns: int) -> Iterator[Traj]:
+        """Yield the trajectories of the references that weren't sent yet."""
+        for reference in references:
+            key = reference.reference_id, reference.execute_at_ns
+            if key not in self._sent and reference.execute_at_ns >= start_ns:
+                self._sent.add(key)
+                yield self._next(reference, start_ns, now_ns)
+
+    def _next(self, reference: Reference, start_ns: int, now_ns: int) -> Traj:
+        """Return the trajectory of a reference, in place of what was to be driven from its time on.
+
+        Objects merge points by their times: those of before that lie beyond its end are sent again
+        as a standstill there.
+        """
+        self._count += 1
+        datum = self._settings.datum
+        traj = trajectory_of(reference, start_ns, datum, self._count, from_ns=now_ns)
+        if not traj.points:
+            return traj
+        last = traj.points[-1]
+        rest = sorted(t for t in self._times if t > _ms(last.t_s))
+        stand = replace(last, speed_mps=0.0, acceleration_mps2=0.0)
+        points = (*traj.points, *(replace(stand, t_s=t / 1000.0) for t in rest))
+        self._times |= {_ms(point.t_s) for point in traj.points}
+        return replace(traj, points=points)
+
+
+def _ms(t_s: float) -> int:
+    return round(t_s * 1000.0)
+
+
 class Conversation:
     """The conversation with one object, from connection to connection."""
 
@@ -180,16 +297,11 @@ class Conversation:
         self._decided = Decided(P.UNKNOWN, C.OFF)
         self._reported = Reported()
         self._violation: LimitViolation | None = None
-        self._queue: deque[Message] = deque()
-        self._quiet_until_ns = 0
+        self._queue = ControlQueue()
+        self._trajectories = Trajectories(settings)
         self._now_ns = self._since_ns = 0
         self._clear_due = self._lost = False
-        # Of the trajectory: session time of its time 0, and all times that were sent, ms.
-        self._start_ns: int | None = None
         self._started = False
-        self._times: set[int] = set()
-        self._sent: set[tuple[str, int]] = set()
-        self._trajectories = 0
         # Of a stop: since when it is told, and the speed then.
         self._told: tuple[int, float] | None = None
         self._over = self._soft = False
@@ -199,8 +311,8 @@ class Conversation:
 
     def on_connected(self, now_ns: int) -> None:
         """Queue the settings, the first trajectory and a DREQ: the control connection stands."""
-        self._quiet_until_ns = now_ns
-        self._queue = deque([self._settings.osem(now_ns), self._first(), Dreq()])
+        first = self._trajectories.first()
+        self._queue.begin([self._settings.osem(now_ns), first, Dreq()], now_ns)
         self._forget_run()
 
     def on_lost(self) -> None:
@@ -216,7 +328,7 @@ class Conversation:
             self._on_change(before.state, decided.state)
         if self._clear_due and self.status is not CentreStatus.ABORT:
             self._clear_due = False
-            self._queue.append(Ostm(ObjectCommand.ALL_CLEAR))
+            self._queue.put(Ostm(ObjectCommand.ALL_CLEAR))
         if decided.state is C.RUNNING:
             self._run(now_ns)
         self._watch_start(now_ns)
@@ -226,13 +338,7 @@ class Conversation:
 
     def due(self, now_ns: int) -> list[Message]:
         """Return the control messages that are sent now, in their order."""
-        messages: list[Message] = []
-        while self._queue and now_ns >= self._quiet_until_ns:
-            message = self._queue.popleft()
-            messages.append(message)
-            if isinstance(message, Traj | Dreq):
-                self._quiet_until_ns = now_ns + PAUSE_NS
-        return messages
+        return self._queue.due(now_ns)
 
     def heab(self, now_ns: int) -> Heab | None:
         """Return the heartbeat; None for an object that doesn't obey it: silence must stop it."""
@@ -269,76 +375,33 @@ class Conversation:
         cannot_arm = (*reported.gate, *lacks)
         return BodyCheck(armed, cannot_arm, reported.lasting, self._violation, missed)
 
-    # -- trajectories --------------------------------------------------------------------------
-
-    def _first(self) -> Traj:
-        approach = self._settings.approach
-        if approach is None:
-            return self._settings.stands
-        return trajectory_of(approach, approach.execute_at_ns, self._settings.datum, 1)
+    # -- the run -------------------------------------------------------------------------------
 
     def _forget_run(self) -> None:
-        first = self._first()
-        self._trajectories = 1
-        self._times = {_ms(point.t_s) for point in first.points}
-        self._start_ns, self._started = None, False
-        self._sent.clear()
+        self._trajectories.forget()
+        self._started = False
         self.timing = Timing()
         self._over = self._soft = False
 
     def _run(self, now_ns: int) -> None:
         """Queue STRT at its time, and the trajectories of the references that were taken."""
-        if self._start_ns is None:
-            self._start_ns = self._start_of_run(now_ns)
-            if self._start_ns is None:
-                return
-        if not self._started and (self._settings.honours_start_time or now_ns >= self._start_ns):
+        trajectories, references = self._trajectories, self._decided.references
+        if trajectories.start_ns is None:
+            refused = trajectories.find_start(references, now_ns)
+            if refused is not None:
+                self._violation = refused
+        start_ns = trajectories.start_ns
+        if start_ns is None:
+            return
+        if not self._started and (self._settings.honours_start_time or now_ns >= start_ns):
             self._started = True
-            week, time_of_week_ns = to_gps(self._start_ns)
-            self._queue.append(Strt(time_of_week_ns, week))
-        for reference in self._decided.references:
-            key = reference.reference_id, reference.execute_at_ns
-            if key not in self._sent and reference.execute_at_ns >= self._start_ns:
-                self._sent.add(key)
-                self._queue.append(self._next(reference, self._start_ns, now_ns))
-        ends = [reference.end_ns for reference in self._decided.references]
+            week, time_of_week_ns = to_gps(start_ns)
+            self._queue.put(Strt(time_of_week_ns, week))
+        for traj in trajectories.new(references, start_ns, now_ns):
+            self._queue.put(traj)
+        ends = [reference.end_ns for reference in references]
         self._over = bool(ends) and now_ns > max(ends) + seconds_to_ns(OVER_S)
         self._soft = self._soft or (self._over and abs(self._reported.speed_mps) > SLOW_MPS)
-
-    def _start_of_run(self, now_ns: int) -> int | None:
-        """Return the session time of the trajectory's 0; None while the manager hasn't said it."""
-        approach = self._settings.approach
-        if approach is None:
-            return now_ns
-        first = next((r for r in self._decided.references if r.purpose == approach.purpose), None)
-        if first is None:
-            return None
-        known, given = np.array(approach.columns), np.array(first.columns)
-        if known.shape != given.shape or not np.allclose(known, given, rtol=0.0, atol=1e-6):
-            # It was armed with another trajectory than it is to drive.
-            words = "is to drive another trajectory than it was armed with"
-            self._violation = LimitViolation(SafetyCode.REFERENCE_REFUSED, 0.0, 0.0, words)
-            return None
-        self._sent.add((first.reference_id, first.execute_at_ns))
-        return first.execute_at_ns
-
-    def _next(self, reference: Reference, start_ns: int, now_ns: int) -> Traj:
-        """Return the trajectory of a reference, in place of what was to be driven from its time on.
-
-        Objects merge points by their times: those of before that lie beyond its end are sent again
-        as a standstill there.
-        """
-        self._trajectories += 1
-        datum = self._settings.datum
-        traj = trajectory_of(reference, start_ns, datum, self._trajectories, from_ns=now_ns)
-        if not traj.points:
-            return traj
-        last = traj.points[-1]
-        rest = sorted(t for t in self._times if t > _ms(last.t_s))
-        stand = replace(last, speed_mps=0.0, acceleration_mps2=0.0)
-        points = (*traj.points, *(replace(stand, t_s=t / 1000.0) for t in rest))
-        self._times |= {_ms(point.t_s) for point in traj.points}
-        return replace(traj, points=points)
 
     # -- judgement -----------------------------------------------------------------------------
 
@@ -349,17 +412,18 @@ class Conversation:
             self._deaf = False
             self._violation = None
         elif now is C.PRE_ARMING:
-            if self._sent:
-                self._queue.append(self._first())
+            if self._trajectories.any_sent:
+                self._queue.put(self._trajectories.first())
             self._forget_run()
-            self._queue.append(Ostm(ObjectCommand.ARM))
+            self._queue.put(Ostm(ObjectCommand.ARM))
         elif before in (C.PRE_ARMING, C.ARMED) and now is C.DISARMED:
-            self._queue.append(Ostm(ObjectCommand.DISARM))
+            self._queue.put(Ostm(ObjectCommand.DISARM))
 
     def _watch_start(self, now_ns: int) -> None:
         runs = self._reported.state is C.RUNNING
-        if runs and self._started and self._start_ns and self.timing.start_error_s is None:
-            error_s = ns_to_seconds(now_ns - self._start_ns)
+        start_ns = self._trajectories.start_ns
+        if runs and self._started and start_ns and self.timing.start_error_s is None:
+            error_s = ns_to_seconds(now_ns - start_ns)
             self.timing = replace(self.timing, start_error_s=error_s)
 
     def _watch_stop(self, now_ns: int) -> None:
@@ -406,7 +470,7 @@ class Conversation:
     @property
     def _missed_start(self) -> LimitViolation | None:
         """Its start time is over, and it doesn't report to run."""
-        start_ns, state = self._start_ns, self._reported.state
+        start_ns, state = self._trajectories.start_ns, self._reported.state
         if self._decided.state is not C.RUNNING or start_ns is None or self._over:
             return None
         late_s = ns_to_seconds(self._now_ns - start_ns)
@@ -439,7 +503,8 @@ class Conversation:
         since_ns = self._since_ns
         if decided.state is C.RUNNING:
             # Nothing is expected before the start's time.
-            since_ns = max(since_ns, now_ns if self._start_ns is None else self._start_ns)
+            start_ns = self._trajectories.start_ns
+            since_ns = max(since_ns, now_ns if start_ns is None else start_ns)
         lag_s = ns_to_seconds(now_ns - since_ns)
         patience_s = ARMING_S if phase is P.ARMED else LAG_S
         when = f"{patience_s:g} s after it {_ASKED.get(decided.state, _NOT_ASKED)}"
@@ -450,7 +515,3 @@ class Conversation:
         if lag_s <= patience_s or (found is Fit.COMES and phase is P.CONNECTED):
             return None
         return self._contradiction(when, patience_s)
-
-
-def _ms(t_s: float) -> int:
-    return round(t_s * 1000.0)

@@ -121,6 +121,61 @@ class MonrStatistics:
         return "; ".join(parts)
 
 
+class ProbeGate:
+    """The judgement whether a probe report lets an object be armed.
+
+    Args:
+        report: None: there is none.
+        bound_s: within which the object must slow.
+        waive: name of the person who lets it be armed without one; may be empty.
+
+    Attributes:
+        firmware: that the object says it runs; None before it has said so.
+    """
+
+    def __init__(self, report: ProbeReport | None, bound_s: float, waive: str) -> None:
+        self.firmware: str | None = None
+        self._report = report
+        self._bound_s = bound_s
+        self._waive = waive
+
+    def judge(self, reported: Reported) -> Reported:
+        """Return what is reported, with what the report lacks."""
+        report = self._report
+        probed = None if report is None else report.firmware
+        gate = cannot_arm(report, self._bound_s, self.firmware, self._waive)
+        # What it lacks even of the firmware that it is of.
+        lasting = bool(cannot_arm(report, self._bound_s, probed, self._waive))
+        return replace(reported, gate=gate, lasting=lasting)
+
+
+class Announcements:
+    """Sentences about one object, for an operator or a dispute.
+
+    Args:
+        tell: is given each sentence, which begins with the object's name.
+    """
+
+    def __init__(self, object_id: str, tell: Callable[[str], None]) -> None:
+        self._object_id = object_id
+        self._tell = tell
+        self._told: set[str] = set()
+
+    def always(self, text: str) -> None:
+        """Say something, however often."""
+        self._tell(f"{self._object_id}{text}")
+
+    def once(self, text: str) -> None:
+        """Say something that wasn't said since the last ``forget``."""
+        if text not in self._told:
+            self._told.add(text)
+            self.always(text)
+
+    def forget(self) -> None:
+        """Begin anew: what was said once may be said again."""
+        self._told.clear()
+
+
 class IsoBody:
     """Leads one test object. It follows its trajectory by itself: commands of a body are not sent.
 
@@ -150,37 +205,26 @@ class IsoBody:
                 remedy="give the site file a datum and compile the run anew (docs/sites.md)",
             )
         datum = run.datum.datum
-        self._object_id, self._tell, self._address = spec.id, tell, address
-        self._report = None if address.report is None else load_report(address.report)
-        self._bound_s = run.limits.stop_reaction_s
-        self._firmware: str | None = None
+        self._say = Announcements(spec.id, tell)
+        report = None if address.report is None else load_report(address.report)
+        self._gate = ProbeGate(report, run.limits.stop_reaction_s, address.waive)
         # It said of itself that it is a model.
         self.is_simulated = False
         self._frames: list[RawFrame] = []
         self._link = make_link(address.host, address.port, self._tap)
-        self._conversation = Conversation(_settings(run, spec, datum, device_id, self._report))
+        self._conversation = Conversation(_settings(run, spec, datum, device_id, report))
         self._readings = MonrReadings(datum, address.lever, run.limits.position_std_m)
         self.statistics = MonrStatistics()
-        self._reported = Reported()
-        self._judge_report()
+        self._reported = self._gate.judge(Reported())
         self._newest: BodyReading | None = None
         self._retry_ns = 0
         # Why what came last gave no reading.
         self._refused = ""
-        self._told: set[str] = set()
         if address.waive:
             tell(f"{address.waive} lets {spec.id} be armed whatever its probe report lacks")
 
     def _tap(self, sent: bool, stamp_ns: int, data: bytes) -> None:
         self._frames.append(RawFrame(sent, stamp_ns, data))
-
-    def _judge_report(self) -> None:
-        report, waive = self._report, self._address.waive
-        probed = None if report is None else report.firmware
-        gate = cannot_arm(report, self._bound_s, self._firmware, waive)
-        # What it lacks even of the firmware that it is of.
-        lasting = bool(cannot_arm(report, self._bound_s, probed, waive))
-        self._reported = replace(self._reported, gate=gate, lasting=lasting)
 
     # -- as a body -----------------------------------------------------------------------------
 
@@ -193,7 +237,7 @@ class IsoBody:
 
     def close(self) -> None:
         """Leave the object to its own watchdog."""
-        self._tell(f"{self._object_id}: {self.statistics.text()}{self._timing()}")
+        self._say.always(f": {self.statistics.text()}{self._timing()}")
         self._link.close()
 
     def problems(self) -> tuple[str, ...]:
@@ -239,7 +283,7 @@ class IsoBody:
             self._reported = Reported(connected=True, gate=gate, lasting=lasting)
             self._refused = ""
             self._conversation.on_connected(now_ns)
-            self._tell(f"{self._object_id} is connected")
+            self._say.always(" is connected")
         return self._newest is not None
 
     def _lose(self) -> None:
@@ -253,15 +297,15 @@ class IsoBody:
         )
         if was_connected:
             self._conversation.on_lost()
-            self._tell(f"{self._object_id} is not connected any more: {self._link.problem}")
-            self._told.clear()
+            self._say.always(f" is not connected any more: {self._link.problem}")
+            self._say.forget()
 
     def follow(self, decided: Decided, now_ns: int) -> None:
         """Take the object target's decision."""
         before = self._conversation.timing
         self._conversation.step(decided, self._reported, now_ns)
         if self._conversation.timing != before:
-            self._tell(f"{self._object_id}{self._timing()}")
+            self._say.always(self._timing())
         self.send(now_ns)
 
     def send(self, now_ns: int) -> None:
@@ -283,7 +327,7 @@ class IsoBody:
     def _hear(self, decoded: Decoded, arrived_ns: int) -> None:
         message = decoded.message
         for text in decoded.odd:
-            self._once(text)
+            self._say.once(f" {text}")
         if isinstance(message, Monr):
             reading = self._readings.take(message, arrived_ns)
             if isinstance(reading, Rejected):
@@ -297,22 +341,17 @@ class IsoBody:
                 self._reported, heard=True, number=message.state, speed_mps=speed
             )
         elif isinstance(message, Dres):
-            self._firmware = message.firmware
+            self._gate.firmware = message.firmware
             self.is_simulated |= message.is_simulated
-            self._judge_report()
-            self._once(f"is {message.vendor} {message.product}, firmware {message.firmware}")
+            self._reported = self._gate.judge(self._reported)
+            self._say.once(f" is {message.vendor} {message.product}, firmware {message.firmware}")
 
     def _reject(self, rejected: Rejected) -> None:
         self.statistics.rejected[rejected.reason.value] += 1
         self._refused = f"{rejected.reason.value}: {rejected.text}"
         evidence = f" ({rejected.evidence.hex()})" if rejected.evidence else ""
         if self.statistics.rejected[rejected.reason.value] == 1:
-            self._tell(f"{self._object_id}: {rejected.reason.value}: {rejected.text}{evidence}")
-
-    def _once(self, text: str) -> None:
-        if text not in self._told:
-            self._told.add(text)
-            self._tell(f"{self._object_id} {text}")
+            self._say.always(f": {rejected.reason.value}: {rejected.text}{evidence}")
 
     def _timing(self) -> str:
         timing = self._conversation.timing

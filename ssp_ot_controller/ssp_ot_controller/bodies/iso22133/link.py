@@ -67,6 +67,36 @@ class Received:
     data: bytes
 
 
+class TcpFrames:
+    """The frames of one TCP connection; a frame whose rest doesn't come is given up in time."""
+
+    def __init__(self) -> None:
+        self._decoder = StreamDecoder()
+        self._waits_since_ns: int | None = None
+
+    def feed(self, data: bytes) -> list[Frame | Rejected]:
+        """Take what one read gave; return the frames that are whole."""
+        frames = self._decoder.feed(data)
+        if frames:
+            self._waits_since_ns = None
+        return frames
+
+    def give_up(self, now_ns: int) -> list[Frame | Rejected]:
+        """Return what is left of a frame whose rest hasn't come for RESYNC_S; empty otherwise.
+
+        Args:
+            now_ns: on the clock of the time limits, when everything was read.
+        """
+        if not self._decoder.waiting_bytes:
+            self._waits_since_ns = None
+        elif self._waits_since_ns is None:
+            self._waits_since_ns = now_ns
+        elif now_ns - self._waits_since_ns > seconds_to_ns(RESYNC_S):
+            self._waits_since_ns = None
+            return self._decoder.resync()
+        return []
+
+
 class Link:
     """The control centre's end.
 
@@ -113,8 +143,7 @@ class Link:
         self._udp: socket.socket | None = None
         self._connected = False
         self._started_ns = 0
-        self._waits_since_ns: int | None = None
-        self._decoder = StreamDecoder()
+        self._frames = TcpFrames()
         self._queue: deque[bytes] = deque()
 
     @property
@@ -136,7 +165,7 @@ class Link:
         if self._tcp is not None:
             return
         self._close_udp()
-        self._decoder, self._waits_since_ns = StreamDecoder(), None
+        self._frames = TcpFrames()
         family, address = self._addresses[0]
         self._addresses.rotate(-1)
         try:
@@ -287,17 +316,9 @@ class Link:
                 self._lose("the object closed the connection")
                 return found
             self._tap(False, stamp_ns, data)
-            frames = self._decoder.feed(data)
-            if frames:
-                self._waits_since_ns = None
-            found += _received(frames, False, stamp_ns)
-        if not self._decoder.waiting_bytes:
-            self._waits_since_ns = None
-        elif self._waits_since_ns is None:
-            self._waits_since_ns = now_ns
-        elif now_ns - self._waits_since_ns > seconds_to_ns(RESYNC_S):
-            self._waits_since_ns = None
-            found += _received(self._decoder.resync(), False, time.time_ns())
+            found += _received(self._frames.feed(data), False, stamp_ns)
+        if rest := self._frames.give_up(now_ns):
+            found += _received(rest, False, time.time_ns())
         return found
 
     def _lose(self, problem: str) -> None:
