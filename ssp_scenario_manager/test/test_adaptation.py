@@ -148,7 +148,7 @@ class Drive:
         """As METHOD 1 has it, of the last pace."""
         planned_motion, first = self.known.planned_motion, self.asked.first == "initiator"
         own_s = planned_motion.departure_s if first else planned_motion.arrival_s
-        decisive_s = self.known.pace.reached_ns(own_s) / S
+        decisive_s = self.known.played.pace.reached_ns(own_s) / S
         arrived_s = self.arrived_s
         assert arrived_s is not None
         return arrived_s - decisive_s if first else decisive_s - arrived_s
@@ -349,7 +349,7 @@ def test_a_vut_that_stops_makes_nobody_creep() -> None:
     drive = Drive(planned_motion, wish(0.5, response_mps2=None), 60.0)
     drive.go(3.0, 10.0, acceleration=-5.0)
     planned_s = (planned_motion.execute_at_ns / S) + planned_motion.columns[0, -1]
-    ends_s = drive.known.pace.reached_ns(float(planned_motion.columns[0, -1])) / S
+    ends_s = drive.known.played.pace.reached_ns(float(planned_motion.columns[0, -1])) / S
     assert ends_s < 10.0 + (planned_s - 10.0) / 0.6
 
 
@@ -358,7 +358,7 @@ def test_near_its_decisive_instant_nothing_changes_any_more() -> None:
     drive = Drive(planned_motion, wish(0.5, freeze_s=1.0), 60.0)
     drive.go(8.0, 10.0)
     last_s = max((t for t, _ in drive.sent), default=0.0)
-    assert last_s <= drive.known.pace.reached_ns(planned_motion.departure_s) / S - 1.0 + 1e-6
+    assert last_s <= drive.known.played.pace.reached_ns(planned_motion.departure_s) / S - 1.0 + 1e-6
     assert drive.known.over == "the conflict is at hand"
 
 
@@ -381,15 +381,16 @@ def test_a_late_reference_is_forgotten_and_the_next_one_gets_more_time() -> None
     drive = Drive(crossing(), wish(0.8), 62.0)
     drive.go(0.3, 8.5)
     known = drive.known
-    assert known.pace != known.taken
-    pace = known.pace
+    assert known.played.pace != known.played.taken
+    pace = known.played.pace
     known.answered(pace, accepted=False)
-    assert (known.pace, known.lead_ns, known.refused) == (known.taken, S // 5, 1)
+    played = known.played
+    assert (played.pace, played.lead_ns, played.refused) == (played.taken, S // 5, 1)
     for _ in range(2):
         known.answered(pace, accepted=False)
-    assert (known.lead_ns, known.refused) == (2 * S // 5, 3)
+    assert (known.played.lead_ns, known.played.refused) == (2 * S // 5, 3)
     known.answered(pace, accepted=True)
-    assert (known.taken, known.refused) == (pace, 0)
+    assert (known.played.taken, known.played.refused) == (pace, 0)
 
 
 def test_references_play_as_references() -> None:

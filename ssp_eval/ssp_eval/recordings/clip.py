@@ -177,6 +177,34 @@ class _Entries:
         return _Entries([self[index] for index in range(low, high)])
 
 
+class KeptQuestions:
+    """The questions under the rules that were used last, as far as there is room for them."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all questions."""
+        self._rules: Preprocessing | None = None
+        self._kept: dict[float, Question | NoQuestion] = {}
+        self._left_bytes = _MOST_BYTES
+
+    def get(self, label_t_s: float, rules: Preprocessing) -> Question | NoQuestion | None:
+        """Return the question about a label time, None if it isn't kept; other rules clear all."""
+        if rules != self._rules:
+            self.clear()
+            self._rules = rules
+        return self._kept.get(label_t_s)
+
+    def put(self, label_t_s: float, found: Question | NoQuestion) -> None:
+        """Keep a question under the rules of the last ``get``, if there is room."""
+        frames = found.request.frames if isinstance(found, Question) else ()
+        size = sum(len(frame.jpeg) for frame in frames)
+        if size <= self._left_bytes:
+            self._left_bytes -= size
+            self._kept[label_t_s] = found
+
+
 class Clip(Closing):
     """A recorded session or an imported video, open for evaluation; a context manager.
 
@@ -199,14 +227,10 @@ class Clip(Closing):
         except BaseException:
             self._stack.close()
             raise
-        self._state_stamps = self._states.stamps_ns
-        self._frame_stamps = self._frames.stamps_ns
-        self._rules: Preprocessing | None = None
-        self._kept: dict[float, Question | NoQuestion] = {}
-        self._left_bytes = _MOST_BYTES
+        self._kept = KeptQuestions()
         self.crop: Crop | None = None
         start_ns = self._told.session_start_ns
-        self.start_ns = self._frame_stamps[0] if start_ns is None else start_ns
+        self.start_ns = self._frames.stamps_ns[0] if start_ns is None else start_ns
 
     @cached_property
     def provenance(self) -> Provenance:
@@ -280,12 +304,12 @@ class Clip(Closing):
     @property
     def first_s(self) -> float:
         """Clip time of the first frame."""
-        return ns_to_seconds(self._frame_stamps[0] - self.start_ns)
+        return ns_to_seconds(self._frames.stamps_ns[0] - self.start_ns)
 
     @property
     def last_s(self) -> float:
         """Clip time of the last frame."""
-        return ns_to_seconds(self._frame_stamps[-1] - self.start_ns)
+        return ns_to_seconds(self._frames.stamps_ns[-1] - self.start_ns)
 
     def question(
         self, label_t_s: float, rules: Preprocessing = _DEFAULT_RULES
@@ -298,18 +322,11 @@ class Clip(Closing):
         Raises:
             InputError: a file of the bag can't be read, or was changed since the clip was opened.
         """
-        if rules != self._rules:
-            self.forget_questions()
-            self._rules = rules
-        found = self._kept.get(label_t_s)
+        found = self._kept.get(label_t_s, rules)
         if found is None:
             with self._content.watched():
                 found = self._question(label_t_s, rules)
-            frames = found.request.frames if isinstance(found, Question) else ()
-            size = sum(len(frame.jpeg) for frame in frames)
-            if size <= self._left_bytes:
-                self._left_bytes -= size
-                self._kept[label_t_s] = found
+            self._kept.put(label_t_s, found)
         return found
 
     def last_arrived(
@@ -329,8 +346,8 @@ class Clip(Closing):
         """
         shown = {}
         for frame in frames:
-            index = bisect_left(self._frame_stamps, frame.stamp_ns)
-            while index >= 0 and is_lost(self._frame_stamps[index]):
+            index = bisect_left(self._frames.stamps_ns, frame.stamp_ns)
+            while index >= 0 and is_lost(self._frames.stamps_ns[index]):
                 index -= 1
             shown[frame.stamp_ns] = self._frames[index] if index >= 0 else None
         with self._content.watched():
@@ -358,7 +375,6 @@ class Clip(Closing):
         last_ns = self.start_ns + seconds_to_ns(crop.end_s)
         self._frames = self._frames.within(first_ns, last_ns)
         self._states = self._states.within(first_ns, last_ns)
-        self._frame_stamps, self._state_stamps = self._frames.stamps_ns, self._states.stamps_ns
         self.crop = crop
         self.forget_questions()
 
@@ -368,14 +384,14 @@ class Clip(Closing):
         Those under the rules that were used last are kept as far as there is room: models with the
         same rules are asked the same, one after the other.
         """
-        self._rules, self._kept, self._left_bytes = None, {}, _MOST_BYTES
+        self._kept.clear()
 
     def _question(self, label_t_s: float, rules: Preprocessing) -> Question | NoQuestion:
         label_ns = self.start_ns + seconds_to_ns(label_t_s)
-        newest = bisect_right(self._frame_stamps, label_ns) - 1
+        newest = bisect_right(self._frames.stamps_ns, label_ns) - 1
         if newest < 0:
             return NoQuestion(label_t_s, "there is no frame at or before the label's time")
-        stamp = self._frame_stamps[newest]
+        stamp = self._frames.stamps_ns[newest]
         age_s = ns_to_seconds(label_ns - stamp)
         # METHOD 6.1: a record further from its label than this could not be matched.
         if not DEFAULT.at_most(age_s, DEFAULT.match_window_s):
@@ -388,7 +404,7 @@ class Clip(Closing):
             request_id="",
             stamp_ns=stamp,
             frames=self._fetch(
-                [self._frames[i] for i in choose(self._frame_stamps, newest, rules)]
+                [self._frames[i] for i in choose(self._frames.stamps_ns, newest, rules)]
             ),
             camera=self.camera,
             history=history,
@@ -410,17 +426,17 @@ class Clip(Closing):
         """Ego samples up to a time, oldest first; empty when there is no state recent enough."""
         if self._told.ego == "unknown":
             return ()
-        newest = bisect_right(self._state_stamps, now_ns) - 1
+        newest = bisect_right(self._states.stamps_ns, now_ns) - 1
         if newest < 0:
             return ()
         reach_ns = seconds_to_ns(rules.history_s + rules.history_spacing_s)
-        first = max(0, bisect_right(self._state_stamps, now_ns - reach_ns) - 1)
+        first = max(0, bisect_right(self._states.stamps_ns, now_ns - reach_ns) - 1)
         found = self._fetch_states(first, newest)
 
         def state(index: int) -> ObjectState:
             return object_state(self._bag.decode(found[self._states[index]]))
 
-        return ego_history(self._state_stamps, state, now_ns, rules)
+        return ego_history(self._states.stamps_ns, state, now_ns, rules)
 
     def _fetch_states(self, first: int, newest: int) -> dict[_Entry, BagMessage]:
         """Return the messages of these states and of those received between them."""

@@ -437,9 +437,8 @@ class Player:
         told: Callable[[Leap | Pause], None] = lambda _: None,
     ) -> None:
         self._tape = tape
-        self._loop = wishes.loop
-        self._tick_ns = seconds_to_ns(1.0 / plan.clock_hz) if plan.clock_hz else None
-        self._frames = plan.frames
+        self._plan = plan
+        self._wishes = wishes
         self._send = send
         self._tick = tick
         self._over = over
@@ -449,7 +448,6 @@ class Player:
         self._sent = 0
         self._lap = 0
         self._stopped = False
-        self._begin = Timeline(tape.start_ns, 0, wishes.rate, wishes.paused)
         self._playback: Playback | None = None
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
@@ -498,7 +496,9 @@ class Player:
 
     @property
     def _timeline(self) -> Timeline:
-        return self._begin if self._playback is None else self._playback.timeline
+        if self._playback is not None:
+            return self._playback.timeline
+        return Timeline(self._tape.start_ns, 0, self._wishes.rate, self._wishes.paused)
 
     def _command(self, do: Callable[[Playback, int], None]) -> None:
         with self._changed:
@@ -508,7 +508,7 @@ class Player:
 
     def _run(self) -> None:
         try:
-            while self._play_once() and self._loop and not self._stopped:
+            while self._play_once() and self._wishes.loop and not self._stopped:
                 pass
         except BaseException as error:  # whoever waits for the end is told of it
             self.error = error
@@ -519,11 +519,13 @@ class Player:
         """Play one lap; return False when it was stopped before its end."""
         for message in self._tape.kept():
             self._publish(message)
+        clock_hz, frames = self._plan.clock_hz, self._plan.frames
+        tick_ns = seconds_to_ns(1.0 / clock_hz) if clock_hz else None
         with closing(self._tape.messages()) as messages:
             with self._changed:
                 last = self._timeline
                 begin = Timeline(self._tape.start_ns, time.monotonic_ns(), last.rate, last.paused)
-                self._playback = Playback(messages, begin, self._tick_ns, self._frames)
+                self._playback = Playback(messages, begin, tick_ns, frames)
                 self._lap += 1
             return self._play(self._playback)
 

@@ -283,6 +283,62 @@ class LinkSizes:
     cut: bool
 
 
+class Localisation:
+    """The localisation of one object: its noise, its dropouts, and the faults of its places.
+
+    It draws the same numbers in each step, whatever the disturbance is.
+    """
+
+    def __init__(self, run: RunSpec, object_id: str, faults: FaultSchedule) -> None:
+        self._noise: LinkDisturbance = run.disturbance_of(object_id)
+        self._step_s = run.step_s
+        self._faults = faults
+        self._position = normals(run.seed, object_id, "localisation")
+        self._dropouts = uniforms(run.seed, object_id, "dropout")
+        self._dropout_ends_ns: int | None = None
+        self._fix: ObjectState | None = None
+        self._frozen: ObjectState | None = None
+
+    def locate(self, truth: ObjectState, now_ns: int) -> ObjectState:
+        """Return the fix of a step: with noise, or in a dropout the last one again."""
+        n = self._noise
+        dx, dy, dv = next(self._position), next(self._position), next(self._position)
+        begins = next(self._dropouts) < n.dropout_per_s * self._step_s
+        if self._dropout_ends_ns is not None and now_ns >= self._dropout_ends_ns:
+            self._dropout_ends_ns = None
+        if begins and self._dropout_ends_ns is None:
+            self._dropout_ends_ns = now_ns + seconds_to_ns(n.dropout_s)
+        if self._dropout_ends_ns is not None and self._fix is not None:
+            return replace(self._fix, sequence=truth.sequence)
+        self._fix = truth
+        if n.position_noise_m or n.speed_noise_mps:
+            moves = truth.speed_mps > _WHEELS_TURN_MPS
+            self._fix = replace(
+                truth,
+                x_m=truth.x_m + n.position_noise_m * dx,
+                y_m=truth.y_m + n.position_noise_m * dy,
+                speed_mps=truth.speed_mps + (n.speed_noise_mps * dv if moves else 0.0),
+                position_std_m=n.position_noise_m,
+            )
+        return self._fix
+
+    def spoil(self, fix: ObjectState) -> ObjectState:
+        """Return a fix as the faults that are active make it."""
+        jump_m = self._faults.total("position_jump")
+        if jump_m:
+            x, y = fix.pose.to_parent(0.0, jump_m)
+            fix = replace(fix, x_m=x, y_m=y)
+        if not self._faults.has("state_frozen"):
+            self._frozen = None
+        elif self._frozen is None:
+            self._frozen = fix
+        else:
+            fix = replace(self._frozen, stamp_ns=fix.stamp_ns, sequence=fix.sequence)
+        if self._faults.has("state_nan"):
+            fix = replace(fix, x_m=math.nan, y_m=math.nan)
+        return fix
+
+
 class Channel:
     """Localisation, clock and links of one object. Reads no clock.
 
@@ -294,18 +350,12 @@ class Channel:
 
     def __init__(self, run: RunSpec, object_id: str) -> None:
         self._noise: LinkDisturbance = run.disturbance_of(object_id)
-        self._step_s = run.step_s
         kinds = (*LINK_FAULTS, *OWN_FAULTS, *ACTUATOR_FAULTS)
         self._faults = FaultSchedule(run.faults, (object_id,), kinds)
         self._running = False
-        seed = run.seed
-        self._position = normals(seed, object_id, "localisation")
-        self._dropouts = uniforms(seed, object_id, "dropout")
-        self._dropout_ends_ns: int | None = None
-        self._fix: ObjectState | None = None
-        self._frozen: ObjectState | None = None
+        self._localisation = Localisation(run, object_id, self._faults)
         # How often the world holds isn't the same in two runs: no draws of the run's own streams.
-        self._hold = uniforms(seed, object_id, "hold")
+        self._hold = uniforms(run.seed, object_id, "hold")
         self._held: Iterator[float] | None = self._hold
         n, faults = self._noise, self._faults
         up = LinkQuality(n.state_delay_s, n.state_jitter_s, n.state_loss, n.reorder)
@@ -363,45 +413,8 @@ class Channel:
         """
         if self._plain_own:
             return truth
-        fix = self._located(truth, now_ns) if self._running else truth
-        return self._faulty(fix) if not self._faults.is_empty else self._stamped(fix)
-
-    def _located(self, truth: ObjectState, now_ns: int) -> ObjectState:
-        n = self._noise
-        dx, dy, dv = next(self._position), next(self._position), next(self._position)
-        begins = next(self._dropouts) < n.dropout_per_s * self._step_s
-        if self._dropout_ends_ns is not None and now_ns >= self._dropout_ends_ns:
-            self._dropout_ends_ns = None
-        if begins and self._dropout_ends_ns is None:
-            self._dropout_ends_ns = now_ns + seconds_to_ns(n.dropout_s)
-        if self._dropout_ends_ns is not None and self._fix is not None:
-            return replace(self._fix, sequence=truth.sequence)
-        self._fix = truth
-        if n.position_noise_m or n.speed_noise_mps:
-            moves = truth.speed_mps > _WHEELS_TURN_MPS
-            self._fix = replace(
-                truth,
-                x_m=truth.x_m + n.position_noise_m * dx,
-                y_m=truth.y_m + n.position_noise_m * dy,
-                speed_mps=truth.speed_mps + (n.speed_noise_mps * dv if moves else 0.0),
-                position_std_m=n.position_noise_m,
-            )
-        return self._fix
-
-    def _faulty(self, fix: ObjectState) -> ObjectState:
-        jump_m = self._faults.total("position_jump")
-        if jump_m:
-            x, y = fix.pose.to_parent(0.0, jump_m)
-            fix = replace(fix, x_m=x, y_m=y)
-        if not self._faults.has("state_frozen"):
-            self._frozen = None
-        elif self._frozen is None:
-            self._frozen = fix
-        else:
-            fix = replace(self._frozen, stamp_ns=fix.stamp_ns, sequence=fix.sequence)
-        if self._faults.has("state_nan"):
-            fix = replace(fix, x_m=math.nan, y_m=math.nan)
-        return self._stamped(fix)
+        fix = self._localisation.locate(truth, now_ns) if self._running else truth
+        return self._stamped(fix if self._faults.is_empty else self._localisation.spoil(fix))
 
     def _stamped(self, fix: ObjectState) -> ObjectState:
         offset_ns = self.clock_ns(0)

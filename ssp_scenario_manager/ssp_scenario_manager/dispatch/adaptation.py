@@ -1,4 +1,8 @@
-"""The adaptation of an object target's manoeuvre to a VUT of another speed."""
+"""The adaptation of an object target's manoeuvre to a VUT of another speed.
+
+This file owns what is played: ``PlayedPace`` the pace, ``PassingOrder`` who arrives first. An
+adaptation that is over never begins anew. Reads no clock.
+"""
 
 from __future__ import annotations
 
@@ -60,72 +64,24 @@ class Decision:
     wrong_order: str = ""
 
 
-class AdaptedManoeuvre:
-    """A manoeuvre that was dispatched as planned, and is played faster or slower since.
+class PlayedPace:
+    """The pace that an object plays a manoeuvre at, as far as its answers say.
 
     Args:
-        spec: of the run; gives limits, fence, and how often an object judges its state.
-        target: that moves.
-        wish: of the trigger.
-        path: the VUT's planned path, frame map.
+        execute_at_ns: of the manoeuvre as planned.
+        lead_time_s: between dispatch and execute_at, at first.
 
     Attributes:
         pace: of the last reference that was sent and not refused.
         taken: of the last one that the object accepted.
         lead_ns: between dispatch and execute_at.
         refused: references in a row that were refused.
-        over: why it ended; empty while it goes on.
     """
 
-    def __init__(
-        self,
-        planned_motion: PlannedMotion,
-        spec: RunSpec,
-        target: ParticipantSpec,
-        wish: Adaptation,
-        path: Polyline,
-        dispatched_ns: int,
-    ) -> None:
-        self.planned_motion = planned_motion
-        self.target = target
-        self._spec = spec
-        self._wish = wish
-        self._path = path
-        self.pace = self.taken = as_planned(planned_motion.execute_at_ns)
-        self.lead_ns = seconds_to_ns(wish.lead_time_s)
+    def __init__(self, execute_at_ns: int, lead_time_s: float) -> None:
+        self.pace = self.taken = as_planned(execute_at_ns)
+        self.lead_ns = seconds_to_ns(lead_time_s)
         self.refused = 0
-        self.over = ""
-        self._aimed_ns = dispatched_ns  # when a pace was last looked for
-        self._track: VutTrack | None = None
-        self._wrong_ns: int | None = None  # since when the passing order has looked wrong
-        self._settled = False  # somebody has arrived, and in the right order
-        self._braking_ns: int | None = None  # since when the VUT has braked as if it responded
-        self._unmet = False  # the gap can't be met at present
-        first = wish.first == "initiator"
-        # Own time of what decides the gap.
-        self._decisive_s = planned_motion.departure_s if first else planned_motion.arrival_s
-        # The conflict point, arc length along the VUT's path.
-        zone = planned_motion.zone
-        self._conflict_m = zone.start_m if wish.anchor is None else path.project(*wish.anchor)[0]
-
-    def judge(self, vut: ObjectState, now_ns: int) -> Decision:
-        """Judge a state of the VUT that hasn't been judged yet.
-
-        Args:
-            vut: the state.
-            now_ns: session time, that of a dispatch.
-        """
-        self._track = track = follow_vut(self._track, vut, self._path)
-        if wrong := self._wrong_order(track):
-            return Decision(wrong_order=wrong)
-        if self.over:
-            return Decision()
-        if over := self._why_over(track, now_ns):
-            self.over = over
-            return Decision(note=f"adaptation ends: {over}")
-        if self._may_respond(track, now_ns):
-            return Decision()
-        return self._aim(track, vut.size, now_ns)
 
     def answered(self, pace: Pace, *, accepted: bool) -> None:
         """Take an object's answer into account.
@@ -147,13 +103,30 @@ class AdaptedManoeuvre:
         if self.pace == pace:
             self.pace = self.taken
 
-    def _wrong_order(self, track: VutTrack) -> str:
+
+class PassingOrder:
+    """The order in which both arrive at the conflict: wrong once it has looked so for long enough.
+
+    Args:
+        arrival_s: of the object, own time of its manoeuvre.
+        conflict_m: the conflict point, arc length along the VUT's path.
+        object_first: the object is to arrive first.
+    """
+
+    def __init__(self, arrival_s: float, conflict_m: float, *, object_first: bool) -> None:
+        self._arrival_s = arrival_s
+        self._conflict_m = conflict_m
+        self._object_first = object_first
+        self._wrong_ns: int | None = None  # since when it has looked wrong
+        self._settled = False  # somebody has arrived, and in the right order
+
+    def mistake(self, track: VutTrack, pace: Pace) -> str:
         """Name the participant that is sure to arrive first wrongly, beyond noise; empty: none."""
         if self._settled:
             return ""
-        object_ns = self.pace.reached_ns(self.planned_motion.arrival_s)
+        object_ns = pace.reached_ns(self._arrival_s)
         vut_ns = arrival_ns(track, self._conflict_m)
-        object_first = self._wish.first == "initiator"
+        object_first = self._object_first
         if object_ns < vut_ns if object_first else vut_ns < object_ns:
             self._wrong_ns = None
             self._settled = object_ns <= track.stamp_ns or track.front_m >= self._conflict_m
@@ -166,85 +139,44 @@ class AdaptedManoeuvre:
         ahead_s = abs(object_ns - vut_ns) / NS_PER_S
         return f"{who} would be {ahead_s:.2f} s too early for the passing order"
 
-    def _why_over(self, track: VutTrack, now_ns: int) -> str:
-        """Give the reason why the adaptation is over, empty while it isn't."""
-        wish, braking = self._wish, -track.acceleration_mps2
-        decisive_ns = self.pace.reached_ns(self._decisive_s)
-        if decisive_ns <= now_ns + seconds_to_ns(wish.freeze_s):
-            return "the conflict is at hand"
-        begun = self.pace.at(now_ns)[0] > 0.0
-        if wish.response_mps2 is not None and begun and braking > wish.response_mps2:
-            return f"the VUT responds, braking at {braking:.1f} m/s^2"
-        return ""
 
-    def _may_respond(self, track: VutTrack, now_ns: int) -> bool:
-        """Tell whether the VUT has begun to brake in a way that may become a response."""
-        response_mps2 = self._wish.response_mps2
-        mild = response_mps2 is None or self.pace.at(now_ns)[0] <= 0.0
-        if mild or -track.acceleration_mps2 <= SUSPICIOUS_SHARE * (response_mps2 or 0.0):
-            self._braking_ns = None
-            return False
-        if self._braking_ns is None:
-            self._braking_ns = now_ns
-        return now_ns - self._braking_ns < seconds_to_ns(SUSPICION_S)
+class PaceLimits:
+    """The limits within which a manoeuvre may be played (METHOD 2.3, the limits of safety).
 
-    def _due_ns(self, track: VutTrack, size: Size) -> float:
-        """Compute the time of the decisive instant that gives the specified gap; inf: never."""
-        zone, gap_ns = self.planned_motion.zone, self._wish.gap_s * NS_PER_S
-        if self._wish.first == "initiator":
-            return arrival_ns(track, self._conflict_m) - gap_ns
-        end_m = self._conflict_m + zone.end_m - zone.start_m
-        return arrival_ns(track, end_m + size.length_m) + gap_ns
+    Args:
+        decisive_s: own time of what decides the gap.
+    """
 
-    def _aim(self, track: VutTrack, size: Size, now_ns: int) -> Decision:
-        """Find the pace with which the decisive instant comes when it must, if there is one."""
-        wish, own_s, due_ns = self._wish, self._decisive_s, self._due_ns(track, size)
-        off_s = (self.pace.reached_ns(own_s) - due_ns) / NS_PER_S
-        if abs(off_s) <= wish.dead_band_s:
-            self._unmet = False
-            return Decision()
-        if now_ns - self._aimed_ns < NS_PER_S / wish.rate_hz:
-            return Decision()
-        self._aimed_ns = now_ns
-        start_ns = now_ns + self.lead_ns
-        slowest, fastest = wish.speed_share
-        rate = slowest
-        if math.isfinite(due_ns):
-            rate = wanted_rate(self.pace, start_ns, own_s, (due_ns - start_ns) / NS_PER_S)
-        rate = self._nearest_rate(start_ns, min(max(rate, slowest), fastest))
-        if abs(rate - self.pace.wanted) < _SAME_RATE:
-            return Decision(note=self._told(off_s))
-        self.pace = toward(self.pace, start_ns, rate, own_s)
-        return Decision(self.pace, self._told((self.pace.reached_ns(own_s) - due_ns) / NS_PER_S))
+    def __init__(
+        self,
+        planned_motion: PlannedMotion,
+        spec: RunSpec,
+        target: ParticipantSpec,
+        wish: Adaptation,
+        decisive_s: float,
+    ) -> None:
+        self._planned_motion = planned_motion
+        self._spec = spec
+        self._target = target
+        self._wish = wish
+        self._decisive_s = decisive_s
 
-    def _told(self, off_s: float) -> str:
-        """Tell once of a gap that can't be met, and once of one that can again."""
-        unmet = abs(off_s) > UNMET_S
-        if unmet == self._unmet:
-            return ""
-        self._unmet = unmet
-        if not unmet:
-            return "the time gap can be met again"
-        by = f"{abs(off_s):.2f} s" if math.isfinite(off_s) else "any time"
-        return f"the time gap will be off by {by}: as much as the limits allow is done"
-
-    # -- limits (METHOD 2.3, the limits of safety) ----------------------------------------------
-
-    def _nearest_rate(self, start_ns: int, rate: float) -> float:
+    def nearest_rate(self, pace: Pace, start_ns: int, rate: float) -> float:
         """Return the pace that comes nearest to a wanted one inside the limits.
 
         Args:
+            pace: that is played until then.
             start_ns: when the new pace begins.
             rate: the wanted pace.
         """
 
         def fits(wanted: float) -> bool:
-            return self._fits(toward(self.pace, start_ns, wanted, self._decisive_s))
+            return self._fits(toward(pace, start_ns, wanted, self._decisive_s))
 
         if fits(rate):
             return rate
         # As it goes on now it fits, and so does whatever is near enough to that.
-        good, bad = self.pace.wanted, rate
+        good, bad = pace.wanted, rate
         for _ in range(_BISECTIONS):
             middle = 0.5 * (good + bad)
             if fits(middle):
@@ -259,7 +191,7 @@ class AdaptedManoeuvre:
         Speed and acceleration must stay inside theirs, or inside what was planned if that is more,
         and a blind stop from any of its points inside the fence.
         """
-        columns = self.planned_motion.columns
+        columns = self._planned_motion.columns
         near = columns[:, columns[0] <= self._decisive_s + _AFTER_S]
         played = play(near, pace).columns
         speed, acceleration = played[4], played[5]
@@ -283,11 +215,141 @@ class AdaptedManoeuvre:
         faster = played[:, 1:][:, played[4, 1:] > at + _SAME_SPEED_MPS]
         if faster.shape[1] == 0:
             return True
-        spec, target = self._spec, self.target
+        spec, target = self._spec, self._target
         excess = blind_excess_m(
             faster, target.cls, target.size, spec.limits, spec.geofence, spec.step_s
         )
         return not excess.max() > 0.0
+
+
+class AdaptedManoeuvre:
+    """A manoeuvre that was dispatched as planned, and is played faster or slower since.
+
+    Args:
+        spec: of the run; gives limits, fence, and how often an object judges its state.
+        target: that moves.
+        wish: of the trigger.
+        path: the VUT's planned path, frame map.
+
+    Attributes:
+        played: the pace that the object plays, as far as it is known.
+        over: why it ended; empty while it goes on.
+    """
+
+    def __init__(
+        self,
+        planned_motion: PlannedMotion,
+        spec: RunSpec,
+        target: ParticipantSpec,
+        wish: Adaptation,
+        path: Polyline,
+        dispatched_ns: int,
+    ) -> None:
+        self.planned_motion = planned_motion
+        self.target = target
+        self._wish = wish
+        self._path = path
+        self.played = PlayedPace(planned_motion.execute_at_ns, wish.lead_time_s)
+        self.over = ""
+        self._aimed_ns = dispatched_ns  # when a pace was last looked for
+        self._track: VutTrack | None = None
+        self._braking_ns: int | None = None  # since when the VUT has braked as if it responded
+        self._unmet = False  # the gap can't be met at present
+        first = wish.first == "initiator"
+        # Own time of what decides the gap.
+        self._decisive_s = planned_motion.departure_s if first else planned_motion.arrival_s
+        # The conflict point, arc length along the VUT's path.
+        zone = planned_motion.zone
+        self._conflict_m = zone.start_m if wish.anchor is None else path.project(*wish.anchor)[0]
+        self._order = PassingOrder(planned_motion.arrival_s, self._conflict_m, object_first=first)
+        self._limits = PaceLimits(planned_motion, spec, target, wish, self._decisive_s)
+
+    def judge(self, vut: ObjectState, now_ns: int) -> Decision:
+        """Judge a state of the VUT that hasn't been judged yet.
+
+        Args:
+            vut: the state.
+            now_ns: session time, that of a dispatch.
+        """
+        self._track = track = follow_vut(self._track, vut, self._path)
+        if wrong := self._order.mistake(track, self.played.pace):
+            return Decision(wrong_order=wrong)
+        if self.over:
+            return Decision()
+        if over := self._why_over(track, now_ns):
+            self.over = over
+            return Decision(note=f"adaptation ends: {over}")
+        if self._may_respond(track, now_ns):
+            return Decision()
+        return self._aim(track, vut.size, now_ns)
+
+    def answered(self, pace: Pace, *, accepted: bool) -> None:
+        """Take an object's answer to the reference of a pace; see ``PlayedPace.answered``."""
+        self.played.answered(pace, accepted=accepted)
+
+    def _why_over(self, track: VutTrack, now_ns: int) -> str:
+        """Give the reason why the adaptation is over, empty while it isn't."""
+        wish, braking = self._wish, -track.acceleration_mps2
+        decisive_ns = self.played.pace.reached_ns(self._decisive_s)
+        if decisive_ns <= now_ns + seconds_to_ns(wish.freeze_s):
+            return "the conflict is at hand"
+        begun = self.played.pace.at(now_ns)[0] > 0.0
+        if wish.response_mps2 is not None and begun and braking > wish.response_mps2:
+            return f"the VUT responds, braking at {braking:.1f} m/s^2"
+        return ""
+
+    def _may_respond(self, track: VutTrack, now_ns: int) -> bool:
+        """Tell whether the VUT has begun to brake in a way that may become a response."""
+        response_mps2 = self._wish.response_mps2
+        mild = response_mps2 is None or self.played.pace.at(now_ns)[0] <= 0.0
+        if mild or -track.acceleration_mps2 <= SUSPICIOUS_SHARE * (response_mps2 or 0.0):
+            self._braking_ns = None
+            return False
+        if self._braking_ns is None:
+            self._braking_ns = now_ns
+        return now_ns - self._braking_ns < seconds_to_ns(SUSPICION_S)
+
+    def _due_ns(self, track: VutTrack, size: Size) -> float:
+        """Compute the time of the decisive instant that gives the specified gap; inf: never."""
+        zone, gap_ns = self.planned_motion.zone, self._wish.gap_s * NS_PER_S
+        if self._wish.first == "initiator":
+            return arrival_ns(track, self._conflict_m) - gap_ns
+        end_m = self._conflict_m + zone.end_m - zone.start_m
+        return arrival_ns(track, end_m + size.length_m) + gap_ns
+
+    def _aim(self, track: VutTrack, size: Size, now_ns: int) -> Decision:
+        """Find the pace with which the decisive instant comes when it must, if there is one."""
+        wish, own_s, due_ns = self._wish, self._decisive_s, self._due_ns(track, size)
+        off_s = (self.played.pace.reached_ns(own_s) - due_ns) / NS_PER_S
+        if abs(off_s) <= wish.dead_band_s:
+            self._unmet = False
+            return Decision()
+        if now_ns - self._aimed_ns < NS_PER_S / wish.rate_hz:
+            return Decision()
+        self._aimed_ns = now_ns
+        start_ns = now_ns + self.played.lead_ns
+        slowest, fastest = wish.speed_share
+        rate = slowest
+        if math.isfinite(due_ns):
+            rate = wanted_rate(self.played.pace, start_ns, own_s, (due_ns - start_ns) / NS_PER_S)
+        rate = self._limits.nearest_rate(
+            self.played.pace, start_ns, min(max(rate, slowest), fastest)
+        )
+        if abs(rate - self.played.pace.wanted) < _SAME_RATE:
+            return Decision(note=self._told(off_s))
+        pace = self.played.pace = toward(self.played.pace, start_ns, rate, own_s)
+        return Decision(pace, self._told((pace.reached_ns(own_s) - due_ns) / NS_PER_S))
+
+    def _told(self, off_s: float) -> str:
+        """Tell once of a gap that can't be met, and once of one that can again."""
+        unmet = abs(off_s) > UNMET_S
+        if unmet == self._unmet:
+            return ""
+        self._unmet = unmet
+        if not unmet:
+            return "the time gap can be met again"
+        by = f"{abs(off_s):.2f} s" if math.isfinite(off_s) else "any time"
+        return f"the time gap will be off by {by}: as much as the limits allow is done"
 
 
 class Adaptations:
@@ -337,7 +399,7 @@ class Adaptations:
         """Take an object's answer to an adapted reference, if it doesn't end the run."""
         adapted, pace = self._sent.pop(reference_id)
         adapted.answered(pace, accepted=accepted)
-        if not adapted.over and adapted.refused >= MOST_REFUSED:
+        if not adapted.over and adapted.played.refused >= MOST_REFUSED:
             adapted.over = f"{reference_id} was refused: {message}"
             self._notes.append(f"adaptation ends: {adapted.over}")
 

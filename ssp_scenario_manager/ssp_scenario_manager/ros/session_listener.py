@@ -41,6 +41,44 @@ from ssp_scenario_manager.doctor.session import SessionHeard, Stream
 DISCOVERY_S = 3.0
 
 
+class Counted:
+    """What is counted of a session from an instant on.
+
+    Attributes:
+        streams: by topic, or by object.
+        lost: states that were sent and didn't come, by object.
+        frames: of ISO 22133, by object.
+        motion: what each object states, held against its places.
+    """
+
+    def __init__(self, spec: RunSpec, odometry: str | None, navsat: str | None) -> None:
+        self.streams = {object_id: Stream(names.MAP_FRAME) for object_id in spec.object_ids}
+        self.streams |= {names.CAMERA_IMAGE: Stream(), names.CAMERA_INFO: Stream()}
+        if odometry is not None:
+            self.streams[odometry] = Stream(names.MAP_FRAME)
+        if navsat is not None:
+            self.streams[navsat] = Stream()
+        self.lost: dict[str, int] = {}
+        self.frames: dict[str, Stream] = {}
+        self.motion = {
+            one.id: ConsistencyWatch(Bounds.of(one.id, one.cls, spec.limits))
+            for one in (spec.vut, *spec.targets)
+        }
+
+    def see(self, state: State, before: State | None) -> None:
+        """Take a state, before its message is counted.
+
+        Args:
+            state: of an object.
+            before: the last one that was heard of it, counted or not.
+        """
+        if before is not None and self.streams[state.object_id].arrivals_ns:
+            gap = state.sequence - before.sequence - 1
+            self.lost[state.object_id] = self.lost.get(state.object_id, 0) + max(gap, 0)
+        if state.is_finite:
+            self.motion[state.object_id].see(state)
+
+
 class SessionListener(Node):
     """Subscribes to all that a session is made of, and remembers what came."""
 
@@ -48,24 +86,19 @@ class SessionListener(Node):
         self, spec: RunSpec, context: rclpy.Context, odometry: str | None, navsat: str | None
     ) -> None:
         super().__init__("doctor_session", namespace=names.NAMESPACE, context=context)
-        self._odometry = odometry
-        self._navsat = navsat
         self._vut_refused = ""
         self._bodies: dict[str, BodyStatus] = {}
         self._spec = spec
-        self._ids = spec.object_ids
-        self._streams: dict[str, Stream] = {}
+        self._begin_counting = partial(Counted, spec, odometry, navsat)
+        self._counted = self._begin_counting()
         self._states: dict[str, State] = {}
-        self._lost: dict[str, int] = {}
-        self._frames: dict[str, Stream] = {}
         self._links: dict[str, LinkEstimate] = {}
         self._managers: set[str] = set()
         self._session = SessionPhase.UNKNOWN
         self._recorder: RecorderStatus | None = None
         self._rules = HeardRules()
-        self.forget()
         sub = self.create_subscription
-        for object_id in self._ids:
+        for object_id in spec.object_ids:
             sub(ObjectState, names.state_topic(object_id), self._on_state, ros.DRIVER)
             topic = names.iso_frames_topic(object_id)
             ros.subscribe_raw(self, IsoFrames, topic, decode_frames, self._on_frames, ros.DRIVER)
@@ -92,25 +125,15 @@ class SessionListener(Node):
 
     def forget(self) -> None:
         """Start counting anew."""
-        self._streams = {object_id: Stream(names.MAP_FRAME) for object_id in self._ids}
-        self._streams |= {names.CAMERA_IMAGE: Stream(), names.CAMERA_INFO: Stream()}
-        if self._odometry is not None:
-            self._streams[self._odometry] = Stream(names.MAP_FRAME)
-        if self._navsat is not None:
-            self._streams[self._navsat] = Stream()
-        self._lost, self._frames = {}, {}
-        self._motion = {
-            one.id: ConsistencyWatch(Bounds.of(one.id, one.cls, self._spec.limits))
-            for one in (self._spec.vut, *self._spec.targets)
-        }
+        self._counted = self._begin_counting()
 
     def heard(self) -> SessionHeard:
         """Return all that was heard until now."""
-        recorder = self._recorder
+        recorder, counted = self._recorder, self._counted
         return SessionHeard(
-            streams=self._streams,
+            streams=counted.streams,
             states=self._states,
-            lost=self._lost,
+            lost=counted.lost,
             links=self._links,
             vut_refused=self._vut_refused,
             bodies=dict(self._bodies),
@@ -119,30 +142,25 @@ class SessionListener(Node):
             recorder_missing=() if recorder is None else tuple(recorder.missing_topics),
             now_ns=time.time_ns(),
             session=self._session,
-            frames=self._frames,
-            motion=self._motion,
+            frames=counted.frames,
+            motion=counted.motion,
             rules=self._rules.checks(self._spec),
         )
 
     def _hear(self, topic: str, message: Any) -> None:
         stamp_ns = ros.ns_from_stamp(message.header.stamp)
-        self._streams[topic].hear(time.time_ns(), stamp_ns, message.header.frame_id)
+        self._counted.streams[topic].hear(time.time_ns(), stamp_ns, message.header.frame_id)
 
     def _on_state(self, message: ObjectState) -> None:
-        if message.object_id not in self._ids:
+        if message.object_id not in self._spec.object_ids:
             return
         try:
             state = object_state(message)
         except ValueError as error:
             self.get_logger().error(f"state of {message.object_id}: {error}")
             return
-        known = self._states.get(state.object_id)
-        if known is not None and self._streams[state.object_id].arrivals_ns:
-            gap = state.sequence - known.sequence - 1
-            self._lost[state.object_id] = self._lost.get(state.object_id, 0) + max(gap, 0)
+        self._counted.see(state, self._states.get(state.object_id))
         self._states[state.object_id] = state
-        if state.is_finite:
-            self._motion[state.object_id].see(state)
         self._hear(state.object_id, message)
 
     def _on_states(self, message: ObjectStates) -> None:
@@ -150,9 +168,9 @@ class SessionListener(Node):
             self._on_state(state)
 
     def _on_frames(self, batch: FrameBatch) -> None:
-        if batch.object_id not in self._ids:
+        if batch.object_id not in self._spec.object_ids:
             return
-        stream = self._frames.setdefault(batch.object_id, Stream())
+        stream = self._counted.frames.setdefault(batch.object_id, Stream())
         for frame in batch.frames:
             if not frame.sent:
                 stream.hear(frame.stamp_ns, frame.stamp_ns, "")
