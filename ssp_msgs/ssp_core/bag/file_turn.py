@@ -1,6 +1,6 @@
-"""When a bag that is being written goes on in its next file.
+"""Rules by which a bag that is being written goes on in its next file.
 
-This file owns with what the present file began: its first log time, and the size that it had then.
+This file owns what the present file began with: its first log time, and the size that it had then.
 """
 
 from __future__ import annotations

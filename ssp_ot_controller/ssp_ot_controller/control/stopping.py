@@ -59,7 +59,7 @@ class BrakeMonitor:
 
 
 class Brakes:
-    """How one object stops: as asked, as hard as it goes once its brakes failed, or blindly.
+    """Stop of one object: as asked, as hard as it goes once its brakes failed, or blindly.
 
     Args:
         deceleration_mps2: that a stop is asked for.

@@ -90,7 +90,7 @@ class Questions:
 
     @property
     def ends_with(self) -> str:
-        """Why the driver ends once the open answer is due; empty: it goes on."""
+        """Reason for which the driver ends once the open answer is due; empty: it goes on."""
         return "" if self._open is None else self._open.given.ended
 
     def see(self, step: int, now_ns: int, truths: Sequence[ObjectState]) -> None:

@@ -42,7 +42,7 @@ DISCOVERY_S = 3.0
 
 
 class Counted:
-    """What is counted of a session from an instant on.
+    """Counts of a session from an instant on.
 
     Attributes:
         streams: by topic, or by object.

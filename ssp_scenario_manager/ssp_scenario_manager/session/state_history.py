@@ -25,7 +25,7 @@ from ssp_scenario_manager.session.limits import Violation, of_object
 
 
 class StateHistory:
-    """What the states so far say of each participant, by id.
+    """Findings from the states so far of each participant, by id.
 
     Attributes:
         motion: the stated motion, held against the places.
