@@ -242,6 +242,7 @@ class ObjectEndpoints:
         self._publishers: dict[str, Any] = {}
         self._clients: dict[str, Any] = {}
         self._commands = ObjectCommands()
+        self._is_arming = False
         self.references_sent: dict[str, int] = {}
         self.session_token = ""
 
@@ -300,6 +301,7 @@ class ObjectEndpoints:
         version, steady_ns = spec.event_version, time.monotonic_ns()
         self._commands.ask(digests, command, version, abort_id, steady_ns)
         self.send_commands()
+        self._is_arming = command is outbox.ObjectCommand.ARM
 
     def send_commands(self) -> None:
         """Send commands that wait for a service or an answer, and give up overdue ones."""
@@ -321,9 +323,11 @@ class ObjectEndpoints:
         """Forget the all-clear of the abort before, since there is a new one."""
         self._commands.forget_all_clear()
 
-    def all_were_told_to_arm(self) -> bool:
-        """Tell whether no object's command service is awaited any more to arm it."""
-        return self._commands.all_sent(outbox.ObjectCommand.ARM)
+    def take_all_told_to_arm(self) -> bool:
+        """Tell, once an arming, whether no object's command service is awaited any more for it."""
+        told = self._is_arming and self._commands.all_sent(outbox.ObjectCommand.ARM)
+        self._is_arming = self._is_arming and not told
+        return told
 
     def _is_there(self, object_id: str) -> bool:
         return bool(self._clients[object_id].service_is_ready())

@@ -50,7 +50,7 @@ from ssp_scenario_manager.ros.endpoints import (
 from ssp_scenario_manager.ros.parameters import SCENARIO_MANAGER
 from ssp_scenario_manager.ros.services import OwnSession, SessionServices
 from ssp_scenario_manager.session import limits, outbox
-from ssp_scenario_manager.session.inputs import StateInput, StepInputs
+from ssp_scenario_manager.session.inputs import HeardWorld, StateInput, StepInputs
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.state_machine import REFUSED_SESSION, Answer, SessionEvent
 from ssp_scenario_manager.session.supervision import LivenessMonitor, Supervisor
@@ -79,13 +79,9 @@ class ScenarioManager(Node):
         self._liveness = LivenessMonitor()
         self._supervisor = Supervisor(self._session, self._liveness)
         self._inputs = StepInputs((names.OBJECT_TARGET,))
-        self._lockstep = False
-        self._running_world = False
+        self._world = HeardWorld()
         self._arrival_ns = 0
-        self._reported: list[limits.Violation] = []
         self._start_world = False
-        self._arming = False
-        self._told_step = -1
         self._input = StateInput(
             self._session,
             self._liveness,
@@ -141,7 +137,7 @@ class ScenarioManager(Node):
     @property
     def _in_lockstep(self) -> bool:
         """Tell whether the world waits for our answer to each of its steps."""
-        return self._lockstep and self._running_world and not self._live
+        return self._world.lockstep and self._world.running and not self._live
 
     def _take_time(self) -> None:
         if self._live:
@@ -154,13 +150,16 @@ class ScenarioManager(Node):
         if self._live:
             self._input.tell_stranger("a simulated world", "a live session has its own time")
             return
-        if tick.running or not self._lockstep or self._session.state is not SessionPhase.RUNNING:
+        if (
+            tick.running
+            or not self._world.lockstep
+            or self._session.state is not SessionPhase.RUNNING
+        ):
             # A world that holds while the session runs is as good as silent.
             self._liveness.hear(names.SIL_WORLD, time.monotonic_ns())
         self._arrival_ns = time.monotonic_ns()
         self._supervisor.wake(self._arrival_ns)
-        self._lockstep = tick.lockstep
-        self._running_world = tick.running
+        self._world.lockstep, self._world.running = tick.lockstep, tick.running
         if self._in_lockstep and self._inputs.is_overtaken_by(tick.step):
             # The world went on without us: what is missing of that step won't come.
             self._do_step()
@@ -191,11 +190,11 @@ class ScenarioManager(Node):
             return
         if self._live:
             self._do_step()
-        elif self._lockstep:
+        elif self._world.lockstep:
             self._step_when_complete()
         else:
             self._now_ns = max(self._now_ns, state.stamp_ns)
-            if self._running_world:
+            if self._world.running:
                 self._do_step()
 
     def _on_target_state(self, state: State) -> None:
@@ -254,7 +253,7 @@ class ScenarioManager(Node):
         violation = limits.in_session_time(violation, self._now_ns)
         if self._in_lockstep:
             # Taken up with the step that it belongs to, in an order of its own.
-            self._reported.append(violation)
+            self._inputs.report(violation)
             self._step_when_complete()
             return
         self._session.fail(violation, announced=True)
@@ -268,9 +267,8 @@ class ScenarioManager(Node):
 
     def _do_step(self) -> None:
         """Judge the newest states; in lockstep also answer the world."""
-        for violation in sorted(self._reported, key=lambda v: (v.stamp_ns, v.code, v.object_id)):
+        for violation in self._inputs.take_reported():
             self._session.fail(violation, announced=True)
-        self._reported.clear()
         # First what must not wait.
         newest = self._input.arrivals.over(self._session.targets)
         for decided in self._session.judge_triggers(self._now_ns, newest):
@@ -279,7 +277,7 @@ class ScenarioManager(Node):
         self._judge()
         self._flush()
         self._send_poses()
-        if self._lockstep and not self._live:
+        if self._world.lockstep and not self._live:
             self._send_heartbeat()
             self._answer_world()
 
@@ -315,7 +313,11 @@ class ScenarioManager(Node):
         self._tell_incomplete_step()
         if not self._in_lockstep:
             self._send_heartbeat()
-            if self._lockstep and self._session.state is SessionPhase.RUNNING and not self._live:
+            if (
+                self._world.lockstep
+                and self._session.state is SessionPhase.RUNNING
+                and not self._live
+            ):
                 # The word that starts the world may have come before it was listening.
                 self._answer_world()
         self._links.send_commands()
@@ -331,15 +333,11 @@ class ScenarioManager(Node):
 
     def _tell_incomplete_step(self) -> None:
         """Say once a step, when the world has waited for long, what the answer to it lacks."""
-        step, waited_ns = self._inputs.step or 0, time.monotonic_ns() - self._arrival_ns
-        if (
-            self._in_lockstep
-            and step > self._told_step
-            and waited_ns > seconds_to_ns(INCOMPLETE_STEP_S)
-            and (missing := self._inputs.missing())
-        ):
-            self._told_step = step
-            self.get_logger().warning(f"step {step} lacks {', '.join(missing)}")
+        waited_ns = time.monotonic_ns() - self._arrival_ns
+        if not self._in_lockstep or waited_ns <= seconds_to_ns(INCOMPLETE_STEP_S):
+            return
+        if missing := self._inputs.missing_of_late():
+            self.get_logger().warning(f"step {self._inputs.step or 0} lacks {', '.join(missing)}")
 
     def _report_links(self) -> None:
         links, losses = self._liveness.links, self._input.losses
@@ -356,15 +354,13 @@ class ScenarioManager(Node):
             if (spec := self._session.spec) is not None:
                 abort_id = self._publications.abort_id(self._session.aborts)
                 self._links.command(spec, fact, self._liveness.rules.checks(spec), abort_id)
-                self._arming = fact is outbox.ObjectCommand.ARM
                 self._look_at_arming()
         else:
             self._publications.send(fact, self._arrival_ns)
 
     def _look_at_arming(self) -> None:
         """Count the time in which objects must be armed from when they could hear of it."""
-        if self._arming and self._links.all_were_told_to_arm():
-            self._arming = False
+        if self._links.take_all_told_to_arm():
             self._supervisor.objects_were_told_to_arm(time.monotonic_ns())
 
     def _flush(self) -> None:
@@ -397,7 +393,11 @@ class ScenarioManager(Node):
         if change.state is SessionPhase.ABORTING and not self._in_lockstep:
             # Not a moment later than it must be; in lockstep the step's own heartbeat tells it.
             self._send_heartbeat()
-        if self._lockstep and not self._running_world and change.state is SessionPhase.RUNNING:
+        if (
+            self._world.lockstep
+            and not self._world.running
+            and change.state is SessionPhase.RUNNING
+        ):
             # The world holds at step 0 until it hears that the session runs.
             self._start_world = True
 

@@ -1,4 +1,7 @@
-"""States as they arrive: into the session, counted, and in lockstep checked against each step."""
+"""States as they arrive: into the session, counted, and in lockstep checked against each step.
+
+This file owns what a step still waits for; a step that is dealt with is never taken up again.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,22 @@ from ssp_core import names
 from ssp_core.cdr.states import StateArray, find_state
 from ssp_core.motion.state import ObjectState
 from ssp_core.safety.link_quality import LossCounters
+from ssp_scenario_manager.session.limits import Violation
 from ssp_scenario_manager.session.session import Session
 from ssp_scenario_manager.session.supervision import LivenessMonitor
+
+
+@dataclass(slots=True)
+class HeardWorld:
+    """The simulated world, as its newest tick tells of it.
+
+    Args:
+        lockstep: it waits for the answer to each of its steps.
+        running: its time goes; False while it holds.
+    """
+
+    lockstep: bool = False
+    running: bool = False
 
 
 @dataclass
@@ -30,6 +47,8 @@ class StepInputs:
     acks: int = 0
     safety_events: int = 0
     answers: dict[str, tuple[int, int, int, int]] = field(default_factory=dict)
+    _reported: list[Violation] = field(default_factory=list)
+    _told_step: int = -1
 
     def on_tick(self, step: int, vut_states_sent: int) -> None:
         self.step = step
@@ -67,6 +86,22 @@ class StepInputs:
         )
         lacking = [f"{what} ({have} of {of})" for what, have, of in counts if have < of]
         return [f"the answer of {name}" for name in silent] + lacking
+
+    def missing_of_late(self) -> list[str]:
+        """List what is missing once the world has waited for long; each step is told of once."""
+        if (self.step or 0) <= self._told_step or not (missing := self.missing()):
+            return []
+        self._told_step = self.step or 0
+        return missing
+
+    def report(self, violation: Violation) -> None:
+        """Keep a violation that another node saw, until the step that it belongs to."""
+        self._reported.append(violation)
+
+    def take_reported(self) -> list[Violation]:
+        """Take out the violations that others saw, in an order of their own."""
+        taken, self._reported = self._reported, []
+        return sorted(taken, key=lambda v: (v.stamp_ns, v.code, v.object_id))
 
 
 class PendingStates:
