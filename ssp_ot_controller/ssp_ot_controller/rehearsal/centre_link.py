@@ -59,6 +59,7 @@ class CentreLink:
         self._counter = 0
         self._decoder = StreamDecoder(LONGEST_TRAJECTORY_BYTES)
         self._fed_ns = now_ns
+        self._next_monr_ns = now_ns
 
     def open(self, host: str) -> bool:
         """Connect a control centre; False where another one is connected already."""
@@ -107,6 +108,22 @@ class CentreLink:
         if self.heard_ns is None or self.host is None:
             return math.inf
         return ns_to_seconds(now_ns - self.heard_ns)
+
+    def take_settings(self, osem: Osem, now_ns: int) -> None:
+        """Take the centre's settings; reports are due from now on."""
+        self.osem = osem
+        self._next_monr_ns = now_ns
+
+    def report_due(self, now_ns: int) -> Osem | None:
+        """Return the settings of a MONR that is due now, and count it as sent; None: none is."""
+        if self.address is None or self.closes or self.osem is None or now_ns < self._next_monr_ns:
+            return None
+        period_ns = NS_PER_S // self.osem.monr_rate_hz
+        self._next_monr_ns += period_ns
+        if self._next_monr_ns <= now_ns:
+            # Those that are missing stay missing.
+            self._next_monr_ns = now_ns + period_ns
+        return self.osem
 
     def answer(self, header: Header, refused: Refused | None) -> None:
         """Acknowledge a message whose sender requests it."""

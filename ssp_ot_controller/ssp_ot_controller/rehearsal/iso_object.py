@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -99,6 +99,47 @@ _NO_START = (
 )
 
 
+class Planned:
+    """The trajectory that an object drives from its start.
+
+    Attributes:
+        trajectory: its points in frame map, and its name; None: it stands.
+        is_refused: the newest one is refused: the object must not be armed with an older one, or
+            with none.
+    """
+
+    def __init__(self) -> None:
+        self.trajectory: tuple[Points, str] | None = None
+        self.is_refused = False
+        self._count = 0
+
+    def forget(self) -> None:
+        """Forget the trajectory: the object stands at its start."""
+        self.trajectory, self.is_refused = None, False
+
+    def name_of(self, traj: Traj) -> str:
+        """Return a name that no trajectory before had."""
+        self._count += 1
+        return f"{traj.name or 'trajectory'} {traj.trajectory_id} ({self._count})"
+
+    def take(self, points: Points, name: str) -> None:
+        """Take a trajectory that can be driven."""
+        self.trajectory, self.is_refused = (points, name), False
+
+
+@dataclass(slots=True)
+class OwnStop:
+    """A stop that the object made by itself.
+
+    Args:
+        cause: None: there was none, or it was cleared.
+        lost_centre: it stopped because it lost its centre: nothing is latched when it stands.
+    """
+
+    cause: SafetyCode | None = None
+    lost_centre: bool = False
+
+
 class IsoObject:
     """One object and the one control centre that may drive it.
 
@@ -116,7 +157,6 @@ class IsoObject:
         now_ns: int,
         datum: Datum | None = None,
     ) -> None:
-        self.object_id = rules.spec.id
         self.body = BodyState.at_rest(rules.spec.start.pose)
         self.link = CentreLink(now_ns)
         self.started_ns: int | None = None
@@ -126,18 +166,17 @@ class IsoObject:
         self._now_ns = now_ns
         self._states = 0
         self._frame = Pose2(0.0, 0.0, 0.0)
-        self._next_monr_ns = now_ns
-        self._plan: tuple[Points, str] | None = None
-        # Whose newest trajectory is refused must not be armed with an older one, or with none.
-        self._plan_refused = False
-        self._trajectories = 0
+        self._planned = Planned()
         self._start_ns: int | None = None
-        self._cause: SafetyCode | None = None
-        # It stopped because it lost its centre: nothing is latched when it stands.
-        self._lost = False
+        self._stop = OwnStop()
         self._moved_ns = now_ns - _STOOD_NS
         self._new_rules = False
         self._target = self._new_target(rules)
+
+    @property
+    def object_id(self) -> str:
+        """Id of the object in its run."""
+        return self._rules.spec.id
 
     # -- the control centre --------------------------------------------------------------------
 
@@ -160,7 +199,7 @@ class IsoObject:
             return False
         self._tight = self._rules
         # What another centre sent is not driven for this one.
-        self._plan, self._plan_refused = None, False
+        self._planned.forget()
         return True
 
     def disconnect(self, now_ns: int) -> None:
@@ -223,8 +262,8 @@ class IsoObject:
         frame = refused or frame_of(osem, self._datum)
         if isinstance(frame, Refused):
             return frame
-        self.link.osem, self._frame, self._tight = osem, frame, tightened(self._rules, osem)
-        self._next_monr_ns = self._now_ns
+        self.link.take_settings(osem, self._now_ns)
+        self._frame, self._tight = frame, tightened(self._rules, osem)
         self._new_rules = True
         self._settle()
         return None
@@ -238,10 +277,10 @@ class IsoObject:
         if not running and self._target.state not in _BEFORE_START:
             return not_now(f"trajectories aren't taken in {self.state.name}")
         if not running:
-            self._plan = None
-            self._plan_refused = traj.info != TrajectoryInfo.DELETE
-            if not self._plan_refused:
+            self._planned.forget()
+            if traj.info == TrajectoryInfo.DELETE:
                 return None
+            self._planned.is_refused = True  # until it is taken
         if traj.info != TrajectoryInfo.RELATIVE_TO_ORIGIN:
             return unsupported(f"info {traj.info}, only relative to the origin")
         if traj.line_info not in (None, END_OF_TRANSMISSION):
@@ -250,13 +289,12 @@ class IsoObject:
         if isinstance(found, Rejected):
             return invalid(found.text)
         points = self._in_map(found)
-        self._trajectories += 1
-        name = f"{traj.name or 'trajectory'} {traj.trajectory_id} ({self._trajectories})"
+        name = self._planned.name_of(traj)
         if running and self.started_ns is not None:
             return self._drive(points, name, self.started_ns)
         refused = self._check(points, name)
         if refused is None:
-            self._plan, self._plan_refused = (points, name), False
+            self._planned.take(points, name)
         return refused
 
     def _in_map(self, points: Points) -> Points:
@@ -301,10 +339,10 @@ class IsoObject:
         if event is ObjectEvent.ARM:
             if self.link.osem is None:
                 return not_now("there was no OSEM")
-            if self._plan_refused:
+            if self._planned.is_refused:
                 return not_now("its newest trajectory was refused")
-            if self._plan is not None:
-                refused = self._check(*self._plan)
+            if self._planned.trajectory is not None:
+                refused = self._check(*self._planned.trajectory)
                 if refused is not None:
                     return not_now(f"its trajectory can't be driven: {refused.text}")
         response = self._target.command(
@@ -314,7 +352,7 @@ class IsoObject:
             return not_now(response.error_msg)
         self._start_ns = self.started_ns = None
         if event is ObjectEvent.ALL_CLEAR:
-            self._cause = None
+            self._stop.cause = None
         return None
 
     def _on_strt(self, strt: Strt) -> Refused | None:
@@ -344,7 +382,7 @@ class IsoObject:
             self._start_ns = None
         if session is SessionPhase.ABORTING:
             # An abort is latched, also where it was braking for silence.
-            self._lost = False
+            self._stop.lost_centre = False
         before = self._target.state
         self._target.on_session_state(session)
         if self._target.state is not before:
@@ -361,14 +399,9 @@ class IsoObject:
     def take_sent(self, now_ns: int) -> list[Sent]:
         """Return the messages that are due by now, in order."""
         self.advance(now_ns)
-        heard = self.link.address is not None and not self.link.closes
-        if heard and self.link.osem is not None and self._now_ns >= self._next_monr_ns:
-            period_ns = NS_PER_S // self.link.osem.monr_rate_hz
-            self._next_monr_ns += period_ns
-            if self._next_monr_ns <= self._now_ns:
-                # Those that are missing stay missing.
-                self._next_monr_ns = self._now_ns + period_ns
-            self.link.send(self._monr(self.link.osem), udp=True)
+        osem = self.link.report_due(self._now_ns)
+        if osem is not None:
+            self.link.send(self._monr(osem), udp=True)
         return self.link.take()
 
     def _step(self) -> None:
@@ -396,7 +429,7 @@ class IsoObject:
         if not alone or not (latched or is_away(self.body, start)):
             return False
         self.body = BodyState.at_rest(start)
-        self._tight, self._cause, self._lost = self._rules, None, False
+        self._tight, self._stop = self._rules, OwnStop()
         self.started_ns = None
         self._target = self._new_target(self._rules)
         self.link.note("back at its start")
@@ -412,14 +445,13 @@ class IsoObject:
         self.started_ns = start_ns
         self._target.on_session_state(SessionPhase.RUNNING)
         self.link.note("started")
-        if self._plan is not None:
-            refused = self._drive(*self._plan, start_ns)
+        if self._planned.trajectory is not None:
+            refused = self._drive(*self._planned.trajectory, start_ns)
             if refused is not None:
                 self.link.note(f"its trajectory is refused: {refused.text}")
 
     def _stopped(self, stop: LimitViolation) -> None:
-        self._cause = stop.code
-        self._lost = stop.code in _LOST
+        self._stop = OwnStop(stop.code, lost_centre=stop.code in _LOST)
         name = stop.code.name.lower()
         self.link.note(f"stops by itself: {name} {stop.measured:.3f}, limit {stop.limit:.3f}")
 
@@ -435,10 +467,9 @@ class IsoObject:
             self.link.heard_ns is not None
             and self.link.silence_s(self._now_ns) > self._tight.limits.heartbeat_s
         )
-        if self._lost and stood:
-            self._lost = False
+        if self._stop.lost_centre and stood:
             self._target = self._new_target(self._tight)
-            self._cause = self.started_ns = None
+            self._stop, self.started_ns = OwnStop(), None
             self.link.note("stands, waits for a control centre")
         if self._new_rules and resting:
             self._new_rules = False
@@ -477,9 +508,9 @@ class IsoObject:
         x, y = self._frame.to_local(b.x_m, b.y_m)
         bound_m = osem.max_position_error_m
         errors = ObjectError(0)
-        if self._target.state is ControlState.ABORTING and self._cause is not None:
+        if self._target.state is ControlState.ABORTING and self._stop.cause is not None:
             errors |= ObjectError.ABORT_REQUEST
-        if self._cause is SafetyCode.OUTSIDE_GEOFENCE:
+        if self._stop.cause is SafetyCode.OUTSIDE_GEOFENCE:
             errors |= ObjectError.OUTSIDE_GEOFENCE
         if bound_m is not None and bound_m < POSITION_STD_M:
             errors |= ObjectError.BAD_POSITIONING_ACCURACY
@@ -487,7 +518,7 @@ class IsoObject:
             self.state is ControlState.DISARMED
             and b.speed_mps <= OWN_STANDSTILL_MPS
             and self.link.silence_s(self._now_ns) <= self._tight.limits.heartbeat_s
-            and not self._plan_refused
+            and not self._planned.is_refused
             and not errors
         )
         return Monr(
@@ -506,7 +537,7 @@ class IsoObject:
             state=self.state,
             ready_to_arm=ReadyToArm.READY if ready else ReadyToArm.NOT_READY,
             error_status=errors,
-            error_code=0 if self._cause is None else self._cause,
+            error_code=0 if self._stop.cause is None else self._stop.cause,
         )
 
 

@@ -9,7 +9,6 @@ import math
 import select
 import socket
 import time
-from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
@@ -46,12 +45,12 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 )
 from ssp_ot_controller.bodies.iso22133.probe.clauses import rows_of
 from ssp_ot_controller.bodies.iso22133.probe.fenced_way import FencedWay
+from ssp_ot_controller.bodies.iso22133.probe.latest import Latest
 from ssp_ot_controller.bodies.iso22133.probe.motion import STANDS_M
 from ssp_ot_controller.bodies.iso22133.probe.steps import Sent, Step
 from ssp_ot_controller.bodies.iso22133.probe_report import Outcome, ProbeReport, Stage
-from ssp_ot_controller.bodies.iso22133.states import state_of
 from ssp_ot_controller.bodies.iso22133.trajectories import trajectory_of
-from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns, to_gps
+from ssp_ot_controller.bodies.iso22133.units import to_gps
 
 C = ControlState
 DEVICE_ID = 1
@@ -67,8 +66,6 @@ ABORT_S = 1.0
 _OFF_WAY_M = 2.0
 _SILENT_S = 0.5
 _MOVED_M = 0.5
-# Its speed is the way over so long.
-_WAY_NS = NS_PER_S // 5
 
 
 class Ended(Exception):
@@ -104,6 +101,33 @@ class Clock:
         select.select(wire.sockets, [], [], max(seconds, 0.0))
 
 
+class Beats:
+    """The heartbeats that a probe sends.
+
+    Attributes:
+        status: that they carry; None: none are sent.
+    """
+
+    def __init__(self) -> None:
+        self.status: CentreStatus | None = None
+        self._next_ns = 0
+
+    def begin(self, status: CentreStatus, now_ns: int) -> None:
+        """Send heartbeats from now on."""
+        self.status, self._next_ns = status, now_ns
+
+    def due(self, now_ns: int) -> CentreStatus | None:
+        """Return the status of a heartbeat that is sent now; None: none is."""
+        if self.status is None or now_ns < self._next_ns:
+            return None
+        self._next_ns = max(self._next_ns + _BEAT_NS, now_ns)
+        return self.status
+
+    def next_ns(self, now_ns: int) -> int:
+        """Return when to look for the next one."""
+        return now_ns + _BEAT_NS if self.status is None else self._next_ns
+
+
 class Probe:
     """One probe of one object.
 
@@ -126,17 +150,16 @@ class Probe:
         self.steps: dict[str, Step] = {}
         self.ended = "the probe ended before"
         self.firmware: str | None = None
-        self._open_wire, self._datum, self._way = open_wire, datum, way
-        self._heartbeat_s, self._tell, self._clock = heartbeat_s, tell, clock or Clock()
+        self._open_wire, self._way = open_wire, way
+        self._tell, self._clock = tell, clock or Clock()
+        limits = LIMITS.model_copy(update={"heartbeat_s": heartbeat_s})
+        stands = Traj(0, TrajectoryInfo.RELATIVE_TO_ORIGIN, "", ())
+        self._settings = Settings(DEVICE_ID, datum, limits, None, stands)
         self._wire: Wire | None = None
         self._step = Step(0)
         self._bytes = b""
-        self._status: CentreStatus | None = None
-        self._next_beat_ns = 0
-        self._monr: Monr | None = None
-        self._monr_ns = 0
-        # Where it was in the last moments.
-        self._places: deque[tuple[int, float, float]] = deque()
+        self._beats = Beats()
+        self._latest = Latest(datum)
         self._armed = False
         self._guard: Callable[[], str] = lambda: ""
 
@@ -163,7 +186,7 @@ class Probe:
         if self._armed:
             self._begin("leave", "leaves with HEAB abort")
             self._guard = lambda: ""
-            self._status = CentreStatus.ABORT
+            self._beats.status = CentreStatus.ABORT
             with suppress(Ended):
                 self._run(ABORT_S)
         self._wire.close()
@@ -196,9 +219,8 @@ class Probe:
         end_ns = self._clock.now_ns() + seconds_to_ns(seconds)
         while self._wire is not None:
             now_ns = self._clock.now_ns()
-            if self._status is not None and now_ns >= self._next_beat_ns:
-                self._next_beat_ns = max(self._next_beat_ns + _BEAT_NS, now_ns)
-                self._send(Heab(to_gps(now_ns)[1], self._status))
+            if (status := self._beats.due(now_ns)) is not None:
+                self._send(Heab(to_gps(now_ns)[1], status))
             for received in self._wire.poll():
                 self._take(received)
             problem = self._guard()
@@ -208,8 +230,8 @@ class Probe:
                 return True
             if now_ns >= end_ns:
                 break
-            beat_ns = now_ns + _BEAT_NS if self._status is None else self._next_beat_ns
-            self._clock.wait(self._wire, ns_to_seconds(min(end_ns, beat_ns) - self._clock.now_ns()))
+            until_ns = min(end_ns, self._beats.next_ns(now_ns))
+            self._clock.wait(self._wire, ns_to_seconds(until_ns - self._clock.now_ns()))
         return False
 
     def _take(self, received: Received) -> None:
@@ -217,40 +239,16 @@ class Probe:
         if isinstance(received.outcome, Decoded):
             message = received.outcome.message
             if isinstance(message, Monr):
-                self._monr, self._monr_ns = message, received.stamp_ns
-                self._note_place(message, received.stamp_ns)
+                self._latest.take(message, received.stamp_ns)
             elif isinstance(message, Dres):
                 self.firmware = message.firmware
-
-    def _note_place(self, monr: Monr, arrived_ns: int) -> None:
-        if monr.x_m is None or monr.y_m is None:
-            return
-        stamp_ns = arrived_ns
-        if monr.time_of_week_ns is not None:
-            # Several may arrive at once on a machine that is busy.
-            stamp_ns = nearest_utc_ns(monr.time_of_week_ns, arrived_ns)
-        self._places.append((stamp_ns, monr.x_m, monr.y_m))
-        while len(self._places) > 1 and stamp_ns - self._places[1][0] >= _WAY_NS:
-            self._places.popleft()
-
-    def _enu(self) -> Pose2 | None:
-        """Return the place that the object reports."""
-        m = self._monr
-        if m is None or m.x_m is None or m.y_m is None or m.yaw_rad is None:
-            return None
-        return Pose2(m.x_m, m.y_m, m.yaw_rad)
-
-    def _pose(self) -> Pose2 | None:
-        """Return the pose of ``_enu`` in the datum's frame."""
-        enu = self._enu()
-        return None if enu is None else self._datum.of_enu(enu)
 
     def _is(self, *states: ControlState) -> Callable[[], bool]:
         since_ns = self._clock.now_ns()
         return lambda: (
-            self._monr is not None
-            and self._monr_ns > since_ns
-            and state_of(self._monr.state) in states
+            self._latest.monr is not None
+            and self._latest.arrived_ns > since_ns
+            and self._latest.state in states
         )
 
     def _open(self, name: str, text: str, status: CentreStatus = CentreStatus.INIT) -> None:
@@ -258,7 +256,8 @@ class Probe:
         if self._wire is not None:
             self._wire.close()
         self._begin(name, text)
-        self._monr, self._status, self._guard = None, None, lambda: ""
+        self._latest.forget()
+        self._beats.status, self._guard = None, lambda: ""
         wire = self._wire = self._open_wire(self._tap)
         wire.connect()
         # The link gives up by itself.
@@ -268,10 +267,10 @@ class Probe:
         self._mark("connected")
         wire.receiver_id = DEVICE_ID
         self._send(self._osem(), acknowledge=True)
-        self._status, self._next_beat_ns = status, self._clock.now_ns()
-        if not self._run(2.0, lambda: self._monr is not None):
+        self._beats.begin(status, self._clock.now_ns())
+        if not self._run(2.0, lambda: self._latest.monr is not None):
             raise Ended("no MONR came after OSEM and HEAB")
-        at = self._enu()
+        at = self._latest.enu()
         if at is None:
             raise Ended("its MONR states no place: no trajectory can be sent")
         point = TrajPoint(0.0, at.x_m, at.y_m, 0.0, at.yaw_rad, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -282,18 +281,15 @@ class Probe:
 
     def _osem(self) -> Osem:
         """Make an OSEM as in a session, except for trajectories that replace each other."""
-        limits = LIMITS.model_copy(update={"heartbeat_s": self._heartbeat_s})
-        stands = Traj(0, TrajectoryInfo.RELATIVE_TO_ORIGIN, "", ())
-        settings = Settings(DEVICE_ID, self._datum, limits, None, stands)
-        message = settings.osem(self._clock.now_ns())
+        message = self._settings.osem(self._clock.now_ns())
         return replace(message, test_mode=OsemTestMode.PREPLANNED)
 
     def _stays_here(self) -> Callable[[], str]:
         """Make the check that the object, which was not started, stays here."""
-        pose = self._pose()
+        pose = self._latest.pose()
 
         def moved() -> str:
-            now = self._pose()
+            now = self._latest.pose()
             if pose is None or now is None:
                 return ""
             way_m = math.hypot(now.x_m - pose.x_m, now.y_m - pose.y_m)
@@ -321,7 +317,7 @@ class Probe:
 
     def _arm_it(self) -> None:
         self._armed = True
-        self._status = CentreStatus.READY
+        self._beats.status = CentreStatus.READY
         self._run(0.1)
         self._order(ObjectCommand.ARM)
         if not self._run(2.0, self._is(C.ARMED)):
@@ -340,11 +336,11 @@ class Probe:
         self._run(1.0, self._is(C.DISARMED))
         self._begin("arm_abort", "arms and aborts")
         self._arm_it()
-        self._status = CentreStatus.ABORT
+        self._beats.status = CentreStatus.ABORT
         self._mark()
         aborted = self._run(1.0, self._is(C.ABORTING))
         self._begin("latch", "takes the abort back without an all clear")
-        self._status = CentreStatus.READY
+        self._beats.status = CentreStatus.READY
         self._run(0.5)
         self._begin("all_clear", "clears")
         self._order(ObjectCommand.ALL_CLEAR if aborted else ObjectCommand.DISARM)
@@ -356,13 +352,14 @@ class Probe:
         self._run(0.5)
 
     def _is_aborting(self) -> bool:
-        return self._monr is not None and state_of(self._monr.state) is C.ABORTING
+        return self._latest.state is C.ABORTING
 
     def _cease(self) -> None:
         """Send no heartbeats until the object must have noticed."""
-        wire, self._status = self._wire, None
+        wire, self._beats.status = self._wire, None
         self._mark()
-        if self._run(self._heartbeat_s + 1.0, lambda: wire is not None and not wire.connected):
+        silent_s = self._settings.limits.heartbeat_s + 1.0
+        if self._run(silent_s, lambda: wire is not None and not wire.connected):
             self._mark("lost")
 
     def _move(self) -> None:
@@ -375,12 +372,12 @@ class Probe:
             raise Ended(f"it isn't moved: {', '.join(failed)} failed while it stood")
         self._drive("normal_stop", CentreStatus.NORMAL_STOP)
         self._begin("rest", "waits for DISARMED")
-        self._status = CentreStatus.READY
+        self._beats.status = CentreStatus.READY
         self._mark()
         self._rests("rest_again")
         self._drive("abort", CentreStatus.ABORT)
         self._begin("abort_clear", "clears")
-        self._status = CentreStatus.READY
+        self._beats.status = CentreStatus.READY
         self._order(ObjectCommand.ALL_CLEAR)
         self._rests("abort_again")
         self._drive("loss", None)
@@ -400,12 +397,12 @@ class Probe:
         """Bring it to speed, and stop it by this status, or by none."""
         self._guard = lambda: ""
         self._begin(name, f"moves it, and then: {'no HEAB' if status is None else status.name}")
-        pose, way = self._pose(), self._way
+        pose, way = self._latest.pose(), self._way
         points = "it reports no place" if pose is None or way is None else way.plan(pose)
         if isinstance(points, str) or way is None:
             raise Ended(f"it isn't moved: {points}")
         whole = Reference(name, "", "", "", 0, 0, 0, points)
-        self._send(trajectory_of(whole, 0, self._datum, 2), acknowledge=True)
+        self._send(trajectory_of(whole, 0, self._settings.datum, 2), acknowledge=True)
         self._run(_PAUSE_S)
         self._arm_it()
         del self._step.marks["stimulus"]
@@ -417,12 +414,12 @@ class Probe:
         self._step.marks["start"] = start_ns
         week, time_of_week_ns = to_gps(start_ns)
         self._send(Strt(time_of_week_ns, week), acknowledge=True)
-        self._status = CentreStatus.RUNNING
+        self._beats.status = CentreStatus.RUNNING
         cruise_mps = float(points.columns[4].max())
         t_s = points.columns[0]
         accelerating_s = float(t_s[np.flatnonzero(points.columns[4] >= 0.99 * cruise_mps)[0]])
         limit_s = _START_AHEAD_S + accelerating_s + 2.0
-        if not self._run(limit_s, lambda: self._moved_mps() >= 0.9 * cruise_mps):
+        if not self._run(limit_s, lambda: self._latest.moved_mps() >= 0.9 * cruise_mps):
             raise Ended(f"it didn't reach {0.9 * cruise_mps:.1f} m/s within {limit_s:.1f} s")
         self._run(0.3)
         if status is None:
@@ -432,34 +429,22 @@ class Probe:
                 self._end()
                 return
         else:
-            self._status = status
+            self._beats.status = status
             self._mark()
         self._wait_for_standstill(name, float(t_s[-1]) + 5.0)
-
-    def _stated_mps(self) -> float:
-        return 0.0 if self._monr is None else abs(self._monr.speed_mps or 0.0)
-
-    def _moved_mps(self) -> float:
-        """Compute its speed from the newest places that it reported."""
-        if not self._places:
-            return 0.0
-        (first_ns, *first), (last_ns, *last) = self._places[0], self._places[-1]
-        if last_ns - first_ns < _WAY_NS // 2:
-            return 0.0
-        return math.dist(first, last) / ns_to_seconds(last_ns - first_ns)
 
     def _keeps_to(self, way: FencedWay, points: Points) -> Callable[[], str]:
         line = Polyline(points.columns[1:3].T[:: max(1, len(points) // 50)])
         fastest_mps = float(points.columns[4].max()) + 1.0
 
         def judge() -> str:
-            pose = self._pose()
-            silent_s = ns_to_seconds(self._clock.now_ns() - self._monr_ns)
+            pose = self._latest.pose()
+            silent_s = ns_to_seconds(self._clock.now_ns() - self._latest.arrived_ns)
             if silent_s > _SILENT_S or pose is None:
                 return f"no place was reported for {silent_s:.2f} s while it moved"
             if not way.holds(pose):
                 return f"it is outside of the fence at ({pose.x_m:.1f}, {pose.y_m:.1f})"
-            stated_mps, moved_mps = self._stated_mps(), self._moved_mps()
+            stated_mps, moved_mps = self._latest.stated_mps(), self._latest.moved_mps()
             if max(stated_mps, moved_mps) > fastest_mps:
                 return (
                     f"it drives {moved_mps:.1f} m/s and states {stated_mps:.1f} m/s, asked for "
@@ -475,7 +460,7 @@ class Probe:
         here: list[tuple[int, Pose2]] = []
 
         def stands() -> bool:
-            pose = self._pose()
+            pose = self._latest.pose()
             if pose is None:
                 return False
             moved = (
@@ -483,8 +468,8 @@ class Probe:
                 or math.hypot(pose.x_m - here[0][1].x_m, pose.y_m - here[0][1].y_m) > 0.5 * STANDS_M
             )
             if moved:
-                here[:] = [(self._monr_ns, pose)]
-            return self._monr_ns - here[0][0] > 1.2 * NS_PER_S
+                here[:] = [(self._latest.arrived_ns, pose)]
+            return self._latest.arrived_ns - here[0][0] > 1.2 * NS_PER_S
 
         if not self._run(3.0, stands):
             self._tell("it still moves: be ready to stop it by other means")
