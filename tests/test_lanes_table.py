@@ -25,7 +25,7 @@ from ssp_scenario_manager.scenarios.kinds import KINDS
 from tests.support.blocks import block_of
 
 TEXT = (Path(__file__).resolve().parent.parent / "docs" / "compile.md").read_text()
-EVENTS = ("cut_in", "lead_braking", "vru_crossing", "occluded_crossing")
+EVENTS = tuple(sorted(KINDS))
 SAME, OPPOSITE = range(1, 5), range(5)
 Cell = tuple[str, int, int]
 POSSIBLE: list[Cell] = [
@@ -39,6 +39,7 @@ CORNERS: list[Cell] = [
     ("cut_in", 2, 0),
     ("cut_in", 4, 4),
     ("lead_braking", 1, 1),
+    ("slow_lead", 1, 0),
     ("vru_crossing", 1, 0),
     ("vru_crossing", 4, 4),
     ("occluded_crossing", 1, 2),

@@ -14,7 +14,7 @@ from ssp_eval.data.provenance import labels_places
 from ssp_eval.twins.files import twins_folder
 from ssp_scenario_manager.event_spec.load import load_event
 
-SCENARIOS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
+SCENARIOS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing", "slow_lead")
 DEFAULT_SCENARIOS = SCENARIOS[:2]
 BRIDGES = ("constant_velocity", "opencv_baseline")
 SIMULATION_SITE, TRACK_SITE = "boulevard", "north_track"

@@ -146,6 +146,13 @@ def lead() -> Scene:
     )
 
 
+def slow_lead(speed: float = 3.5, offset_m: float = -0.35, x_m: float = 60.0, **more: Any) -> Scene:
+    """A car drives slowly 60 m ahead, a little to the right; the VUT brakes behind it at 4.5 s."""
+    vut = more.pop("vut", braking(0.0, 11.0, 4.5, 2.5, 3.0))
+    given = {"observable": "closing"} | more
+    return scene(vut, lambda t: (x_m + speed * t, offset_m), **given)
+
+
 def words(found: Measured, field: str, part: str) -> tuple[str, ...]:
     value = found.properties[field].words
     assert value is not None
@@ -172,6 +179,7 @@ def codes(name: str, found: Measured) -> list[str]:
         ("cut_in", cut_in, "merge", "cutting_in_from_left"),
         ("vru_crossing", crossing, "crossing", "crossing_from_right"),
         ("lead_braking", lead, "following", "same_direction"),
+        ("slow_lead", slow_lead, "following", "same_direction"),
     ],
 )
 def test_an_event_is_what_its_specification_says(
@@ -186,6 +194,26 @@ def test_an_event_is_what_its_specification_says(
     read = load_event(event)[0]
     mine, wanted = fixed(read, found.properties), fixed(read, expected_properties(read))
     assert all(is_equal(mine[field], wanted[field]) for field in FIELDS)
+
+
+@pytest.mark.parametrize(
+    ("made", "code"),
+    [
+        pytest.param(slow_lead(cls=ObjectClass.TRUCK), "roles_differ", id="a truck"),
+        pytest.param(slow_lead(speed=0.0), "motion_differs", id="it stands"),
+        pytest.param(slow_lead(offset_m=3.5), "no_manoeuvre", id="in the next lane"),
+        pytest.param(slow_lead(offset_m=-3.5), "no_manoeuvre", id="beside the road"),
+        pytest.param(slow_lead(x_m=-40.0), "no_manoeuvre", id="the VUT is first"),
+        pytest.param(
+            slow_lead(vut=braking(0.0, 11.0, 1.0, 2.5, 3.0)),
+            "no_manoeuvre",
+            id="the VUT keeps away",
+        ),
+        pytest.param(slow_lead(speed=-8.0), "motion_differs", id="it comes the other way"),
+    ],
+)
+def test_what_is_no_slow_lead_is_refused_with_what_differs(made: Scene, code: str) -> None:
+    assert codes("slow_lead", measure(made))[:1] == [code]
 
 
 def test_phases_and_facts_of_a_cut_in() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.reference import Reference, sample
-from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.run_file.participants import Hold, ParticipantSpec
 from ssp_ot_controller.bodies.dynamics import LIMITS as BODIES
 from ssp_ot_controller.bodies.dynamics import BodyLimits, BodyState, step_body, tightened
 from ssp_ot_controller.control.tracker import Tracker
@@ -19,6 +19,7 @@ from ssp_scenario_manager.dispatch.references import (
     approach_reference,
     manoeuvre_reference,
 )
+from ssp_scenario_manager.scenarios.kinds import KINDS
 from support.states import object_state, state_of_body
 
 LATERAL_RMS_M = 0.05
@@ -42,9 +43,10 @@ def shipped(event: str) -> tuple[ParticipantSpec, BodyLimits, tuple[Reference, .
     at_ns = seconds_to_ns(TRIGGER_S) if references else 0
     second = Address("b", target.id, run.event_version, "manoeuvre", at_ns, at_ns)
     current = references[0] if references else None
-    references.append(
-        manoeuvre_reference(second, trigger.manoeuvre, state, current, target.approach)
-    )
+    if not isinstance(trigger.manoeuvre, Hold):
+        references.append(
+            manoeuvre_reference(second, trigger.manoeuvre, state, current, target.approach)
+        )
     return target, tightened(BODIES[target.cls], run.limits), tuple(references)
 
 
@@ -68,7 +70,7 @@ def errors_m(event: str, step_s: float, to_s: float) -> tuple[float, float]:
     return longitudinal_m, lateral_m
 
 
-@pytest.mark.parametrize("event", ["cut_in", "lead_braking", "vru_crossing", "occluded_crossing"])
+@pytest.mark.parametrize("event", sorted(KINDS))
 def test_tracking_errors_at_100_hz(event: str) -> None:
     longitudinal_m, lateral_m = errors_m(event, 0.01, 30.0)
     assert longitudinal_m <= LONGITUDINAL_RMS_M

@@ -21,8 +21,9 @@ from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import read_log
 from ssp_scenario_manager.maps.site import LIBRARY
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
-EVENTS = ("cut_in", "lead_braking", "occluded_crossing", "vru_crossing")
+EVENTS = tuple(sorted(KINDS))
 MOTORWAY = LIBRARY / "maps" / "motorway.xodr"
 COMMON = {"task.json", "event.yaml", "run.yaml", "log.jsonl", "task.html"}
 

@@ -14,6 +14,7 @@ from ssp_core.run_file.model import LinkDisturbance
 from ssp_core.run_file.participants import (
     Brake,
     FollowPath,
+    Hold,
     LaneChange,
     RelativeDistance,
     TimeToArrival,
@@ -110,6 +111,7 @@ def test_manoeuvres_and_conditions_are_those_of_the_kind() -> None:
     kinds: dict[str, tuple[type, type]] = {
         "cut_in": (LaneChange, RelativeDistance),
         "lead_braking": (Brake, RelativeDistance),
+        "slow_lead": (Hold, RelativeDistance),
         "vru_crossing": (FollowPath, TimeToArrival),
         "occluded_crossing": (FollowPath, TimeToArrival),
     }

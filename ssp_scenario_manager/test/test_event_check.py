@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from ssp_core.clock import ns_to_seconds
+from ssp_core.geometry import Polyline
 from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import RunSpec, WantedPassing
 from ssp_core.run_file.participants import TrafficSpec
@@ -30,6 +31,7 @@ from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.session import outbox
+from tests.support.slow_leads import SPEEDS_MPS, slow_lead
 
 SITES = ("boulevard", "north_track", "south_loop")
 _OTHER_SIDE = {"left": "right", "right": "left"}
@@ -249,10 +251,14 @@ def combinations_of(name: str, place: int) -> Iterator[Event]:
     """
     kind = KINDS[name]
     sides = [Event.model_validate(shipped(name)), from_the_other_side(name)]
-    # Lead braking has no sides.
     sides = [e for e in sides if e.interaction.dominant_motion in kind.dominant_motions]
-    sides = sides[:1] if name == "lead_braking" else sides
+    # What is ahead in the VUT's lane comes from no side.
+    sides = sides[:1] if kind.relation == "following" else sides
     words = sorted(kind.initiator_classes)
+    if name == "slow_lead":
+        word = words[place % len(words)]
+        yield from (slow_lead(word, standing) for standing in (False, True))
+        return
     for index, event in enumerate(sides):
         word = words[(index + place) % len(words)]
         who = event.participants[event.interaction.initiator]
@@ -313,6 +319,38 @@ def test_what_compiles_runs_valid(name: str, side: str) -> None:
     gap_s = result.passing.time_gap_s
     first = result.passing.other_first
     assert run.passing.misses("ot1", first, gap_s, vut_arrived=True) == []
+
+
+@pytest.mark.parametrize("standing", [False, True], ids=["slow", "standing"])
+@pytest.mark.parametrize("object_class", sorted(SPEEDS_MPS))
+def test_a_slow_lead_of_any_class_runs_valid(object_class: str, standing: bool) -> None:
+    run = compiled(slow_lead(object_class, standing), ground_of("north_track"))
+    assert run.triggers[0].manoeuvre.kind == "hold"
+    assert (run.targets[0].approach is None) == standing
+    result, record = run_in_process(run)
+    assert result.verdict is Verdict.VALID, result.reasons
+    assert result.passing.other_first
+    # It was sent nothing but its approach, and kept its offset.
+    assert [len(t.reference_ids) for t in result.triggers] == [0]
+    assert run.vut.approach is not None
+    path = Polyline(run.vut.approach.path)
+    offsets_m = [path.project(s.x_m, s.y_m)[1] for s in record.truths("ot1")]
+    assert all(-0.6 < offset_m < -0.1 for offset_m in offsets_m)
+
+
+@pytest.mark.parametrize(
+    ("object_class", "offset_m", "said"),
+    [
+        ("car", 1.3, "1.30 m beside the middle of its lane of 3.75 m would leave it, at most 0.97"),
+        ("pedestrian", -1.3, "would leave the VUT's way free, at most 1.15 m doesn't"),
+    ],
+)
+def test_a_slow_lead_beside_lane_or_corridor_is_refused_with_its_offset(
+    object_class: str, offset_m: float, said: str
+) -> None:
+    offset = {"min": offset_m, "max": offset_m, "unit": "m"}
+    with pytest.raises(CannotPlace, match=said):
+        compiled(slow_lead(object_class, offset=offset), ground_of("north_track"))
 
 
 def test_who_waits_on_a_wide_verge_waits_at_its_inner_edge(

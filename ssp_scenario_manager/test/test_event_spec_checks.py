@@ -438,6 +438,40 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         f"{C}.trigger.below",
     ),
     (
+        "a_response_is_feasible",
+        "slow_lead",
+        {f"{C}.safety.acceleration": span(None, 0.8, "m/s^2")},
+        f"{C}.trigger.below",
+    ),
+    (
+        "trigger_is_observable",
+        "slow_lead",
+        {f"{C}.thresholds.ttc": span(4, 4, "s")},
+        f"{C}.thresholds.ttc",
+    ),
+    (
+        "trigger_is_observable",
+        "slow_lead",
+        {f"{OT1}.trigger.speed_trend": "decreasing"},
+        f"{OT1}.trigger.speed_trend",
+    ),
+    (
+        "conflict_follows_the_trigger",
+        "slow_lead",
+        {f"{C}.trigger.below": span(35, 46, "m")},
+        f"{C}.trigger.below",
+    ),
+    (
+        "first_seen_where_they_start",
+        "slow_lead",
+        {
+            "participants.ot1.class": "cyclist",
+            "participants.ot1.region.place": "left_lane",
+            f"{OT1}.approach.position": "front_left",
+        },
+        "participants.ot1.region.place",
+    ),
+    (
         "units_are_right",
         "cut_in",
         {f"{C}.trigger.below": span(16, 20, "s")},

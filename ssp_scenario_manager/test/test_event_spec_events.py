@@ -42,7 +42,7 @@ from ssp_scenario_manager.event_spec.model import Doubt, Event, Interval
 from ssp_scenario_manager.maps.site import find_shipped
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
-NAMES = ("cut_in", "lead_braking", "occluded_crossing", "vru_crossing")
+NAMES = tuple(sorted(KINDS))
 
 
 @pytest.fixture(params=NAMES)
@@ -97,7 +97,7 @@ def test_every_change_of_a_value_changes_the_version(event: Event) -> None:
 
 
 def test_unknown_event_and_wrong_file_are_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cut_in, lead_braking, occluded_crossing, vru_crossing"):
+    with pytest.raises(InputError, match=", ".join(NAMES)):
         load_event("no_such")
     file = tmp_path / "bad.event.yaml"
     text = find_shipped("cut_in", "event").read_text()

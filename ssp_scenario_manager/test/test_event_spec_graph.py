@@ -15,8 +15,9 @@ from ssp_scenario_manager.event_spec.load import body, load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.event_spec.picture import picture
 from ssp_scenario_manager.maps.site import find_shipped
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
-NAMES = ("cut_in", "lead_braking", "occluded_crossing", "vru_crossing")
+NAMES = tuple(sorted(KINDS))
 
 
 @pytest.fixture(params=NAMES)
@@ -45,7 +46,7 @@ def test_graph_holds_all_types_and_relations_of_the_method(event: Event) -> None
     wanted = {"occupies", "ahead-of", "path-intersects", "before"}
     wanted |= {"triggers", "changes-motion", "exposes-conflict", "responds"}
     assert wanted <= relations
-    assert ("adjacent" in relations) == (event.name != "lead_braking")
+    assert ("adjacent" in relations) == (KINDS[event.name].relation != "following")
 
 
 def test_determined_and_uncertain_values_come_from_the_event(event: Event) -> None:

@@ -20,8 +20,9 @@ from ssp_scenario_manager.event_spec.checks.form import vocabulary
 from ssp_scenario_manager.event_spec.fields import UNITS, join, leaves, split, within
 from ssp_scenario_manager.event_spec.load import event_version, read_event_file
 from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
-NAMES = ("cut_in", "lead_braking", "occluded_crossing", "vru_crossing")
+NAMES = tuple(sorted(KINDS))
 PHASES = ("approach", "trigger", "conflict", "resolution")
 _PROVENANCES = ["frame", "model", "person", "derived", "standard"]
 _REVIEWS = ["unreviewed", "accepted", "edited", "unresolved"]
@@ -227,7 +228,7 @@ def test_no_mutant_that_changes_the_meaning_survives(name: str) -> None:
     assert [mutant.label for mutant in silent if _version(mutant.value) != original] == []
     assert astray == []
     assert changed > (500 if SAMPLED else 2000)
-    assert len(silent) < 0.02 * changed
+    assert len(silent) < (0.025 if SAMPLED else 0.02) * changed
     assert 1.0 - len(missed) / ruled >= FLOOR - (0.02 if SAMPLED else 0.0), missed
 
 

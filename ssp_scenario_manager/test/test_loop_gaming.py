@@ -12,6 +12,7 @@ from ssp_core.errors import PeerError
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.latency import ZERO_LATENCY, Latency
 from ssp_core.world.driver import Answer, Question
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.closed_loop.needless import needless_in
@@ -23,7 +24,7 @@ from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import Record
 
 # Seeds of critical starts.
-EVENTS = {"lead_braking": 1, "vru_crossing": 2}
+EVENTS = {"lead_braking": 1, "slow_lead": 1, "vru_crossing": 2}
 LATENCY = Latency(0.3)
 SCRIPTED = CampaignDriver(driver="scripted")
 
@@ -108,6 +109,8 @@ WAYS = (
     ("lead_braking", say_nothing, "falls back"),
     ("vru_crossing", plan_two_seconds_and_say_nothing, "falls back"),
     ("lead_braking", stop_before_the_event, "brakes by"),
+    ("slow_lead", brake_and_speed_up, "brakes by"),
+    ("slow_lead", stop_before_the_event, "brakes by"),
     ("vru_crossing", hang_at_the_right_moment, ""),
 )
 
@@ -154,6 +157,21 @@ def test_constant_velocity_gains_none_either_and_the_oracle_does(
             needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
             assert not needless, name
         assert kinds == {"constant_velocity": "collision", "oracle": "avoided"}, event
+
+
+def test_what_is_an_event_by_being_there_stands_beside_the_road_in_the_event_free_twin(
+    start_of: Callable[[str], tuple[Start, Record]],
+) -> None:
+    start, _ = start_of("slow_lead")
+    run = start.driven_by("constant_velocity", {}, LATENCY, event=False)
+    (target,), (before,) = run.targets, start.run.targets
+    assert target.approach is None
+    line = ReferenceLine.of_road(run.road)
+    places = [line.to_local(one.start.x_m, one.start.y_m) for one in (target, before)]
+    assert places[0][0] == pytest.approx(places[1][0], abs=1e-6)
+    edge_m = min(lane.y_m - lane.width_m / 2.0 for lane in run.road.lanes)
+    assert places[0][1] + target.size.width_m / 2.0 == pytest.approx(edge_m - 0.15)
+    assert start.driven_by("constant_velocity", {}, LATENCY).targets == start.run.targets
 
 
 def test_a_driver_that_ends_where_no_event_comes_is_needless(

@@ -12,7 +12,7 @@ import pytest
 
 from ssp_core.geometry import Polyline, Pose2
 from ssp_core.motion.encounter import Observable
-from ssp_core.motion.event import PhaseBegan, PhaseWatch, next_phase
+from ssp_core.motion.event import Instant, PhaseBegan, PhaseWatch, find_event, next_phase
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.vocabulary import ObjectClass, Phase
@@ -20,6 +20,7 @@ from ssp_core.vocabulary import ObjectClass, Phase
 MS = 1_000_000
 STEP_NS = 20 * MS
 THRESHOLDS = ConflictThresholds(ttc_s=2.5, arrival_gap_s=1.5)
+TTC_ALONE = ConflictThresholds(ttc_s=2.5, arrival_gap_s=None)
 StateMaker = Callable[..., ObjectState]
 Pair = tuple[ObjectState, ObjectState]
 
@@ -82,6 +83,41 @@ def drive(
 def ramp(t: float, start_s: float, end_s: float, rate: float) -> float:
     """Integral of a rate that holds from start_s to end_s."""
     return rate * min(max(t - start_s, 0.0), end_s - start_s)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize(("lead_mps", "offset_m"), [(3.0, -0.4), (0.0, 0.5), (3.0, 1.1)])
+def test_slow_lead(state: StateMaker, frame: Pose2, lead_mps: float, offset_m: float) -> None:
+    """VUT at 10 m/s, OT slower in its way, and nobody does anything until the VUT brakes.
+
+    TTC is 6.01 s at the start: it falls to 4 s at 2.01 s and to 2.5 s at 3.51 s. At 4.0 s the VUT
+    takes the OT's speed, so that there is nothing to close in on.
+    """
+    closing = 10.0 - lead_mps
+    ahead_m = 6.01 * closing + 3.6 + 0.9
+
+    def vut(t: float) -> tuple[float, float]:
+        return (10.0 * t, 10.0) if t < 4.0 else (40.0 + lead_mps * (t - 4.0), lead_mps)
+
+    def target(t: float) -> tuple[float, float, float, float]:
+        return ahead_m + lead_mps * t, offset_m, lead_mps, 0.0
+
+    pairs = drive(state, 9.0, vut, target)
+    phases = play(pairs, frame, "closing", TTC_ALONE)
+    # Under a threshold is the first step after it.
+    assert phases == [(Phase.TRIGGER, 2020), (Phase.CONFLICT, 3520), (Phase.RESOLUTION, 4000)]
+    path = Polyline([(0.0, 0.0), (200.0, 0.0)])
+    instants = [Instant(own.stamp_ns / 1e9, own, other) for own, other in pairs]
+    found = find_event(instants, path, TTC_ALONE, "closing")
+    assert found is not None
+    starts_s = (found.trigger_s, found.conflict_s, found.resolution_s)
+    assert starts_s == pytest.approx((2.02, 3.52, 4.0))
+
+
+@pytest.mark.parametrize("offset_m", [-2.2, 2.2])
+def test_who_is_beside_the_corridor_is_no_slow_lead(state: StateMaker, offset_m: float) -> None:
+    pairs = drive(state, 9.0, lambda t: (10.0 * t, 10.0), lambda t: (80.0, offset_m, 0.0, 0.0))
+    assert play(pairs, FRAMES[0], "closing", TTC_ALONE) == []
 
 
 @pytest.mark.parametrize("frame", FRAMES)
@@ -194,8 +230,6 @@ def test_after_resolution_nothing_more_happens(state: StateMaker) -> None:
 
 
 # -- a lead vehicle that brakes -------------------------------------------------------------------
-
-TTC_ALONE = ConflictThresholds(ttc_s=2.5, arrival_gap_s=None)
 
 
 def following(

@@ -42,7 +42,7 @@ from ssp_scenario_manager.event_spec.review.decisions import (
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
 Review = Callable[..., int]
-SHIPPED = ("cut_in", "lead_braking", "occluded_crossing", "vru_crossing")
+SHIPPED = tuple(sorted(KINDS))
 
 
 @cache

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.model import Limits
-from ssp_core.run_file.participants import Brake, LaneChange
+from ssp_core.run_file.participants import Brake, Hold, LaneChange
 from ssp_core.run_file.road import CurvePiece
+from ssp_core.vocabulary import PHASES
 from ssp_scenario_manager.event_spec.fields import UNITS, units_of
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
@@ -96,6 +97,17 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
             **{
                 f"constraints.speeds.ot1.{phase}": {"min": 0.0, "max": 5.0, "unit": "m/s"}
                 for phase in ("trigger", "conflict", "resolution")
+            },
+        },
+    ),
+    "slow cyclist": ("slow_lead", {"participants.ot1.class": "cyclist"}),
+    "standing lead": (
+        "slow_lead",
+        {
+            "interaction.dominant_motion": "stationary",
+            **{
+                f"constraints.speeds.ot1.{phase}": {"min": 0.0, "max": 0.0, "unit": "m/s"}
+                for phase in PHASES
             },
         },
     ),
@@ -192,6 +204,9 @@ def check(event: Event, place: Block, plan: Plan) -> None:
         assert goes_left == (motion_word == "crossing_from_right")
         assert min(act.goal.l_m, initiator.start.l_m) < place.right_edge_m
         assert max(act.goal.l_m, initiator.start.l_m) > place.left_edge_m
+    elif isinstance(act, Hold):
+        assert isinstance(initiator, Wait) == (motion_word == "stationary")
+        assert -0.5 <= initiator.start.l_m - plan.vut.start.l_m <= -0.2
     else:
         assert isinstance(act, Brake)
         assert isinstance(initiator, Drive)

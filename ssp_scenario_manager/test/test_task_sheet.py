@@ -13,8 +13,9 @@ from ssp_core.run_file.model import Limits
 from ssp_scenario_manager.compile.targets.task_picture import lies_on, speed_lines, top_view
 from ssp_scenario_manager.compile.targets.task_sheet import limit_rows, sheet, start_row
 from ssp_scenario_manager.compile.task import Task, load_task
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
-EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
+EVENTS = tuple(sorted(KINDS))
 
 
 @pytest.fixture(scope="module", params=EVENTS)

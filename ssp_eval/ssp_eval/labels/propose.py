@@ -281,7 +281,10 @@ def _critical_event(
             break
     if not events:
         side, lead = "enters the VUT's corridor from the side", "brakes ahead of it in its corridor"
-        what = {"lateral": side, "braking": lead}.get(rules.observable or "", f"{side}, or {lead}")
+        near = "is ahead in its corridor while the VUT closes in on it"
+        what = {"lateral": side, "braking": lead, "closing": near}.get(
+            rules.observable or "", f"{side}, or {lead}"
+        )
         raise InputError(
             f"no object target ({', '.join(truth.target_ids) or 'none given'}) {what}",
             file=truth.source,

@@ -46,6 +46,7 @@ _DRAWN = {
     "lead_braking": ("same_direction", "car"),
     "vru_crossing": ("crossing_from_right", "pedestrian"),
     "occluded_crossing": ("crossing_from_right", "pedestrian"),
+    "slow_lead": ("same_direction", "car"),
 }
 
 

@@ -80,6 +80,8 @@ def trigger_event(message: Any) -> Event:
     """Read a TriggerEvent; its measure is the condition's value at the later of its two samples."""
     values = list(message.sample_values)
     sent = f"reference {', '.join(message.reference_ids)} sent to {', '.join(message.object_ids)}"
+    if not message.reference_ids:
+        sent = "nothing to send, judged"
     return Event(
         "trigger",
         stamp_ns(message.crossing_time),

@@ -18,13 +18,15 @@ CORRIDOR_MARGIN_M = 0.3
 OBSERVABLE_LATERAL_MPS = 0.2
 # The counterpart for a lead vehicle that brakes: brake lights and closing become visible.
 OBSERVABLE_BRAKING_MPS2 = 1.0
+# The counterpart for one ahead that does nothing: from this TTC on, closing in on it is visible.
+OBSERVABLE_CLOSING_S = 4.0
 # A direction of motion between these two angles to a path crosses it; below the first it is along
 # the path, above the second against it.
 ALONG_RAD = math.radians(45.0)
 AGAINST_RAD = math.radians(135.0)
 _SLOWEST_MPS = 0.05
 
-Observable = Literal["lateral", "braking"]
+Observable = Literal["lateral", "braking", "closing"]
 
 
 @value_class(frozen=True, slots=True)
@@ -209,10 +211,13 @@ def is_observable(kind: Observable, meeting: Encounter, other: ObjectState) -> b
 
     Args:
         kind: ``lateral``: lateral speed towards the VUT's corridor above 0.2 m/s, or the first step
-            off the kerb; ``braking``: deceleration above 1 m/s^2 ahead of the VUT in its corridor.
+            off the kerb; ``braking``: deceleration above 1 m/s^2 ahead of the VUT in its corridor;
+            ``closing``: the VUT closes in on it in its corridor, with a TTC under 4 s.
         meeting: of the VUT and the object at this instant.
         other: the object's state.
     """
     if kind == "lateral":
         return meeting.towards_mps > OBSERVABLE_LATERAL_MPS
+    if kind == "closing":
+        return meeting.in_corridor and meeting.ttc_s < OBSERVABLE_CLOSING_S
     return meeting.in_corridor and other.acceleration_mps2 < -OBSERVABLE_BRAKING_MPS2

@@ -86,6 +86,8 @@ class PhaseWatch:
 def _text(meeting: Encounter, target: ObjectState, kind: Observable) -> str:
     if kind == "braking":
         seen = f"deceleration {-target.acceleration_mps2:.2f} m/s^2"
+    elif kind == "closing":
+        seen = f"its speed {target.speed_mps:.2f} m/s, the VUT's closing in"
     else:
         seen = f"arrival gap {meeting.arrival_gap_s:.2f} s, lateral speed "
         seen += f"{meeting.towards_mps:.2f} m/s"
@@ -229,7 +231,7 @@ def find_event(
 ) -> RecordedEvent | None:
     """Return the event of one OT, None when its manoeuvre never becomes observable.
 
-    "Staying so" means until the OT is in the corridor, or for a lead vehicle at least
+    "Staying so" means until the OT is in the corridor, or for one ahead in it at least
     BRAKING_HOLD_S.
 
     Args:
@@ -237,7 +239,8 @@ def find_event(
         path: the VUT's path, frame map.
         thresholds: when a conflict begins.
         observable: ``lateral``: the OT enters the VUT's corridor from the side, ahead of the VUT
-            or, where it never does that, behind it; ``braking``: it brakes in the corridor ahead.
+            or, where it never does that, behind it; ``braking``: it brakes in the corridor ahead;
+            ``closing``: it is there, and the VUT closes in on it.
         harmless: an entry behind the VUT is an event without a conflict, too.
         for_good_s: what lasts so long is for good, or to the last instant where that is sooner
             (METHOD 4.1); None: to the last instant.
@@ -254,7 +257,7 @@ def find_event(
         ):
             trigger -= 1
     else:
-        found = _braking(instants, meetings)
+        found = _shown_ahead(instants, meetings, observable)
         if found is None:
             return None
         trigger = arrival = ahead = found
@@ -324,11 +327,13 @@ def _arrivals(
     return ahead, behind
 
 
-def _braking(instants: Sequence[Instant], meetings: Sequence[Encounter]) -> int | None:
-    """Index at which an object ahead in the corridor begins to brake, and goes on doing so."""
+def _shown_ahead(
+    instants: Sequence[Instant], meetings: Sequence[Encounter], observable: Observable
+) -> int | None:
+    """Return the index from which what an object ahead does shows for BRAKING_HOLD_S."""
     start: int | None = None
     for i, (now, meeting) in enumerate(zip(instants, meetings, strict=True)):
-        if meeting.gap_m < 0.0 or not is_observable("braking", meeting, now.other):
+        if meeting.gap_m < 0.0 or not is_observable(observable, meeting, now.other):
             start = None
             continue
         if start is None:

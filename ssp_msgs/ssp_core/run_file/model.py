@@ -298,7 +298,7 @@ class RunSpec(Strict):
     run_id: str
     scenario: str
     interaction: ObjectId
-    observable: Literal["lateral", "braking"] = Field(
+    observable: Literal["lateral", "braking", "closing"] = Field(
         "lateral", description="what makes the OT's manoeuvre observable: the trigger's start"
     )
     initiator: ObjectId | None = Field(

@@ -85,7 +85,13 @@ class Brake(Strict):
     run_out_s: Positive | None = Field(None, description=_RUN_OUT)
 
 
-Manoeuvre = Annotated[LaneChange | FollowPath | Brake, Field(discriminator="kind")]
+class Hold(Strict):
+    """No manoeuvre: the object goes on as it came, standing or driving, and is sent nothing."""
+
+    kind: Literal["hold"]
+
+
+Manoeuvre = Annotated[LaneChange | FollowPath | Brake | Hold, Field(discriminator="kind")]
 
 
 class ParticipantSpec(Strict):

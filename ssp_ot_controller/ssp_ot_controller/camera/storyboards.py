@@ -298,12 +298,26 @@ def vru_crossing(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     return vut, (walker, *_oncoming(lanes, 118.0, 10.0))
 
 
+def slow_lead(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
+    """Cast a car that drives slowly ahead, a little to the right, and a VUT that brakes late."""
+    speed = float(rng.uniform(11.2, 11.8))
+    slow = float(rng.uniform(3.6, 4.0))
+    near_s = float(rng.uniform(2.9, 3.3))  # when TTC is 4 s
+    ahead_m = (speed - slow) * (near_s + 4.0) + CAR.front_m + CAR.rear_m
+    along = Line(VUT_START_M + ahead_m, slow)
+    lead = Actor("ot1", ObjectClass.CAR, Role.OT, along, Line(-0.35, 0.0))
+    # In the end a little slower than the car ahead, so that the gap opens again.
+    vut = _vut(speed, Ramp(near_s + 1.4, 3.4, slow - 0.5 - speed))
+    return vut, (lead, *_oncoming(lanes, 165.0, 9.5))
+
+
 # New ones at the end: a scenario's number is part of its seed.
 _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "cut_in": cut_in,
     "vru_crossing": vru_crossing,
     "lead_braking": lead_braking,
     "occluded_crossing": occluded_crossing,
+    "slow_lead": slow_lead,
 }
 INTERACTIONS = tuple(_PLAYS)
 FPS = 24.0

@@ -20,7 +20,12 @@ _OF_MANOEUVRE = {
 }
 _OF_BRAKING = {"end_speed": "to_mps", "deceleration": "deceleration_mps2"}
 _OF_PATH = {"walking_speed": "cruise_mps", "acceleration": "acceleration_mps2"}
-_OF_KIND = {"lane_change": _OF_MANOEUVRE, "brake": _OF_BRAKING, "follow_path": _OF_PATH}
+_OF_KIND = {
+    "lane_change": _OF_MANOEUVRE,
+    "brake": _OF_BRAKING,
+    "follow_path": _OF_PATH,
+    "hold": dict[str, str](),
+}
 
 
 def drawn_run(run: RunSpec, event: Event, seed: int) -> tuple[RunSpec, dict[str, float]]:

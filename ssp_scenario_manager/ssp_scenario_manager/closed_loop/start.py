@@ -16,9 +16,10 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.latency import ZERO_LATENCY, Latency
 from ssp_core.run_file.model import Camera, EndCondition, RunSpec
-from ssp_core.run_file.participants import ElapsedTime, TriggerSpec
+from ssp_core.run_file.participants import ElapsedTime, Hold, ParticipantSpec, TriggerSpec
 from ssp_core.vocabulary import Phase
 from ssp_core.world.driver import BUILT_IN, NO_RESPONSE, sees_frames
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.closed_loop.box import drawn_run
 from ssp_scenario_manager.closed_loop.contact import Contact, first_contact
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
@@ -245,15 +246,36 @@ def prepared(run: RunSpec) -> RunSpec:
     return run.model_copy(update={"traffic": [], "triggers": triggers, "camera": None})
 
 
+# Between an object that stands beside the carriageway and the carriageway's edge.
+_BESIDE_M = 0.15
+
+
 def without_event(run: RunSpec, end_s: float) -> RunSpec:
-    """Return the run with triggers that don't fire before its end (METHOD 8.6)."""
+    """Return the run with triggers that don't fire before its end (METHOD 8.6).
+
+    An object that is the event by being there stands at its start, beside the carriageway.
+    """
     never = [
         t.model_copy(update={"condition": ElapsedTime(type="elapsed_time", after_s=end_s + 1.0)})
         for t in run.triggers
     ]
     end = EndCondition(at_latest_s=max(run.end.at_latest_s, end_s + 10.0))
     limits = run.limits.model_copy(update={"duration_s": max(run.limits.duration_s, end_s + 10.0)})
-    return run.model_copy(update={"triggers": never, "end": end, "limits": limits})
+    holding = {t.object_id for t in run.triggers if isinstance(t.manoeuvre, Hold)}
+    targets = [_beside(run, t) if t.id in holding else t for t in run.targets]
+    return run.model_copy(
+        update={"triggers": never, "end": end, "limits": limits, "targets": targets}
+    )
+
+
+def _beside(run: RunSpec, target: ParticipantSpec) -> ParticipantSpec:
+    """Return an object that stands to the right of the carriageway, at its start."""
+    line = ReferenceLine.of_road(run.road)
+    s_m, _ = line.to_local(target.start.x_m, target.start.y_m)
+    edge_m = min(lane.y_m - lane.width_m / 2.0 for lane in run.road.lanes)
+    x_m, y_m = line.to_map(s_m, edge_m - _BESIDE_M - target.size.width_m / 2.0)
+    start = target.start.model_copy(update={"x_m": x_m, "y_m": y_m})
+    return target.model_copy(update={"start": start, "approach": None})
 
 
 def _frame_period_s(run: RunSpec) -> float:

@@ -21,7 +21,13 @@ from ssp_core.geometry import (
 )
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look, RunSpec
-from ssp_core.run_file.participants import FollowPath, LaneChange, ParticipantSpec, TrafficSpec
+from ssp_core.run_file.participants import (
+    FollowPath,
+    Hold,
+    LaneChange,
+    ParticipantSpec,
+    TrafficSpec,
+)
 from ssp_core.run_file.values import Point
 from ssp_core.safety.fence import way_excess_m
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
@@ -180,7 +186,7 @@ def _paths(run: RunSpec, block: Block, plan: Plan) -> Iterator[tuple[Participant
     for spec in (run.vut, *run.targets):
         if spec.approach is not None:
             yield spec, spec.approach.path
-        elif not any(t.object_id == spec.id for t in run.triggers):
+        elif all(isinstance(t.manoeuvre, Hold) for t in run.triggers if t.object_id == spec.id):
             ahead = spec.start.pose.to_parent(0.01, 0.0)
             yield spec, [(spec.start.x_m, spec.start.y_m), ahead]
     for trigger in run.triggers:

@@ -13,7 +13,7 @@ from ssp_core.motion.reference import Points, Reference, sample
 from ssp_core.motion.speed_profile import DEFAULT_RAMP_S
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
-from ssp_core.run_file.participants import Brake, FollowPath, LaneChange, Manoeuvre, Motion
+from ssp_core.run_file.participants import Brake, FollowPath, Hold, LaneChange, Manoeuvre, Motion
 
 # The time between dispatch and execute_at of the approach: every link has delivered by then.
 APPROACH_LEAD_S = 0.5
@@ -88,6 +88,8 @@ def manoeuvre_reference(
     """
     if isinstance(manoeuvre, FollowPath):
         return approach_reference(address, manoeuvre.motion)
+    if isinstance(manoeuvre, Hold):
+        raise ValueError(f"{address.object_id} holds what it does: there is nothing to send")
     if approach is None:
         raise ValueError(f"{address.object_id} has no approach that it could leave or brake on")
     path = path_of(approach)

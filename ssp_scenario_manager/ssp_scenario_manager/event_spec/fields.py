@@ -280,6 +280,8 @@ _MANOEUVRE = {
     "time": Rule("time", "range", Span(0.5, 10.0)),
     "length": Rule("length", "range", Span(0.1, 20.0)),
 }
+# Quantities of manoeuvres whose sign is a side, + left.
+_SIDED = {"offset": Rule("length", "range", Span(-2.0, 2.0))}
 
 
 def rule_of(path: str, trigger_quantity: str, manoeuvre_units: Mapping[str, str]) -> Rule | None:
@@ -293,7 +295,10 @@ def rule_of(path: str, trigger_quantity: str, manoeuvre_units: Mapping[str, str]
     if path == TRIGGER_FIELD:
         return _TRIGGER.get(trigger_quantity)
     if path.startswith(MANOEUVRE_FIELD + "."):
-        unit = UNITS.get(manoeuvre_units.get(path[len(MANOEUVRE_FIELD) + 1 :], ""))
+        name = path[len(MANOEUVRE_FIELD) + 1 :]
+        unit = UNITS.get(manoeuvre_units.get(name, ""))
+        if unit and name in _SIDED:
+            return _SIDED[name]
         return _MANOEUVRE.get(unit.dimension) if unit else None
     return _rule_of(path)
 

@@ -202,10 +202,11 @@ class SessionEvents:
         self.trouble = self.trouble or (time.monotonic(), what)
 
     def _on_trigger(self, message: TriggerEvent) -> None:
+        sent = f"reference {', '.join(message.reference_ids)} sent"
         self._say(
             f"trigger {message.trigger_id}: {message.condition} at "
-            f"{self.times.since_start_s(message.crossing_time):.3f} s, reference "
-            f"{', '.join(message.reference_ids)} sent {message.processing * 1e3:.1f} ms later"
+            f"{self.times.since_start_s(message.crossing_time):.3f} s, "
+            f"{sent if message.reference_ids else 'judged'} {message.processing * 1e3:.1f} ms later"
         )
 
     def _on_phase(self, message: PhaseEvent) -> None:

@@ -12,7 +12,7 @@ from typing import Literal
 
 from ssp_core.motion.encounter import Observable
 from ssp_core.run_file.model import Limits
-from ssp_core.run_file.participants import Brake, LaneChange
+from ssp_core.run_file.participants import Brake, Hold, LaneChange
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 
@@ -59,7 +59,7 @@ class Cross:
     acceleration_mps2: float
 
 
-Act = LaneChange | Cross | Brake
+Act = LaneChange | Cross | Brake | Hold
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,10 +27,10 @@ from ssp_scenario_manager.scenarios.motions import cruise_reached_s
 from ssp_scenario_manager.scenarios.planning import Draft, plans_in_lane
 from ssp_scenario_manager.scenarios.prediction import Prediction
 from ssp_scenario_manager.scenarios.values import (
-    Choice,
     acceleration_limit,
     approach_acceleration,
     choose,
+    choose_headway,
     size_of,
     speed_bounds,
     vehicle_speed_limit,
@@ -38,18 +38,7 @@ from ssp_scenario_manager.scenarios.values import (
 
 _VUT_BRAKING_MPS2 = 2.5
 # A driver who keeps the usual 1.4 s slows down behind the lead well before it brakes.
-_HEADWAY_FIELD = "run.driver.headway_s"
 _HEADWAYS_S = (0.8, 1.1, 1.4)
-
-
-def _headway(preferred: Mapping[str, float]) -> Choice:
-    """Choose the driver's headway, about which K* says nothing."""
-    if _HEADWAY_FIELD in preferred:
-        first = preferred[_HEADWAY_FIELD]
-        rest = tuple(value for value in _HEADWAYS_S if value != first)
-        return Choice(_HEADWAY_FIELD, "s", (first, *rest), "validated in simulation")
-    why = "short, so that the VUT doesn't slow down before the trigger"
-    return Choice(_HEADWAY_FIELD, "s", _HEADWAYS_S, why)
 
 
 def _manoeuvres(_event: Event) -> frozenset[str]:
@@ -100,7 +89,7 @@ def _plans(setting: Setting) -> Iterator[Plan]:
     least, most = speed_bounds(event, name, ("conflict", "resolution"))
     c = "constraints"
     choices = {
-        "headway": _headway(setting.preferred),
+        "headway": choose_headway(setting.preferred, _HEADWAYS_S),
         "gap": pick(f"participants.{name}.region.gap", "m"),
         "vut_speed": pick(f"{c}.speeds.{vut}.approach", "m/s", at_most=fastest),
         "speed": pick(f"{c}.speeds.{name}.approach", "m/s", at_most=fastest),

@@ -11,7 +11,7 @@ from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline
 from ssp_core.motion.encounter import Observable, corridor_half_m
 from ssp_core.run_file.model import EndCondition, Limits
-from ssp_core.run_file.participants import Adaptation
+from ssp_core.run_file.participants import Adaptation, Hold
 from ssp_core.run_file.values import Point
 from ssp_core.vocabulary import ObjectWord
 from ssp_scenario_manager.dispatch.planned_motion import (
@@ -63,7 +63,10 @@ def judge(event: Event, limits: Limits, told: Motions, seen: Prediction) -> list
     if seen.trigger_s is None:
         wrong.append("the manoeuvre never becomes observable")
     if seen.conflict_s is None:
-        wrong.append("no conflict comes: TTC and arrival gap stay above their thresholds")
+        wrong.append(
+            "no conflict comes: TTC and arrival gap stay above their thresholds (least TTC "
+            f"{seen.least_ttc_s:.2f} s)"
+        )
     elif seen.trigger_s is not None and seen.conflict_s < seen.trigger_s:
         wrong.append("the conflict begins before the trigger can be seen")
     if seen.resolution_s is None and seen.conflict_s is not None:
@@ -137,7 +140,7 @@ def _routine(told: Motions, seen: Prediction) -> PlannedMotion | None:
     """Return the initiator's manoeuvre from where it is when the trigger fires."""
     trigger, path = told.trigger, told.vut.approach
     target = told.target(trigger.object_id)
-    if path is None:
+    if path is None or isinstance(trigger.manoeuvre, Hold):
         return None
 
     before = None
@@ -288,7 +291,7 @@ def plans_on(
 def _ending(trigger: Trigger, seen: Prediction) -> Trigger:
     """Return the trigger, with an act after which the initiator drives on to the event's end."""
     act = trigger.act
-    if isinstance(act, Cross) or seen.resolution_s is None:
+    if isinstance(act, Cross | Hold) or seen.resolution_s is None:
         return trigger
     run_out_s = round(seen.resolution_s + AFTER_S + RUN_OUT_S - seen.fired_s, 1)
     return replace(trigger, act=act.model_copy(update={"run_out_s": run_out_s}))

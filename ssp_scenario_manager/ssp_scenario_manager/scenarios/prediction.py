@@ -11,7 +11,7 @@ from ssp_core.motion.encounter import Encounter, Observable, encounter, is_confl
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
-from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.run_file.participants import Hold, ParticipantSpec
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.car_following import following_acceleration, free_acceleration
 from ssp_scenario_manager.dispatch.references import (
@@ -76,6 +76,8 @@ class Players:
     def fire(self, t_s: float) -> None:
         """Dispatch the manoeuvre, as the session does."""
         trigger = self.plan.trigger
+        if isinstance(trigger.manoeuvre, Hold):
+            return
         spec = self.plan.target(trigger.object_id)
         current = self.references.get(spec.id)
         address = foreseen_address(spec.id, t_s + trigger.lead_time_s)
@@ -93,7 +95,8 @@ class Players:
         for other, meeting in meetings if driver.reacts else ():
             if meeting.gap_m <= 0.1:
                 continue
-            if other.object_class in _VULNERABLE:
+            along = meeting.along_mps > abs(meeting.towards_mps)
+            if other.object_class in _VULNERABLE and not along:
                 if not (meeting.in_corridor or math.isfinite(meeting.object_arrival_s)):
                     continue
                 ahead, rate = 0.0, 0.0
@@ -161,6 +164,7 @@ class Prediction:
         vut_end_mps: its speed then.
         separation_m: smallest distance between VUT and a target from the trigger on.
         early_conflict: a conflict stood before the trigger could be seen.
+        least_ttc_s: of VUT and initiator from the trigger on.
         vut_fired: the VUT's state when the trigger fires.
         targets_fired: the targets' states then.
     """
@@ -180,6 +184,7 @@ class Prediction:
     vut_end_mps: float
     separation_m: float
     early_conflict: bool
+    least_ttc_s: float
     vut_fired: ObjectState
     targets_fired: tuple[ObjectState, ...]
 
@@ -321,6 +326,7 @@ def _summary(
         vut_end_mps=end_speed,
         separation_m=min((i.separation_m for i in instants), default=math.inf),
         early_conflict=early,
+        least_ttc_s=min((i.meeting.ttc_s for i in instants), default=math.inf),
         vut_fired=replace(vut, speed_mps=speed),
         targets_fired=others,
     )

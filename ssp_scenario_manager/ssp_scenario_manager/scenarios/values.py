@@ -99,6 +99,24 @@ def choose(
     return Choice(field, unit, tuple(values), why)
 
 
+_HEADWAY_FIELD = "run.driver.headway_s"
+
+
+def choose_headway(preferred: Mapping[str, float], headways_s: tuple[float, ...]) -> Choice:
+    """Choose the driver's headway, about which K* says nothing.
+
+    Args:
+        preferred: values that are tried first, by field.
+        headways_s: others, in the order in which they are tried.
+    """
+    if _HEADWAY_FIELD in preferred:
+        first = preferred[_HEADWAY_FIELD]
+        rest = tuple(value for value in headways_s if value != first)
+        return Choice(_HEADWAY_FIELD, "s", (first, *rest), "validated in simulation")
+    why = "short, so that the VUT doesn't slow down before the trigger"
+    return Choice(_HEADWAY_FIELD, "s", headways_s, why)
+
+
 def fixed(event: Event, field: str, unit: str, value: float, why: str) -> Choice:
     """Return a quantity whose value follows from others; it must lie inside any interval it has.
 

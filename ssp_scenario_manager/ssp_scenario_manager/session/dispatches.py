@@ -7,12 +7,13 @@ Reads no clock.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
-from ssp_core.run_file.participants import TriggerSpec
+from ssp_core.run_file.participants import Hold, TriggerSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_scenario_manager.dispatch import references
 from ssp_scenario_manager.dispatch.adaptation import Adaptations, AdaptedManoeuvre
@@ -29,7 +30,7 @@ from ssp_scenario_manager.triggers.evaluator import Firing
 
 
 class CannotFire(Exception):
-    """The reason why a trigger that fired has no reference to send."""
+    """The reason why a trigger that fired can't send what it should."""
 
 
 class Dispatches:
@@ -66,8 +67,8 @@ class Dispatches:
         firing: Firing,
         targets: Mapping[str, ObjectState],
         now_ns: int,
-    ) -> tuple[Reference, outbox.Triggered]:
-        """Return the reference that a trigger sends, and its decision record.
+    ) -> list[outbox.Outgoing]:
+        """Return the reference that a trigger sends, if any, and its decision record.
 
         Raises:
             CannotFire: the object was never heard, or can't drive the manoeuvre from where it is.
@@ -75,6 +76,19 @@ class Dispatches:
         target = next(t for t in self._spec.targets if t.id == trigger.object_id)
         if target.id not in targets:
             raise CannotFire(f"{target.id} was never heard")
+        record = outbox.Triggered(
+            stamp_ns=firing.fired_ns,
+            trigger_id=trigger.id,
+            condition=firing.condition,
+            threshold=firing.threshold,
+            samples=firing.samples,
+            crossing_ns=firing.crossing_ns,
+            dispatched_ns=now_ns,
+            object_ids=(),
+            reference_ids=(),
+        )
+        if isinstance(trigger.manoeuvre, Hold):
+            return [record]
         address = self._address(target.id, "manoeuvre", now_ns, trigger.lead_time_s)
         current = self._accepted.get(target.id)
         # Looked up only where it is needed: it may have to be decoded first.
@@ -87,18 +101,10 @@ class Dispatches:
             raise CannotFire(f"its manoeuvre can't be driven: {error}") from error
         self._send(reference)
         self.adaptations.fire(trigger, reference, current)
-        record = outbox.Triggered(
-            stamp_ns=firing.fired_ns,
-            trigger_id=trigger.id,
-            condition=firing.condition,
-            threshold=firing.threshold,
-            samples=firing.samples,
-            crossing_ns=firing.crossing_ns,
-            dispatched_ns=now_ns,
-            object_ids=(reference.object_id,),
-            reference_ids=(reference.reference_id,),
+        sent = replace(
+            record, object_ids=(reference.object_id,), reference_ids=(reference.reference_id,)
         )
-        return reference, record
+        return [reference, sent]
 
     def adapt(self, adapted: AdaptedManoeuvre, pace: Pace, now_ns: int) -> Reference:
         """Send a manoeuvre that goes on at another pace."""

@@ -19,6 +19,7 @@ from ssp_core.run_file.participants import (
     Condition,
     ElapsedTime,
     FollowPath,
+    Hold,
     InRegion,
     LaneChange,
     Leaf,
@@ -165,7 +166,7 @@ def _not_drivable(trigger: TriggerSpec, field: str, spec: RunSpec) -> list[str]:
     """Name what a manoeuvre needs of the approach that it leaves, and doesn't find."""
     manoeuvre = trigger.manoeuvre
     target = next((t for t in spec.targets if t.id == trigger.object_id), None)
-    if target is None or isinstance(manoeuvre, FollowPath):
+    if target is None or isinstance(manoeuvre, FollowPath | Hold):
         return []
     if target.approach is None:
         leaves = isinstance(manoeuvre, LaneChange)

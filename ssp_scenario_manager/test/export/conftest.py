@@ -11,7 +11,7 @@ import pytest
 
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.model import EndCondition, Limits, RunSpec
-from ssp_core.run_file.participants import Brake, Driver, LaneChange
+from ssp_core.run_file.participants import Brake, Driver, Hold, LaneChange
 from ssp_core.run_file.road import CurvePiece, Road
 from ssp_scenario_manager.compile.area import strip_polygon
 from ssp_scenario_manager.compile.place import anchors, road_of, trigger_region
@@ -38,11 +38,17 @@ from ssp_scenario_manager.scenarios.base import (
     Trigger,
     Wait,
 )
+from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.scenarios.motions import motions
 from ssp_scenario_manager.scenarios.values import classes_of
 from tests.support.blocks import block_of as made_block
 
-EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
+EVENTS = tuple(sorted(KINDS))
+# The usual driver is so careful behind a lead that no conflict comes.
+BEHIND_A_LEAD = {
+    "lead_braking": {"headway_s": 0.8},
+    "slow_lead": {"headway_s": 0.5, "comfortable_deceleration_mps2": 4.0},
+}
 
 
 @dataclass(frozen=True)
@@ -93,6 +99,13 @@ def _plan(name: str, block: Block) -> Plan:
         act = Brake(kind="brake", to_mps=2.0, deceleration_mps2=4.0)
         trigger = Trigger("ot1", "relative_distance", 20.0, None, act, not_before_s=4.0)
         conflict = BlockPoint(180.0, lane)
+    elif name == "slow_lead":
+        vut = Drive(BlockPoint(15.0, lane), 11.0, 385.0)
+        targets = {"ot1": Drive(BlockPoint(125.0, lane - 0.4), 3.5, 380.0)}
+        trigger = Trigger(
+            "ot1", "relative_distance", 42.0, None, Hold(kind="hold"), not_before_s=4.0
+        )
+        conflict = BlockPoint(180.0, lane)
     else:
         vut = Drive(BlockPoint(15.0, lane), 10.0, 300.0)
         walker = BlockPoint(110.0, kerb - 0.8)
@@ -130,7 +143,7 @@ def make_case(
         run_id="run",
         scenario=name,
         interaction=event.interaction.type,
-        observable="braking" if name == "lead_braking" else "lateral",
+        observable=KINDS[event.interaction.type].observable,
         initiator="ot1",
         domain="simulation",
         stand_in=False,
@@ -142,10 +155,7 @@ def make_case(
         road=Road(origin=road.origin, length_m=road.length_m, pieces=road.pieces, lanes=road.lanes),
         geofence=fence,
         vut=told.vut,
-        # Behind a lead that brakes, the usual headway leaves no conflict.
-        driver=Driver(
-            cruise_mps=plan.vut.cruise_mps, headway_s=0.8 if name == "lead_braking" else 1.4
-        ),
+        driver=Driver(cruise_mps=plan.vut.cruise_mps, **BEHIND_A_LEAD.get(name, {})),
         targets=[told.target(who) for who in plan.targets],
         triggers=[told.trigger.model_copy(update={"id": "manoeuvre"})],
         limits=limits,

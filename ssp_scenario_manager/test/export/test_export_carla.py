@@ -22,8 +22,9 @@ from ssp_scenario_manager.compile.targets.carla import carla_config, export_carl
 from ssp_scenario_manager.compile.targets.carla_check import check_against_map
 from ssp_scenario_manager.compile.targets.map_file import map_file
 from ssp_scenario_manager.compile.task import PlaceLink
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
-EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
+EVENTS = tuple(sorted(KINDS))
 
 
 @pytest.fixture(autouse=True)

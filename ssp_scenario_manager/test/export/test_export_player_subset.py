@@ -22,8 +22,9 @@ from typing import Any
 import pytest
 
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
-EVENTS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
+EVENTS = tuple(sorted(KINDS))
 
 # Path below the element that holds an action or a condition: attributes and the values they may
 # have; None: any.

@@ -22,7 +22,8 @@ from ssp_core.run_file.model import Camera
 from ssp_core.run_file.participants import (
     Brake,
     FollowPath,
-    LaneChange,
+    Hold,
+    Manoeuvre,
     Motion,
     ParticipantSpec,
     RelativeDistance,
@@ -215,10 +216,12 @@ def _origin_ahead_m(size: Size, blueprint: str) -> float:
     return 0.5 * (size.front_m - size.rear_m) - _BOX_FORWARD_M.get(blueprint, 0.0)
 
 
-def _act(manoeuvre: LaneChange | FollowPath | Brake, heights: Heights) -> dict[str, Any]:
+def _act(manoeuvre: Manoeuvre, heights: Heights) -> dict[str, Any]:
     if isinstance(manoeuvre, FollowPath):
         drive = _drive(manoeuvre.motion, 0.0, heights)
         return {"kind": "follow_path", "drive": drive}
+    if isinstance(manoeuvre, Hold):
+        return {"kind": "hold"}
     rate = manoeuvre.deceleration_mps2
     if isinstance(manoeuvre, Brake):
         return {"kind": "brake", "speed_mps": manoeuvre.to_mps, "deceleration_mps2": rate}

@@ -26,6 +26,7 @@ from ssp_core.run_file.model import Look, RunSpec
 from ssp_core.run_file.participants import (
     Brake,
     FollowPath,
+    Hold,
     LaneChange,
     Motion,
     ParticipantSpec,
@@ -194,6 +195,8 @@ def _storyboard(run: RunSpec, chart: MapFile, seen: Foreseen, external: bool) ->
         story.add_act(_act("approach", after("approach_starts", 0.0), stop("approach"), groups))
     for trigger in run.triggers:
         name, group = f"act_{trigger.id}", _manoeuvre(run, trigger, chart, seen)
+        if group is None:
+            continue
         start = after(f"{trigger.id}_not_before", trigger.not_before_s)
         story.add_act(_act(name, start, stop(name), [group]))
     board = xosc.StoryBoard(init, stop("storyboard"))
@@ -268,9 +271,12 @@ def _approach(who: ParticipantSpec, run: RunSpec, seen: Foreseen) -> xosc.Maneuv
 
 def _manoeuvre(
     run: RunSpec, trigger: TriggerSpec, chart: MapFile, seen: Foreseen
-) -> xosc.ManeuverGroup:
+) -> xosc.ManeuverGroup | None:
+    """Return what a trigger sets off; None: the object goes on as it came."""
     who = next(t for t in run.targets if t.id == trigger.object_id)
     name, manoeuvre = trigger.id, trigger.manoeuvre
+    if isinstance(manoeuvre, Hold):
+        return None
     delay_s = max(trigger.lead_time_s, ACT_DELAY_S)
     start = firing(run, trigger, delay_s, seen, chart.heights)
     if isinstance(manoeuvre, FollowPath):

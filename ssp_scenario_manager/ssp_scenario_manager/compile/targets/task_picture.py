@@ -17,7 +17,7 @@ from ssp_core.geometry import Box, Polyline
 from ssp_core.motion.manoeuvre import brake_along, drive_along, lane_change
 from ssp_core.motion.reference import Points
 from ssp_core.names import VUT_ID
-from ssp_core.run_file.participants import FollowPath, LaneChange, Motion, TriggerSpec
+from ssp_core.run_file.participants import Brake, FollowPath, Hold, LaneChange, Motion, TriggerSpec
 from ssp_core.run_file.values import Point
 from ssp_core.world.road_drawing import RoadView, drawing_of
 from ssp_scenario_manager.compile.task import Place, Task
@@ -333,7 +333,7 @@ def speed_lines(task: Task) -> tuple[list[SpeedLine], float]:
     for target in task.run.targets:
         before = [] if target.approach is None else _sampled(_driven(target.approach))
         trigger = triggers.get(target.id)
-        if trigger is None:
+        if trigger is None or isinstance(trigger.manoeuvre, Hold):
             lines.append(SpeedLine("ot", target.id, before))
             continue
         begins_s = fires_s + trigger.lead_time_s
@@ -365,7 +365,7 @@ def _after(task: Task, trigger: TriggerSpec, speed_mps: float) -> Points:
     if changed is not None:
         return changed
     target = next(spec for spec in task.run.targets if spec.id == trigger.object_id)
-    if isinstance(manoeuvre, LaneChange) or target.approach is None:
+    if not isinstance(manoeuvre, Brake) or target.approach is None:
         return Points(np.zeros((7, 0)))
     path, station = Polyline(target.approach.path), _acts_at_m(task, trigger)
     return brake_along(path, station, speed_mps, manoeuvre.to_mps, manoeuvre.deceleration_mps2)

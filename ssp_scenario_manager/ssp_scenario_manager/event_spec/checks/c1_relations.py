@@ -16,7 +16,8 @@ from ssp_scenario_manager.event_spec.checks.base import (
     known,
     one_of,
 )
-from ssp_scenario_manager.event_spec.model import UNRESOLVED, IntentWord
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, IntentWord, Participant
+from ssp_scenario_manager.scenarios.base import Kind
 
 _fail = Fail("C1")
 
@@ -252,6 +253,8 @@ def first_seen_where_they_start(view: View) -> Iterator[Failure]:
         elif known(cell.position) and cell.position != wanted:
             path, reason = f"motion.{who}.approach.position", "is seen elsewhere than it starts"
             yield _fail(view, reason, wanted, path, f"{at}.place", f"{at}.along")
+        if who == view.initiator and view.kind and _is_in_its_lane(view.kind, participant):
+            continue
         walker = participant.class_ in ("pedestrian", "cyclist")
         parked = region.place in _KERBS and cell.speed_trend == "standing"
         if (region.place not in _KERBS) == walker and not parked:
@@ -263,6 +266,14 @@ def first_seen_where_they_start(view: View) -> Iterator[Failure]:
                 f"participants.{who}.class",
                 f"motion.{who}.approach.speed_trend",
             )
+
+
+def _is_in_its_lane(kind: Kind, initiator: Participant) -> bool:
+    """Tell whether the kind wants its initiator, whatever its class, in the VUT's lane."""
+    return initiator.class_ in kind.initiator_classes and all(
+        places == {initiator.region.place} == {"vut_lane"}
+        for places in kind.initiator_places.values()
+    )
 
 
 def occluder_hides(view: View) -> Iterator[Failure]:

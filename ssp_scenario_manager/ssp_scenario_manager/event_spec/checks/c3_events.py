@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 
-from ssp_core.motion.encounter import OBSERVABLE_BRAKING_MPS2, OBSERVABLE_LATERAL_MPS
+from ssp_core.motion.encounter import (
+    OBSERVABLE_BRAKING_MPS2,
+    OBSERVABLE_CLOSING_S,
+    OBSERVABLE_LATERAL_MPS,
+)
 from ssp_core.vocabulary import PHASES
 from ssp_scenario_manager.event_spec.checks.base import Fail, Failure, Predicate, View, known
 from ssp_scenario_manager.event_spec.fields import Span
@@ -188,6 +192,14 @@ def trigger_is_observable(view: View) -> Iterator[Failure]:
         if slow and slow.low <= OBSERVABLE_BRAKING_MPS2:
             wanted = f"above {OBSERVABLE_BRAKING_MPS2:g} m/s^2"
             unseen["constraints.manoeuvre.deceleration"] = wanted
+    elif kind.observable == "closing":
+        ttc = view.span("constraints.thresholds.ttc")
+        if ttc and ttc.high >= OBSERVABLE_CLOSING_S:
+            unseen["constraints.thresholds.ttc"] = f"below {OBSERVABLE_CLOSING_S:g} s"
+        for phase in ("trigger", "conflict"):
+            cell = view.cell(view.initiator, phase)
+            if before and cell and cell.speed_trend != before.speed_trend:
+                unseen[f"{at}.{phase}.speed_trend"] = before.speed_trend
     else:
         if before and before.lateral not in ("none", "unresolved"):
             early[f"{at}.approach.lateral"] = "none"
@@ -234,7 +246,12 @@ def conflict_follows_the_trigger(view: View) -> Iterator[Failure]:
         # In the VUT's lane TTC counts from the start; from beside it only once the OT moves over.
         closing = ours.high - theirs.low if in_lane else ours.low - theirs.high
         least = (below.low if in_lane else below.high) / closing if closing > 0.0 else float("inf")
-    if least <= ttc.high:
+    if view.kind and view.kind.observable == "closing":
+        if least < OBSERVABLE_CLOSING_S:
+            reason = f"TTC may be {least:.2f} s by then: the VUT is seen to close in before"
+            remedy = f"a larger value, for at least {OBSERVABLE_CLOSING_S:g} s"
+            yield _fail(view, reason, remedy, *names)
+    elif least <= ttc.high:
         yield _fail(
             view,
             f"at the trigger TTC may already be {least:.2f} s: the conflict would come first",

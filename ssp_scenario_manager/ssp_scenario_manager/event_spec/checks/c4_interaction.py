@@ -263,6 +263,9 @@ def a_response_is_feasible(view: View) -> Iterator[Failure]:
         theirs_m = (theirs.low**2 - end.low**2) / (2 * rate) + end.low * (duration - braking_s)
         room = below.low + max(0.0, theirs_m)
         needed = fast * REACTION_S + max(0.0, fast**2 - end.low**2) / (2 * brake)
+    elif view.kind and view.kind.observable == "closing":
+        closing = fast - theirs.low
+        room, needed = below.low, closing * REACTION_S + closing**2 / (2 * brake)
     else:
         return
     if needed > room:
