@@ -14,8 +14,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]  # scipy has no types
-from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]
 
 from ssp_eval.recordings.states import Sighting
 
@@ -151,6 +149,9 @@ class _Pair:
         self.is_usable = self.end_s - self.start_s >= SAME_MOTION_S
         if not self.is_usable:
             return
+        # A quarter of a second to import, for what few recordings are held against each other.
+        from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]  # no types
+
         self._splines = [CubicSpline(track.times_s, track.places_m) for track in self.tracks]
         count = int((self.end_s - self.start_s) / _GRID_S) + 1
         self.grid_s: Numbers = self.start_s + _GRID_S * np.arange(count, dtype=np.float64)
@@ -250,6 +251,8 @@ def _fits(a: _Pair, b: _Pair, lag_s: float) -> Iterator[SameDrive]:
 
 def _laid(a: _Pair, b: _Pair, span_s: tuple[float, float], lag_s: float) -> SameDrive | None:
     """Return a stretch of b laid on a; None where too little moves in it."""
+    from scipy.optimize import minimize_scalar  # type: ignore[import-untyped]  # as slow to import
+
     if b.moving_s(*span_s) < SAME_MOTION_S - _SLACK_S:
         return None
     theirs = b.between(*span_s)
