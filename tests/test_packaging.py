@@ -196,6 +196,58 @@ def test_folders_are_named_for_what_they_hold_and_files_can_be_read_at_once(pack
     assert [file for file in files if len(file.read_text().splitlines()) > MOST_LINES] == []
 
 
+# Records that mirror a file's form or a row of results, and have a field for each of its fields.
+WIDE_RECORDS = {
+    "Actor",
+    "CellFacts",
+    "ClipFacts",
+    "ImportRecord",
+    "Judgement",
+    "Limits",
+    "RecordingEntry",
+    "RunSpec",
+    "Task",
+}
+# Classes that may not have more attributes than they have.
+STILL_WIDE = {"Binder": 20, "Clause": 34, "InProcessSession": 18, "SilWorld": 26}
+MOST_ATTRIBUTES = 15
+
+
+def attributes(cls: ast.ClassDef) -> set[str]:
+    """Names that a class declares, or that its methods assign to ``self``."""
+    assigned = {
+        node.attr
+        for node in ast.walk(cls)
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.ctx, ast.Store)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "self"
+    }
+    declared = {
+        node.target.id
+        for node in cls.body
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+    }
+    return assigned | declared
+
+
+def is_frozen(cls: ast.ClassDef) -> bool:
+    return any("frozen=True" in ast.unparse(decorator) for decorator in cls.decorator_list)
+
+
+def test_a_class_owns_no_more_state_than_a_reader_can_hold() -> None:
+    wide = []
+    for package in PACKAGES:
+        for file in sources(package):
+            for node in ast.walk(ast.parse(file.read_text())):
+                if not isinstance(node, ast.ClassDef) or is_frozen(node):
+                    continue
+                count, most = len(attributes(node)), STILL_WIDE.get(node.name, MOST_ATTRIBUTES)
+                if node.name not in WIDE_RECORDS and count > most:
+                    wide.append(f"{file.relative_to(ROOT)}: {node.name} has {count}, most {most}")
+    assert not wide, "\n".join(wide)
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_no_docstring_opens_with_a_question_word_or_a_preposition(package: str) -> None:
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits
-from ssp_core.safety.contradiction import Contradiction, Findings
+from ssp_core.safety.contradiction import Contradiction, MotionFindings
 from ssp_core.safety.delays import DELAYS_S, Delays
-from ssp_core.safety.samples import SIGMAS, Samples
+from ssp_core.safety.samples import SIGMAS, MotionSamples
 from ssp_core.safety.window import (
     MAP_AXES,
     SPEED_MPS,
@@ -123,8 +123,8 @@ class ConsistencyWatch:
 
     def clear(self) -> None:
         """Forget all states; what was counted stays."""
-        self._samples = Samples(self._bounds.position_std_m, self._bounds.pause_s)
-        self._findings = Findings()
+        self._samples = MotionSamples(self._bounds.position_std_m, self._bounds.pause_s)
+        self._findings = MotionFindings()
         self._speed_delays, self._yaw_delays = Delays(), Delays()
         self._fits_alone = False  # a delay fits the newest window, and didn't fit those before
         self._stepped_s = -math.inf

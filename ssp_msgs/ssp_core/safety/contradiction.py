@@ -42,7 +42,7 @@ class Contradiction:
 _NEVER = Contradiction("", "", 0.0, 0, False)
 
 
-class Findings:
+class MotionFindings:
     """The findings on one object's windows, as they come.
 
     Attributes:

@@ -19,7 +19,7 @@ SIGMAS = 3.0 * math.sqrt(2.0)
 _REMEMBERED_S = 3.0
 
 
-class Sample(NamedTuple):
+class MotionSample(NamedTuple):
     """One state; a tuple, since one is made for each state of each object.
 
     Args:
@@ -39,7 +39,7 @@ class Sample(NamedTuple):
     turn_rads: float
 
 
-class Samples:
+class MotionSamples:
     """Samples in rising time, and the numbers of those with which windows begin.
 
     Args:
@@ -54,7 +54,7 @@ class Samples:
     """
 
     def __init__(self, position_std_m: float, pause_s: float) -> None:
-        self.rows: list[Sample] = []
+        self.rows: list[MotionSample] = []
         self.t_s: list[float] = []
         self.speed_from = self.way_from = 0
         self._begin = 0  # no window, shifted or not, reaches back behind this one
@@ -98,7 +98,7 @@ class Samples:
         else:
             self._zero_ns = stamp_ns
         std_m = std_m if std_m <= most else most
-        rows.append(Sample(t, x_m, y_m, yaw_rad, speed_mps, std_m, way, turn))
+        rows.append(MotionSample(t, x_m, y_m, yaw_rad, speed_mps, std_m, way, turn))
         self.t_s.append(t)
         # Now and then, so that it costs nothing.
         if len(rows) >= 64 and self.t_s[len(rows) // 2] < t - _REMEMBERED_S:

@@ -41,7 +41,7 @@ from ssp_scenario_manager.doctor.session import SessionHeard, Stream
 DISCOVERY_S = 3.0
 
 
-class Counted:
+class SessionCounts:
     """Counts of a session from an instant on.
 
     Attributes:
@@ -89,7 +89,7 @@ class SessionListener(Node):
         self._vut_refused = ""
         self._bodies: dict[str, BodyStatus] = {}
         self._spec = spec
-        self._begin_counting = partial(Counted, spec, odometry, navsat)
+        self._begin_counting = partial(SessionCounts, spec, odometry, navsat)
         self._counted = self._begin_counting()
         self._states: dict[str, State] = {}
         self._links: dict[str, LinkEstimate] = {}

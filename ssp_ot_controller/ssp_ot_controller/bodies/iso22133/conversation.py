@@ -207,10 +207,12 @@ class Trajectories:
 
     Attributes:
         start_ns: session time of their time 0; None before it is known.
+        is_started: the object was given this time.
     """
 
     def __init__(self, settings: Settings) -> None:
         self.start_ns: int | None = None
+        self.is_started = False
         self._settings = settings
         self._count = 0
         # All times that were sent, ms, and the references.
@@ -219,7 +221,7 @@ class Trajectories:
 
     def forget(self) -> None:
         """Begin another run: only the first trajectory was sent."""
-        self.start_ns = None
+        self.start_ns, self.is_started = None, False
         self._count = 1
         self._times = {_ms(point.t_s) for point in self.first().points}
         self._sent.clear()
@@ -301,7 +303,6 @@ class Conversation:
         self._trajectories = Trajectories(settings)
         self._now_ns = self._since_ns = 0
         self._clear_due = self._lost = False
-        self._started = False
         # Of a stop: since when it is told, and the speed then.
         self._told: tuple[int, float] | None = None
         self._over = self._soft = False
@@ -379,7 +380,6 @@ class Conversation:
 
     def _forget_run(self) -> None:
         self._trajectories.forget()
-        self._started = False
         self.timing = Timing()
         self._over = self._soft = False
 
@@ -393,8 +393,9 @@ class Conversation:
         start_ns = trajectories.start_ns
         if start_ns is None:
             return
-        if not self._started and (self._settings.honours_start_time or now_ns >= start_ns):
-            self._started = True
+        is_due = self._settings.honours_start_time or now_ns >= start_ns
+        if not trajectories.is_started and is_due:
+            trajectories.is_started = True
             week, time_of_week_ns = to_gps(start_ns)
             self._queue.put(Strt(time_of_week_ns, week))
         for traj in trajectories.new(references, start_ns, now_ns):
@@ -420,9 +421,10 @@ class Conversation:
             self._queue.put(Ostm(ObjectCommand.DISARM))
 
     def _watch_start(self, now_ns: int) -> None:
-        runs = self._reported.state is C.RUNNING
-        start_ns = self._trajectories.start_ns
-        if runs and self._started and start_ns and self.timing.start_error_s is None:
+        trajectories = self._trajectories
+        runs = self._reported.state is C.RUNNING and trajectories.is_started
+        start_ns = trajectories.start_ns
+        if runs and start_ns and self.timing.start_error_s is None:
             error_s = ns_to_seconds(now_ns - start_ns)
             self.timing = replace(self.timing, start_error_s=error_s)
 

@@ -1,4 +1,4 @@
-"""What a probed object reported last: its MONR, and its places of the last moments.
+"""The newest report of a probed object: its MONR, and its places of the last moments.
 
 This file owns both; a new connection forgets the MONR. Reads no clock.
 """
