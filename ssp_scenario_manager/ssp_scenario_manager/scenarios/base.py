@@ -1,7 +1,7 @@
 """The self-description of one kind of interaction: facts for the checks, a plan for the compiler.
 
 A further kind is one module with one ``Kind`` and one plan function, and a line in ``KINDS``;
-docs/architecture.md says what else knows of kinds.
+docs/adding-an-event.md says what else knows of kinds.
 """
 
 from __future__ import annotations
