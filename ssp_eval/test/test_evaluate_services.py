@@ -163,7 +163,7 @@ def test_a_service_that_hangs_is_asked_again_only_where_that_is_wanted(
     """Two in a row: a bridge that is at a request still would be started again, this one isn't."""
     bag = make_bag()
     with serving(silent_at=(2, 3)) as service:
-        model = ModelSpec("m", {"url": service.url, "timeout_s": 1.0}, backend="http")
+        model = ModelSpec("m", {"url": service.url, "timeout_s": 3.0}, backend="http")
         (once,) = evaluate(bag, tmp_path / "once", model)
         assert (dict(once.losses), service.asked) == ({"no answer in time": 2}, 9)
         asked = [json.loads(line) for line in (once.folder / "requests.jsonl").open()]
@@ -171,7 +171,7 @@ def test_a_service_that_hangs_is_asked_again_only_where_that_is_wanted(
         # Of the second, what was left when the request had been made ready.
         within = re.search(r"no whole answer within (\S+) s", asked[2]["missing"])
         assert within is not None
-        assert 0.0 < float(within[1]) <= 1.0
+        assert 0.0 < float(within[1]) <= 3.0
         log = (tmp_path / "once" / "logs" / "bridge_m.log").read_text()
         assert log.count("is ready") == 1
         service.asked = 0

@@ -144,7 +144,7 @@ def test_named_topics_are_recorded_for_a_time(talker, recorder, tmp_path):
     hidden = talker.create_publisher(String, "/lab/_hidden", 10)
     talker.create_publisher(String, "/lab/other", 10)
     process = recorder(
-        "/lab/_hidden", "lab/absent", "-o", tmp_path / "bag", "--duration", 8, "--reserve-mb", 0
+        "/lab/_hidden", "lab/absent", "-o", tmp_path / "bag", "--duration", 20, "--reserve-mb", 0
     )
     wait_heard(talker, hidden)
     hidden.publish(String(data="x"))

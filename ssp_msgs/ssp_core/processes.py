@@ -339,7 +339,7 @@ class ProcessGroup:
             if node.returncode is not None and not node.expected_to_stop
         ]
 
-    def stop(self, timeout_s: float = 8.0) -> list[str]:
+    def stop(self, timeout_s: float = 20.0) -> list[str]:
         """Send SIGTERM to all that live, suspended ones too, and SIGKILL to those that don't react.
 
         Returns:

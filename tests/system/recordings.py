@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -22,7 +23,7 @@ from ssp_scenario_manager.maps.site import LIBRARY
 
 SITES = {"simulation": "boulevard", "physical": "north_track"}
 SAID_FILE = "said.json"
-SESSION_S = 240.0
+SESSION_S = 540.0
 HERE = Path(__file__).parent
 Changes = Mapping[str, Any]
 
@@ -196,5 +197,9 @@ class Recordings:
         done = self.folder / f".{name}.made"
         with (self.folder / f".{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
-            yield not done.exists()
+            try:
+                yield not done.exists()
+            except BaseException:
+                shutil.rmtree(self.folder / name, ignore_errors=True)  # for those who come later
+                raise
             done.touch()

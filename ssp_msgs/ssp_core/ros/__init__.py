@@ -195,7 +195,7 @@ def make_executor() -> Executor:
 
 
 # For executor, node and context, and the interpreter's own end; usually they take 0.1 s.
-_TEARDOWN_LIMIT_S = 4.0
+_TEARDOWN_LIMIT_S = 10.0
 
 
 class StopRequest:

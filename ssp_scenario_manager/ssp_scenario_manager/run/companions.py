@@ -21,9 +21,8 @@ from ssp_core.run_file.verdict import EndWord
 
 PAGE_MODULE = "ssp_monitor.ros.page_node"
 DEFAULT_PORT = 8080
-START_S = 15.0
 # A page that is told the end says within this time that it stays for its viewers, or is gone.
-LEFT_S = 4.0
+LEFT_S = 20.0
 _STAYS = re.compile(r"^page: stays", re.MULTILINE)
 _URL = re.compile(r"^page: (http://\S+/)$", re.MULTILINE)
 
@@ -165,8 +164,7 @@ class _Listener:
 
 def _watch(companion: Companion, node: NodeProcess, say: Callable[[str], None]) -> None:
     """Say where a page is, once it is there, and that a companion has ended, should it."""
-    deadline = time.monotonic() + START_S if companion.module == PAGE_MODULE else 0.0
-    while node.returncode is None and time.monotonic() < deadline:
+    while companion.module == PAGE_MODULE and node.returncode is None:
         found = _URL.search(node.log.read_text(errors="replace"))
         if found is not None:
             say(f"operator page: {found[1]}{companion.hint}")

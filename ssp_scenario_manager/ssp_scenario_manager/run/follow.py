@@ -30,7 +30,8 @@ from ssp_scenario_manager.run.summary import PROMPT, changes, connected, summary
 from ssp_scenario_manager.run.word import ABORT, HOLDS_S, TypedWords, Word
 from ssp_scenario_manager.session.run_script import RunOutcome
 
-START_TIMEOUT_S = 30.0
+# Seven processes start at once, which a busy host may delay.
+START_TIMEOUT_S = 90.0
 # After a process died, the session itself should end within this time; then it is ended.
 END_TIMEOUT_S = 20.0
 # Objects that hear no manager any more, or a world that goes on after a pause: time to stand.

@@ -16,6 +16,7 @@ from ssp_core.safety.link_quality import WINDOW_S, LinkClocks
 from ssp_core.safety.liveness import (
     ADAPTER_SILENT_S,
     WATCHED,
+    WORLD_SILENT_LOCKSTEP_S,
     SignOfLife,
     lockstep_participants,
     signs_of_life,
@@ -230,9 +231,13 @@ class AbortWatch:
         # A simulated world that goes on may be far ahead of the steady clock.
         simulated_s = ns_to_seconds(now_ns - self._since_ns[1]) if has_world else 0.0
         world_age_s = liveness.age_s(names.SIL_WORLD, steady_ns)
-        world_dead = has_world and min(world_age_s, waited_s) > SILENT_S
+        # In lockstep nothing is heard while the world waits for the slowest.
+        lockstep = spec is not None and spec.mode == "lockstep"
+        limit_s = WORLD_SILENT_LOCKSTEP_S if lockstep else SILENT_S
+        world_dead = has_world and min(world_age_s, waited_s) > limit_s
+        paused_s = min(world_age_s, limit_s) if lockstep else 0.0
         ids = [t.id for t in spec.targets] if spec else []
-        silent = [i for i in ids if liveness.age_s(i, steady_ns) > SILENT_S]
+        silent = [i for i in ids if liveness.age_s(i, steady_ns) > SILENT_S + paused_s]
         others_stand = bool(silent) and session.stands(now_ns, without=silent)
         return world_dead or others_stand or max(waited_s, simulated_s) > ABORT_STANDSTILL_S
 

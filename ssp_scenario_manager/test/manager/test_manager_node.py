@@ -85,8 +85,14 @@ def test_refusals_say_why(peers: Peers, run_file: Path, tmp_path: Path) -> None:
     peers.vut = peers.make_state("vut", x_m=-8.0)
     peers.ot1 = peers.make_state("ot1", x_m=40.0, y_m=3.5, speed_mps=2.0)
     peers.obtain("connect")
-    peers.spin_until(lambda: "the clock" in peers.command("arm").error_msg, "a measured clock")
-    answer = peers.command("arm")
+    answers: list[Any] = []
+
+    def clock_is_measured() -> bool:
+        answers.append(peers.command("arm"))
+        return "the clock of ot1 is off" in answers[-1].error_msg
+
+    peers.spin_until(clock_is_measured, "a measured clock")
+    answer = answers[-1]
     assert (answer.accepted, answer.error_code) == (False, answer.REFUSED_CONDITION)
     silent, offset, *others = answer.missing
     assert silent == "the recorder is silent"
