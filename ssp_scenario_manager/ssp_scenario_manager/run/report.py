@@ -330,7 +330,8 @@ def lines(report: dict[str, Any]) -> list[str]:
     """Return the report for people: one line per trigger, and per object that had a reference."""
     found = [
         f"trigger {fired['trigger_id']}: crossed at {fired['crossing_s']:.3f} s, judged on the "
-        f"state of {fired['judged_s']:.3f} s, sent at {fired['dispatched_s']:.3f} s "
+        f"state of {fired['judged_s']:.3f} s, "
+        f"{'sent' if fired['references'] else 'nothing sent'} at {fired['dispatched_s']:.3f} s "
         f"({fired['processing_ms']:.1f} ms of processing)"
         + "".join(_line_of_reference(r) for r in fired["references"])
         for fired in report["triggers"]
