@@ -44,6 +44,9 @@ class FakeBridge(Node):  # type: ignore[misc]  # rclpy has no types
         self.create_subscription(VlaRequest, f"{topic}/request", self.on_request, RELIABLE)
 
     def on_request(self, request: Any) -> None:
+        # A node that was just started again isn't known to who asked, and its answer isn't kept.
+        while rclpy.ok() and self.publisher.get_subscription_count() == 0:
+            time.sleep(0.005)
         index = int(self.count.read_text()) if self.count.exists() else 0
         self.count.write_text(str(index + 1))
         word = self.script[index] if index < len(self.script) else "answer"

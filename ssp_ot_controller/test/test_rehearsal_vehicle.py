@@ -16,6 +16,7 @@ from ssp_ot_controller.bodies.protocol import CommandDatagram, Envelope, encode_
 from ssp_ot_controller.rehearsal import played as rehearsal
 from ssp_ot_controller.rehearsal.played import PUT_BACK_S, PlayedBodies, PlayedVehicle
 from support.runs import small_run
+from tests.support.waiting import DEADLINE_S
 
 S = 1_000_000_000
 EPOCH = 1_700_000_000 * S
@@ -109,7 +110,7 @@ def test_goes_back_to_its_start_when_the_session_has_gone_and_drives_again() -> 
 def test_a_body_that_nobody_commands_goes_back_to_its_start(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(rehearsal, "PUT_BACK_S", 0.3)
+    monkeypatch.setattr(rehearsal, "PUT_BACK_S", 3.0)
     log = tmp_path / "log.csv"
     with (
         PlayedBodies(run_of_two(), "127.0.0.1", 0, log) as bodies,
@@ -119,13 +120,15 @@ def test_a_body_that_nobody_commands_goes_back_to_its_start(
         over = threading.Event()
         thread = threading.Thread(target=bodies.serve, args=(over.is_set,))
         thread.start()
-        deadline = time.monotonic() + 60.0
         for number in range(1, 60):
             now_ns = time.time_ns()
             envelope = Envelope("ot1", 1, number, now_ns)
             command = CommandDatagram(envelope, Command(3.0, 0.0, 0.0), 200)
             sock.sendto(encode_command(command), (host, int(port)))
             time.sleep(0.01)
+        # What it said in a gap of the commands is no answer to their end.
+        capsys.readouterr()
+        deadline = time.monotonic() + DEADLINE_S
         while "ot1: back at its start" not in capsys.readouterr().out:
             assert time.monotonic() < deadline, log.read_text()[-500:]
             time.sleep(0.02)
