@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from ssp_core import names
 from ssp_core.bag.reader import BagReader
 from tests.system.live.hosts import (
     OBJECTS,
+    Cut,
     Network,
     on,
     stands_after_the_link_is_back,
@@ -99,18 +99,17 @@ def test_the_link_to_an_iso_object_is_cut_while_it_drives(
     stage = two_hosts
     compiled = task("cut_in", datum=True)
     run = stage.run_live(compiled, "--no-camera", *body_at(OBJECTS, 53241), host=on(network.a))
-    play_object(stage, on(network.b), "--host", OBJECTS)
+    played = play_object(stage, on(network.b), "--host", OBJECTS)
     stage.play("vut", "--play", "vut", host=on(network.a))
     stage.ask_doctor(host=on(network.a))
     stage.begin(run)
     stage.wait_for_motion(run, 5.0)
-    cut_ns = time.time_ns()
-    network.cut()
+    cut = Cut(stage, network, played)
     result = stage.finish(run)
     assert (result["verdict"], result["status"]) == ("aborted", 1), result
     reasons = " ".join(result["reasons"])
     assert "ot1" in reasons, reasons
-    stops_inside_the_bound(stage, cut_ns)
+    stops_inside_the_bound(stage, cut)
     assert "heartbeat_lost" in stage.said("object")
     stands_after_the_link_is_back(stage, network)
 
