@@ -403,12 +403,23 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
     assert sha256_file(first / "task" / "task.json") == sha256_file(again / "task" / "task.json")
     # A recorded session is judged by the run that it is, and by none where its states differ.
     run = load_run(first / "run.yaml")
-    assert told_of_session(run, again / "bag")["driven"] == results[0]
+    told, why = told_of_session(run, again / "bag")
+    assert (told["driven"], why) == (results[0], "")
     assert run.driven is not None
     later = run.driven.model_copy(update={"latency": Latency(0.5)})
-    told = told_of_session(run.model_copy(update={"driven": later}), again / "bag")["driven"]
-    assert (told["outcome"], told["severity"]) == ("harness", None)
-    assert "aren't those of one process" in told["why"]
+    told, why = told_of_session(run.model_copy(update={"driven": later}), again / "bag")
+    assert (told["driven"]["outcome"], told["driven"]["severity"]) == ("harness", None)
+    assert "aren't those of one process" in why
+    assert told["driven"]["why"] == why
+    # What that run can't be is refused before anything is started.
+    faults = tmp_path / "faults.yaml"
+    faults.write_text(
+        "schema: ssp.faults/1\nfaults: [{kind: pause, target: monitor, at_s: 1.0, for_s: 1.0}]\n"
+    )
+    for options in (["--mode", "realtime"], ["--faults", str(faults)]):
+        refused = CliRunner().invoke(run_command, [str(first), *options])
+        assert isinstance(refused.exception, InputError), refused.output
+        assert "judged by the same run in one process" in str(refused.exception)
 
 
 @pytest.mark.parametrize(

@@ -291,6 +291,7 @@ def run(
         if in_process:
             spec = for_one_process(spec, camera=record or seeing)
         else:
+            _check_twin(spec)
             faults.check(spec, _nodes(spec))
             check_shared_memory()
         if junit is not None:
@@ -411,6 +412,24 @@ def _check_driven(
             field="driven",
             value=driven.driver,
             remedy="give --in-process, without --runs and --vary",
+        )
+
+
+def _check_twin(spec: RunSpec) -> None:
+    """Refuse what the same run in one process, by which a driven session is judged, can't be."""
+    if spec.driven is None:
+        return
+    wrong: list[tuple[str, str]] = [("mode", spec.mode)] if spec.mode != "lockstep" else []
+    wrong += [("plant", spec.plant)] if spec.plant != "bodies" else []
+    kinds = [(f"faults[{k}].kind", fault.kind) for k, fault in enumerate(spec.faults)]
+    wrong += [(field, kind) for field, kind in kinds if kind in faults.NEED_PROCESSES]
+    for field, value in wrong:
+        raise InputError(
+            "a session that a driver drives is simulated in lockstep, with our own bodies, and "
+            "judged by the same run in one process",
+            field=field,
+            value=value,
+            remedy="leave it out",
         )
 
 

@@ -23,21 +23,23 @@ from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.run.sweep import for_one_process
 
 
-def told_of_session(spec: RunSpec, bag: Path) -> dict[str, Any]:
-    """Return what ``result.json`` says of who drove; empty for a run that nobody drove.
+def told_of_session(spec: RunSpec, bag: Path) -> tuple[dict[str, Any], str]:
+    """Return what ``result.json`` says of who drove, and why the verdict can't stand.
+
+    Both are empty for a run that nobody drove.
 
     Args:
         spec: as it was driven.
         bag: of the session.
     """
     if spec.driven is None:
-        return {}
+        return {}, ""
     run = for_one_process(spec)
     result, record = run_in_process(run)
     told = told_of_run(run, result, record)
     if why := _difference(bag, record.reports):
         told["driven"] |= {"outcome": "harness", "why": why, "severity": None}
-    return told
+    return told, why
 
 
 def _difference(bag: Path, reports: Sequence[StepReport]) -> str:

@@ -19,7 +19,7 @@ from ssp_core.bag.declaration import Declaration, load_declaration, seal_declara
 from ssp_core.bag.repair import recover
 from ssp_core.bag.verdict import leave_verdict
 from ssp_core.carla.acceptance import ServerOfRun
-from ssp_core.errors import HostError, InputError
+from ssp_core.errors import HostError, InputError, SspError
 from ssp_core.files import write_json, write_text
 from ssp_core.processes import (
     ProcessGroup,
@@ -83,8 +83,12 @@ class RunResult:
     running_wall_s: float
 
 
-def _nothing_further(_: RunSpec, __: Path) -> dict[str, Any]:
-    return {}
+# What else result.json says of a run and its bag, and why its verdict can't stand; empty: it can.
+Further = Callable[[RunSpec, Path], tuple[dict[str, Any], str]]
+
+
+def _nothing_further(_: RunSpec, __: Path) -> tuple[dict[str, Any], str]:
+    return {}, ""
 
 
 def run_session(
@@ -96,7 +100,7 @@ def run_session(
     video: str | None = None,
     shadows: Sequence[Companion] = (),
     servers: Mapping[str, ServerOfRun] = MappingProxyType({}),
-    further: Callable[[RunSpec, Path], dict[str, Any]] = _nothing_further,
+    further: Further = _nothing_further,
 ) -> RunResult:
     """Run one session in processes of its own and leave run.yaml, bag, log and result.json.
 
@@ -112,7 +116,8 @@ def run_session(
         video: codec that the recorder encodes the camera's frames with; None: frames as they come.
         shadows: models that follow it in shadow mode; their answers are recorded.
         servers: CARLA servers that nodes of the session ask, by node.
-        further: returns what else ``result.json`` says of the run and its bag.
+        further: returns what else ``result.json`` says of the run and its bag, and why its verdict
+            can't stand.
 
     Whatever happens, the folder then says how the run ended: result.json, and verdict.json in the
     bag, which an evaluation reads beside what the bag itself says. On a full disk the result alone
@@ -201,7 +206,7 @@ def _conclude(
     bodies: dict[str, str],
     word: Declaration | None,
     say: Callable[[str], None],
-    further: Callable[[RunSpec, Path], dict[str, Any]],
+    further: Further,
 ) -> RunResult:
     """Check the bag, give the verdict, and write a run's files, as far as the disk lets."""
     bag, unwritten, sealed = folder / "bag", list[str](), list[str]()
@@ -222,6 +227,12 @@ def _conclude(
         outcome = outcome.with_reason(Verdict.INVALID_HARNESS, f"the bag isn't closed: {error}")
         recording = bag.with_name(UNFINISHED)
     happened = happened_by(bag, spec)
+    try:
+        more, why = further(spec, recording)
+    except SspError as error:
+        more, why = {}, str(error)
+    if why and outcome.ok:
+        outcome = outcome.with_reason(Verdict.INVALID_HARNESS, why)
     if bag.is_dir():
         outcome = outcome.with_word_of_recorder(read_verdict(bag))
         if happened is not None and happened.is_measured:
@@ -248,7 +259,7 @@ def _conclude(
         "wall_s": round(wall_s, 3),
         "running_wall_s": round(followed.running_wall_s, 3),
         "measured": measured(bag, spec, say),
-        **further(spec, recording),
+        **more,
     }
     write(lambda: write_json(folder / RESULT_FILE, told))
     if recording != bag:
