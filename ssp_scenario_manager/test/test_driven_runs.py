@@ -414,7 +414,7 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
     # What that run can't be is refused before anything is started.
     faults = tmp_path / "faults.yaml"
     faults.write_text(
-        "schema: ssp.faults/1\nfaults: [{kind: pause, target: monitor, at_s: 1.0, for_s: 1.0}]\n"
+        "schema: ssp.faults/1\nfaults: [{kind: disk_full, target: monitor, at_s: 1.0}]\n"
     )
     for options in (["--mode", "realtime"], ["--faults", str(faults)]):
         refused = CliRunner().invoke(run_command, [str(first), *options])
