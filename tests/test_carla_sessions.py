@@ -130,7 +130,9 @@ def test_a_server_that_fails_ends_the_run_with_its_reason_and_a_readable_bag(
     assert "Traceback" not in run.said
     result = json.loads((run.folder / "result.json").read_text())
     assert result["verdict"] == "invalid_harness"
-    (reason,) = [one for one in result["reasons"] if one.startswith("front_camera: ")]
+    (reason,) = [
+        one for one in result["reasons"] if one.startswith("participant_lost: front_camera: ")
+    ]
     assert failure.words in reason
     bag = run.folder / "bag"
     assert check_bag(bag).ok
