@@ -10,7 +10,11 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 # Those that take longest come first, or one of them would be left alone at the end.
-LONGEST = ("tests/system/live/", "tests/system/test_demo.py", "tests/system/", "ssp_", "tests/")
+LONGEST = ("tests/system/test_demo.py", "tests/system/", "ssp_", "tests/")
+# Sessions on the wall's clock, whose limits on silence are short: few of them run at one time.
+LIVE = "tests/system/live/"
+# So many of the files that wait lie between two of live sessions, at most.
+APART = 5
 # So many of all files that compute are left for the end, where no worker then waits alone.
 LEFT = 1 / 6
 
@@ -27,7 +31,7 @@ def spread(items: Sequence[pytest.Item]) -> list[pytest.Item]:
         items: tests, in the order of their files.
     """
     files = [list(group) for _, group in groupby(items, key=lambda item: item.path)]
-    waiting = sorted((file for file in files if any(map(waits, file))), key=_rank)
+    waiting = _apart(sorted((file for file in files if any(map(waits, file))), key=_rank))
     working = [file for file in files if not any(map(waits, file))]
     among = len(working) - int(LEFT * len(working)) if waiting else 0
     ordered: list[pytest.Item] = []
@@ -37,6 +41,19 @@ def spread(items: Sequence[pytest.Item]) -> list[pytest.Item]:
     return ordered + [item for file in working[among:] for item in file]
 
 
+def _apart(files: Sequence[list[pytest.Item]]) -> list[list[pytest.Item]]:
+    live = [file for file in files if _name(file).startswith(LIVE)]
+    others = [file for file in files if not _name(file).startswith(LIVE)]
+    between = min(APART, len(others) // len(live)) if live else 0
+    ordered: list[list[pytest.Item]] = []
+    for number, file in enumerate(live):
+        ordered += [file, *others[between * number : between * (number + 1)]]
+    return ordered + others[between * len(live) :]
+
+
 def _rank(file: Sequence[pytest.Item]) -> int:
-    name = file[0].path.relative_to(ROOT).as_posix()
-    return next(rank for rank, start in enumerate(LONGEST) if name.startswith(start))
+    return next(rank for rank, start in enumerate(LONGEST) if _name(file).startswith(start))
+
+
+def _name(file: Sequence[pytest.Item]) -> str:
+    return file[0].path.relative_to(ROOT).as_posix()
