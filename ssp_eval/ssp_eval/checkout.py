@@ -13,6 +13,7 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import HostError, InputError
+from ssp_core.files import make_folder
 from ssp_core.options import WholeNumber
 from ssp_eval.import_graph import distances, keep_tests, read_graph
 
@@ -236,12 +237,28 @@ def docs(out: str, serve: bool) -> int:
     installs MkDocs (15 MB). Its search needs a server: --serve, or any other.
     """
     root = _root("the site is made from")
+    folder = root if serve else _site_folder(out)
     if status := _run_all(root, [("tools of the site", DOCS_TOOLS)]):
         return status
     if serve:
         return _run_all(root, [("site", [*MKDOCS, "serve"])])
-    folder = Path(out).resolve()
     status = _run_all(root, [("site", [*MKDOCS, "build", "--strict", "--site-dir", str(folder)])])
     if status == 0:
         console.out.print(str(Path(out) / "index.html"), markup=False)
     return status
+
+
+def _site_folder(out: str) -> Path:
+    """Return the folder for a site, which MkDocs empties first: it is empty or holds a site.
+
+    Raises:
+        InputError: it is a file, or holds what is no site.
+    """
+    folder = make_folder(out).resolve()
+    if any(folder.iterdir()) and not (folder / "search" / "search_index.json").is_file():
+        raise InputError(
+            "holds something else than a site, which would be deleted",
+            file=out,
+            remedy="name a new folder with --out",
+        )
+    return folder

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import os
+import sys
 from itertools import groupby
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
+
+from ssp_core.cli import main
+from ssp_eval import checkout
 from ssp_eval.checkout import _checks
 from tests.support.order import ROOT, spread
 
@@ -43,6 +49,43 @@ def test_files_that_wait_lie_among_files_that_work_and_the_longest_come_first() 
     assert [files.index(name) for name in waiting] == [0, 2, 5]
     assert FILES[files[-1]][1] is None
     assert spread(items[:40]) == items[:40], "without any that wait the order is kept"
+
+
+def test_live_sessions_begin_apart_from_one_another() -> None:
+    names = [f"tests/system/live/test_{n}.py" for n in range(3)]
+    names += [f"tests/system/test_{n}.py" for n in range(20)]
+    names += [f"ssp_eval/test/test_{n}.py" for n in range(80)]
+    ordered = spread([made(name, None if "ssp_eval" in name else "system") for name in names])
+    assert len(set(map(id, ordered))) == len(names)
+    waiting = [
+        item.path.relative_to(ROOT).as_posix()
+        for item in ordered
+        if item.path.parent.name != "test"
+    ]
+    live = [place for place, name in enumerate(waiting) if "/live/" in name]
+    assert live == [0, 6, 12]
+    few = spread([made(name, "system") for name in names[:5]])
+    assert ["/live/" in str(item.path) for item in few] == [True, True, True, False, False]
+
+
+def test_a_site_is_made_where_it_deletes_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(checkout, "DOCS_TOOLS", [sys.executable, "-c", ""])
+    monkeypatch.setattr(checkout, "MKDOCS", [sys.executable, "-c", ""])
+    (tmp_path / "mine.txt").write_text("mine")
+    for out, words in (
+        (tmp_path, "holds something else than a site, which would be deleted; name a new folder"),
+        (tmp_path / "mine.txt", "is no folder; name another folder"),
+    ):
+        assert main(["docs", "--out", str(out)]) == 1
+        assert words in " ".join(capfd.readouterr().err.split())
+    assert (tmp_path / "mine.txt").read_text() == "mine"
+    site = tmp_path / "site"
+    assert main(["docs", "--out", str(site)]) == 0
+    (site / "search").mkdir()
+    (site / "search" / "search_index.json").write_text("{}")
+    assert main(["docs", "--out", str(site)]) == 0, "a site is replaced"
 
 
 def test_one_more_than_there_are_processors_runs_all_of_them() -> None:
