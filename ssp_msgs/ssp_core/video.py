@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from ssp_core.errors import InputError
 from ssp_core.files import Closing
 
-# OpenCV and the FFmpeg inside it write to standard error on their own, and read these when they
-# are loaded; our message says what is wrong.
+# OpenCV and the FFmpeg inside it write to standard error on their own; our message says what is
+# wrong. FFmpeg's level is read when a file is opened.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
 
 
 MAX_FPS = 1000.0
