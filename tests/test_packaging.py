@@ -16,7 +16,12 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = sorted(p.parent.name for p in ROOT.glob("ssp_*/package.xml"))
 PYTHON_PACKAGES = [name for name in PACKAGES if name != "ssp_msgs"]
 # Import names of requirements that are called otherwise.
-REQUIRED_AS = {"cv2": "opencv-python-headless", "yaml": "pyyaml"}
+REQUIRED_AS = {
+    "carla_driver_interface": "carla-driver-interface",
+    "cv2": "opencv-python-headless",
+    "grpc": "grpcio",
+    "yaml": "pyyaml",
+}
 # What a requirement brings along as a part of its own interface.
 BROUGHT_BY = {
     "lz4": "mcap",

@@ -11,7 +11,7 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
-from ssp_core.world.driver import RecordedAnswer
+from ssp_core.world.driver import RecordedAnswer, SeeingDriver
 from ssp_eval.evaluate.models import (
     CONTROLS,
     ModelSpec,
@@ -22,9 +22,16 @@ from ssp_eval.evaluate.models import (
 )
 from ssp_vla_bridge.backend import BACKENDS
 from ssp_vla_bridge.driving.driver import BridgeDriver, DriverModel
+from ssp_vla_bridge.egodriver.options import HISTORY_S as EGODRIVER_HISTORY_S
+from ssp_vla_bridge.egodriver.options import read_options
 
 # The entry of a models file, in the options of a driver.
 MODEL = "model"
+# A policy behind AlpaSim's EgodriverService: what the options of a driver hold instead, and its
+# backend's name. It keeps a session with its server, so that it is no backend of open loop.
+EGODRIVER = "egodriver"
+# Keys of an entry that say nothing of how such a policy is asked.
+_FACTS = {"total_b", "active_b", "architecture", "weights_sha256"}
 
 
 def driver_options(
@@ -41,6 +48,8 @@ def driver_options(
     Raises:
         InputError: there is no such model or bridge, or it may not drive.
     """
+    if set(given) == {EGODRIVER} and isinstance(given[EGODRIVER], dict):
+        return _policy_options(name, {"options": given[EGODRIVER]})
     if set(given) == {MODEL} and isinstance(given[MODEL], dict):
         entry = dict(given[MODEL])
     elif models_file is not None and not given:
@@ -48,6 +57,8 @@ def driver_options(
     else:
         entry = beside_options(given)
     spec = entry_spec(name, entry)
+    if spec.backend_name == EGODRIVER:
+        return _policy_options(name, entry)
     if spec.attached:
         raise InputError(
             "an attached bridge doesn't drive in one process",
@@ -72,6 +83,17 @@ def driver_options(
     return {MODEL: entry}
 
 
+def _policy_options(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a policy behind an EgodriverService, all of them."""
+    for key in sorted(set(entry) - {"backend", "options"} - _FACTS):
+        raise InputError(
+            "says nothing to a policy behind an EgodriverService",
+            field=f"driver {name}.{key}",
+            remedy="its time limit is deadline_s; leave the rest out",
+        )
+    return {EGODRIVER: read_options(dict(entry["options"]), name).model_dump()}
+
+
 def _entry(name: str, models_file: Path) -> dict[str, Any]:
     known = [spec.name for spec in load_models(models_file)]
     if name not in known:
@@ -87,6 +109,20 @@ def _entry(name: str, models_file: Path) -> dict[str, Any]:
 
 def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the facts of a model, see ssp_core.world.driver.model_facts."""
+    if EGODRIVER in options:
+        policy = read_options(options[EGODRIVER], name)
+        return {
+            "model": policy.url,
+            "weights_sha256": None,
+            "interface": EGODRIVER,
+            "adapter": EGODRIVER,
+            # All that the camera drew since the question before.
+            "frames": None,
+            "frame_spacing_s": None,
+            "history_s": EGODRIVER_HISTORY_S,
+            "timeout_s": policy.deadline_s,
+            "sees_route": True,
+        }
     model, spec = _model(name, options), _spec(name, options)
     named = spec.options.get("model")
     return {
@@ -98,13 +134,19 @@ def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
         "frame_spacing_s": model.rules.frame_spacing_s,
         "history_s": model.rules.history_s,
         "timeout_s": model.limit_s,
+        "sees_route": False,
     }
 
 
 def make_driver(
     name: str, options: Mapping[str, Any], recorded: Sequence[RecordedAnswer] | None = None
-) -> BridgeDriver:
+) -> SeeingDriver:
     """Return a fresh driver, see ssp_core.world.driver.make_driver."""
+    if EGODRIVER in options:
+        # gRPC is loaded where it is used.
+        from ssp_vla_bridge.egodriver.client import EgodriverDriver
+
+        return EgodriverDriver(name, read_options(options[EGODRIVER], name), recorded)
     return BridgeDriver(_model(name, options), recorded)
 
 

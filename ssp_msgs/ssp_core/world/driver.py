@@ -13,8 +13,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
+from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError, PeerError
-from ssp_core.geometry import wrap_angle
+from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.hashing import sha256_bytes
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
@@ -29,6 +30,7 @@ BRIDGE_MODULE = "ssp_eval.evaluate.driving"
 # They command the VUT without plans: as the twin is led, and as an open-loop session is.
 NO_RESPONSE, BUILT_IN = "no_response", "built_in"
 COMMANDED = (NO_RESPONSE, BUILT_IN)
+_NOWHERE = Pose2(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +82,9 @@ class Question:
         privileged: None for all but privileged drivers.
         frames: oldest first, the last one at the stamp; empty for a driver that sees none.
         camera: of the frames; None for a driver that sees none.
+        pose: of the VUT at the stamp in the map frame, for interfaces with a frame of their own; no
+            model is shown it as it is.
+        seed: of the run, for drivers that sample.
     """
 
     number: int
@@ -89,6 +94,8 @@ class Question:
     privileged: Privileged | None = None
     frames: tuple[SeenFrame, ...] = ()
     camera: Camera | None = None
+    pose: Pose2 = _NOWHERE
+    seed: int = 0
 
     @property
     def speed_mps(self) -> float:
@@ -198,6 +205,21 @@ class RecordedAnswer:
 
     question: str
     given: GivenAnswer
+
+
+def repeated_answer(recorded: Sequence[RecordedAnswer], question: Question) -> GivenAnswer:
+    """Return the recorded answer to a question.
+
+    Raises:
+        NotRecordedError: none is to this question.
+    """
+    at_s = ns_to_seconds(question.stamp_ns)
+    if question.number > len(recorded):
+        raise NotRecordedError(f"no answer is recorded to a question about {at_s:.3f} s")
+    one = recorded[question.number - 1]
+    if one.question != question.sha256:
+        raise NotRecordedError(f"the question about {at_s:.3f} s isn't the one that was recorded")
+    return one.given
 
 
 @dataclass(frozen=True, slots=True)

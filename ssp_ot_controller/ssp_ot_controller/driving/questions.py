@@ -127,6 +127,8 @@ class Questions:
             route_m=route_m,
             frames=frames,
             camera=self._run.camera if frames else None,
+            pose=vut.pose,
+            seed=self._run.seed,
         )
         driver = self._driver
         if isinstance(driver, SeeingDriver):

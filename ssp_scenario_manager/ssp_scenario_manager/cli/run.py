@@ -166,7 +166,13 @@ DEFAULT_SITE = "boulevard"
     metavar="NAME[=JSON]",
     help="Have a driver lead the VUT by its plans (docs/closed-loop.md): a baseline, such as "
     'oracle or aeb={"ttc_s": 1.4}, or, with --in-process, a model, named as with `ssp evaluate`: '
-    'NAME={"backend": …, …options}, or NAME of the --models file.',
+    'NAME={"backend": …, …options}, or NAME of the --models file; or grpc://HOST:PORT, a policy '
+    "written for AlpaSim (docs/drivers.md).",
+)
+@click.option(
+    "--drive-insecure",
+    is_flag=True,
+    help="With --drive grpc://…: plain text to a host that isn't loopback.",
 )
 @click.option(
     "--models",
@@ -202,6 +208,7 @@ def run(
     page_port: int | None,
     shadow_texts: tuple[str, ...],
     drive_text: str | None,
+    drive_insecure: bool,
     models_file: Path | None,
     latency: str | None,
     as_json: bool,
@@ -226,7 +233,13 @@ def run(
     """
     mode = mode or ("lockstep" if in_process else mode_of(what))
     drive = _drive(
-        drive_text, latency, models_file, mode, in_process=in_process, swept=bool(runs or vary)
+        drive_text,
+        latency,
+        models_file,
+        mode,
+        in_process=in_process,
+        swept=bool(runs or vary),
+        insecure=drive_insecure,
     )
     live = LiveSetup.of_options(mode, live_given)
     shadows = [shadow_model(text) for text in shadow_texts]
@@ -361,6 +374,7 @@ def _drive(
     *,
     in_process: bool,
     swept: bool,
+    insecure: bool,
 ) -> Drive | None:
     """Return the driver that is asked for; refuse one where it may not drive."""
     if text is None:
@@ -368,6 +382,8 @@ def _drive(
             raise click.UsageError("--latency is that of a driver: it needs --drive")
         if models_file is not None:
             raise click.UsageError("--models holds drivers: it needs --drive")
+        if insecure:
+            raise click.UsageError("--drive-insecure is of a driver's connection: it needs --drive")
         return None
     if mode != "lockstep":
         raise click.UsageError(
@@ -376,7 +392,7 @@ def _drive(
         )
     if swept:
         raise click.UsageError("--drive goes with one run")
-    drive = parse_drive(text, latency or "zero", models_file)
+    drive = parse_drive(text, latency or "zero", models_file, insecure=insecure)
     if not in_process and not drives_as_node(drive.driver):
         raise click.UsageError(
             f"--drive {drive.driver} needs --in-process: a driver that sees frames, or leads the "

@@ -97,15 +97,17 @@ def _card(
     run = RunSpec.model_validate(starts[0]["run"])
     facts = importlib.import_module(_FACTS_MODULE).driving_facts(run.vut.cls)
     is_prescribed = driver.driver == CAREFUL
+    seen = _seen(driver, starts[0])
+    # Of models those behind an EgodriverService alone get the centre line of their lane.
+    has_route = seen.pop("sees_route")
     card = {
         "driver": driver.shown,
         "kind": driver.driver,
         "options": asdict(CAREFUL_DRIVER) if is_prescribed else driver.options,
         "privileged": driver.is_privileged,
         "history_s": facts["history_s"],
-        **_seen(driver, starts[0]),
-        # Models get no centre line of their lane.
-        "route_m": None if is_prescribed or sees_frames(driver.driver) else facts["route_m"],
+        **seen,
+        "route_m": None if is_prescribed or not has_route else facts["route_m"],
         "step_s": run.step_s,
         "frame_period_s": starts[0]["frame_period_s"],
         "latencies": [_latency(one, driver.driver) for one in plan.latencies],
@@ -130,7 +132,7 @@ def _seen(driver: CampaignDriver, start: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a driver sees, and what is known of its model; None: it has none of it."""
     if not sees_frames(driver.driver):
         nothing = dict.fromkeys(("model", "weights_sha256", "timeout_s"))
-        return {"cameras": [], **nothing}
+        return {"cameras": [], **nothing, "sees_route": True}
     camera = start.get("camera") or {}
     named = ("width_px", "height_px", "hfov_deg", "rate_hz", "renderer")
     return {

@@ -46,6 +46,8 @@ from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_
 
 # Seeds that are tried for a start whose event is K*'s.
 MOST_SEEDS = 50
+# A policy that is given by its address alone, and the name that it drives under.
+_POLICY_SCHEME, _POLICY = "grpc://", "egodriver"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,18 +65,23 @@ class Drive:
     latency: Latency
 
 
-def parse_drive(text: str, latency: str, models_file: Path | None = None) -> Drive:
-    """Read ``NAME`` or ``NAME={…options}``, and a latency.
+def parse_drive(
+    text: str, latency: str, models_file: Path | None = None, *, insecure: bool = False
+) -> Drive:
+    """Read ``NAME``, ``NAME={…options}`` or ``grpc://HOST:PORT``, and a latency.
 
     Args:
         text: as it was typed.
         latency: likewise.
         models_file: of ssp.models/1, whose models may be named; None: none is given.
+        insecure: the driver's connection may be plain text to another host.
 
     Raises:
         InputError: no such driver, option or latency.
     """
     name, _, given = text.partition("=")
+    if text.startswith(_POLICY_SCHEME):
+        name, given = _POLICY, json.dumps({"url": text})
     try:
         options: Any = json.loads(given) if given.strip() else {}
     except (ValueError, RecursionError) as error:
@@ -88,6 +95,8 @@ def parse_drive(text: str, latency: str, models_file: Path | None = None) -> Dri
             value=name,
             remedy="use letters, digits and underscores, a letter first, 64 at most",
         )
+    if insecure:
+        options = {**options, "insecure": True}
     drive = Drive(name, driver_options(name, options, models_file), parse_latency(latency))
     try_driver(drive.driver, drive.options)
     return drive

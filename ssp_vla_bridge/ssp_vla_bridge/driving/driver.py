@@ -121,7 +121,7 @@ class BridgeDriver:
             NotRecordedError: a recorded run asks another question than it did.
         """
         if self._recorded is not None:
-            return self._repeat(self._recorded, question)
+            return core.repeated_answer(self._recorded, question)
         if self._process is None:
             return core.GivenAnswer(None, ended=f"it can't be loaded: {self.problem}")
         limit_s = self._model.limit_s
@@ -139,19 +139,6 @@ class BridgeDriver:
         if self._model.interface.carries_previous:
             self._previous = None if response.error_code else response
         return core.GivenAnswer(answer_of(measured), latency)
-
-    def _repeat(
-        self, recorded: Sequence[core.RecordedAnswer], question: core.Question
-    ) -> core.GivenAnswer:
-        at_s = ns_to_seconds(question.stamp_ns)
-        if question.number > len(recorded):
-            raise core.NotRecordedError(f"no answer is recorded to a question about {at_s:.3f} s")
-        one = recorded[question.number - 1]
-        if one.question != question.sha256:
-            raise core.NotRecordedError(
-                f"the question about {at_s:.3f} s isn't the one that was recorded"
-            )
-        return one.given
 
     def close(self) -> None:
         """End the model's process."""
@@ -174,7 +161,7 @@ def request_of(
         stamp_ns=question.stamp_ns,
         frames=tuple(Frame(one.stamp_ns, one.jpeg) for one in question.frames),
         camera=None if question.camera is None else geometry_of_run(question.camera),
-        history=_history(question.history, model.rules),
+        history=history_by(question.history, model.rules),
         ego_provenance="measured",
         task=model.task,
         previous=previous,
@@ -196,7 +183,7 @@ def geometry_of_run(camera: Camera) -> CameraGeometry:
     )
 
 
-def _history(samples: Sequence[core.EgoSample], rules: Preprocessing) -> tuple[EgoSample, ...]:
+def history_by(samples: Sequence[core.EgoSample], rules: Preprocessing) -> tuple[EgoSample, ...]:
     """Return the newest sample at or before each time of the history, oldest first."""
     chosen: list[core.EgoSample] = [samples[-1]]
     for k in range(1, round(rules.history_s / rules.history_spacing_s) + 1):

@@ -1,0 +1,1 @@
+"""AlpaSim's EgodriverService: our client for its policies, and our bridges behind a server."""

@@ -1,0 +1,274 @@
+"""A policy behind an EgodriverService as the driver of the VUT.
+
+Per question: frames, then egomotion, then route, each acknowledged, then ``drive``. Ground truth,
+scene and renderer data are never sent.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+import uuid
+from collections.abc import Sequence
+from typing import Any
+
+import grpc  # type: ignore[import-untyped] # has no types
+from carla_driver_interface import protocol as proto
+from carla_driver_interface.contract import (
+    LEGACY_REVISION,
+    SUPPORTED_REVISIONS,
+    ContractError,
+    contract_metadata,
+    read_revision,
+)
+
+from ssp_core import console
+from ssp_core.clock import seconds_to_ns
+from ssp_core.errors import PeerError, SspError
+from ssp_core.geometry import Pose2
+from ssp_core.world.driver import (
+    Answer,
+    GivenAnswer,
+    LatencyParts,
+    Question,
+    Raw,
+    RecordedAnswer,
+    repeated_answer,
+)
+from ssp_vla_bridge.driving.driver import geometry_of_run
+from ssp_vla_bridge.egodriver import exact, wire
+from ssp_vla_bridge.egodriver.channel import MOST_BYTES, open_channel
+from ssp_vla_bridge.egodriver.options import HISTORY_S, EgodriverOptions
+
+# Greatest age of what was seen between two questions and is sent.
+_KEPT_S = 10.0
+# The name of a session is that of its first question; one that another run holds isn't taken.
+_NAMES = uuid.UUID("5b0d6f0e-3f0b-4d55-9d5a-6c3b0a5c1c11")
+_MOST_NAMES = 64
+_WORDS = 300
+# What was left out of whose answers, which is said once.
+_TOLD: set[tuple[str, str]] = set()
+_ENDED = "it ended the session (terminate_session)"
+
+
+class CallFailedError(PeerError):
+    """A call of the service that failed, with gRPC's code."""
+
+    def __init__(self, call: str, code: grpc.StatusCode, details: str, deadline_s: float) -> None:
+        self.code = code
+        words = " ".join(console.visible(details or "").split())[:_WORDS]
+        if code is grpc.StatusCode.DEADLINE_EXCEEDED:
+            super().__init__(f"gave no answer to {call} within its deadline_s of {deadline_s:g} s")
+        else:
+            super().__init__(f"{call} failed: {code.name}: {words}")
+
+
+class EgodriverDriver:
+    """A policy behind an EgodriverService, which drives one run in one session.
+
+    Args:
+        name: of the driver.
+        options: of the connection.
+        recorded: answers of a run before, which it repeats without a connection; None: it is asked.
+
+    Attributes:
+        problem: why it can't be asked; empty: it can.
+        version: of the policy, as it says.
+        revision: of the contract that its server speaks.
+    """
+
+    privileged = False
+    frame_span_s = _KEPT_S
+    history_s = HISTORY_S
+
+    def __init__(
+        self,
+        name: str,
+        options: EgodriverOptions,
+        recorded: Sequence[RecordedAnswer] | None = None,
+    ) -> None:
+        self._name, self._options, self._recorded = name, options, recorded
+        self.problem, self.version, self.revision = "", "", 0
+        self._channel: grpc.Channel | None = None
+        self._session = ""
+        self._origin = Pose2(0.0, 0.0, 0.0)
+        self._last_ns: int | None = None
+        self._is_exact = False
+        if recorded is not None:
+            return
+        try:
+            self._channel = open_channel(options)
+            self._stub = proto.EgodriverServiceStub(self._channel)  # type: ignore[no-untyped-call] # generated without types
+            self._negotiate()
+        except (SspError, ContractError) as error:
+            self.problem = str(error)
+
+    def _negotiate(self) -> None:
+        version, metadata = self._call("get_version", proto.Empty())
+        self.version = console.visible(version.version_id)[:_WORDS]
+        try:
+            self.revision = read_revision(metadata, LEGACY_REVISION)
+        except ContractError as error:
+            known = ", ".join(map(str, SUPPORTED_REVISIONS))
+            raise PeerError(f"the server's {error}: revisions {known} are spoken here") from error
+        self._is_exact = any(key == exact.EXACT for key, _ in metadata)
+
+    def choose(self, stamps_ns: Sequence[int]) -> list[int]:
+        """Return the indices of the frames that weren't sent yet, rising; the newest is last."""
+        newest = len(stamps_ns) - 1
+        before_ns = self._last_ns
+        if before_ns is None:
+            before_ns = stamps_ns[newest] - seconds_to_ns(HISTORY_S) - 1
+        return [*(i for i in range(newest) if stamps_ns[i] > before_ns), newest]
+
+    def give(self, question: Question) -> GivenAnswer:
+        """Answer one question, or say why the driver ended.
+
+        Raises:
+            NotRecordedError: a recorded run asks another question than it did.
+        """
+        if self._recorded is not None:
+            return repeated_answer(self._recorded, question)
+        if self.problem:
+            return GivenAnswer(None, ended=f"it can't be loaded: {self.problem}")
+        begin_s = time.perf_counter()
+        try:
+            self._observe(question)
+            answer, parsing_s = self._drive(question)
+        except CallFailedError as error:
+            return GivenAnswer(None, _since(begin_s), str(error))
+        if isinstance(answer, str):
+            return GivenAnswer(None, _since(begin_s), answer)
+        return GivenAnswer(answer, _since(begin_s, parsing_s))
+
+    def _observe(self, question: Question) -> None:
+        """Send what was seen since the last question, and begin the session with the first one."""
+        if not self._session:
+            self._start(question)
+        if question.camera is None:
+            raise ValueError("a driver that sees was asked without a camera")
+        for frame in question.frames:
+            exposure_s = question.camera.exposure_time_s
+            name = self._options.camera
+            message = wire.image(self._session, name, frame.stamp_ns, exposure_s, frame.jpeg)
+            self._call("submit_image_observation", message)
+        after_us = None if self._last_ns is None else wire.micros(self._last_ns)
+        motion = wire.egomotion(self._session, question, self._origin, after_us)
+        metadata = [(exact.MOTION, exact.pack_motion(question.history))] if self._is_exact else []
+        self._call("submit_egomotion_observation", motion, metadata)
+        self._call("submit_route", wire.route(self._session, question))
+        self._last_ns = question.stamp_ns
+
+    def _start(self, question: Question) -> None:
+        if question.camera is None:
+            raise ValueError("a driver that sees was asked without a camera")
+        self._origin = question.pose
+        request = proto.DriveSessionRequest(random_seed=question.seed)
+        declared = wire.available_camera(question.camera, self._options.camera, self.revision)
+        request.rollout_spec.vehicle.available_cameras.append(declared)
+        metadata: list[tuple[str, str | bytes]] = [*contract_metadata(self.revision)]
+        if self._is_exact:
+            geometry = geometry_of_run(question.camera)
+            metadata.append((exact.CAMERA, exact.pack_camera(geometry)))
+        for k in range(_MOST_NAMES):
+            name = f"{question.seed} {question.sha256} {k}"
+            request.session_uuid = str(uuid.uuid5(_NAMES, name))
+            try:
+                self._call("start_session", request, metadata)
+            except CallFailedError as error:
+                if error.code is not grpc.StatusCode.ALREADY_EXISTS or k == _MOST_NAMES - 1:
+                    raise
+                continue
+            self._session = request.session_uuid
+            return
+
+    def _drive(self, question: Question) -> tuple[Answer | str, float]:
+        """Return the answer, or why the driver ended, and how long reading it took."""
+        now_us = wire.micros(question.stamp_ns)
+        request = proto.DriveRequest(
+            session_uuid=self._session,
+            time_now_us=now_us,
+            time_query_us=now_us + round(self._options.control_step_s * 1e6),
+        )
+        try:
+            response, _ = self._call("drive", request)
+        except CallFailedError as error:
+            # Of the codes only this one is about an answer that did come.
+            if error.code is not grpc.StatusCode.RESOURCE_EXHAUSTED:
+                raise
+            refused = f"an answer that isn't taken, of more than {MOST_BYTES >> 20} MiB? {error}"
+            return Answer(None, "", refused, self._raw()), 0.0
+        begin_s = time.perf_counter()
+        if response.terminate_session:
+            return _ENDED, 0.0
+        answer = self._read(question, response)
+        return answer, time.perf_counter() - begin_s
+
+    def _read(self, question: Question, response: proto.DriveResponse) -> Answer:
+        """Return an answer as the session takes it."""
+        samples = response.debug_info.sampled_trajectories
+        sizes = [len(response.trajectory.poses), *(len(one.poses) for one in samples)]
+        if len(samples) > wire.MOST_SAMPLES:
+            refused = f"{len(samples)} samples, at most {wire.MOST_SAMPLES}"
+            return Answer(None, "", refused, self._raw())
+        if max(sizes) > wire.MOST_POINTS:
+            refused = f"{max(sizes)} points, at most {wire.MOST_POINTS}"
+            return Answer(None, "", refused, self._raw())
+        here = wire.local_pose(self._origin, question.pose)
+        now_us = wire.micros(question.stamp_ns)
+        plan, refused = wire.trajectory_of(response.trajectory, here, now_us), "not_ready"
+        said = wire.debug_text(response.debug_info.unstructured_debug_info)
+        text = said.text
+        if self._is_exact and said.value is not None and said.value.get("schema") == exact.SCHEMA:
+            try:
+                plan, why = exact.plan_in(said.value, plan)
+            except ValueError as error:
+                return Answer(None, "", str(error), self._raw())
+            refused = why or refused
+        raw = self._raw(samples, said.left_out)
+        return Answer(plan, text, "" if plan is not None else refused, raw)
+
+    def _raw(self, samples: Sequence[proto.Trajectory] = (), left_out: str = "") -> Raw:
+        decoding: dict[str, Any] = {"revision": self.revision}
+        if left_out:
+            decoding["debug_info_left_out"] = left_out
+        if left_out and (self._name, left_out) not in _TOLD:
+            _TOLD.add((self._name, left_out))
+            console.note(f"{self._name}: the text beside its plans is left out: {left_out}")
+        arrays = wire.sampled_arrays(samples)
+        return Raw(self.version, arrays, json.dumps(decoding, sort_keys=True))
+
+    def _call(
+        self, call: str, message: Any, metadata: Sequence[tuple[str, str | bytes]] = ()
+    ) -> tuple[Any, Sequence[tuple[str, str | bytes]]]:
+        """Return the answer to a call, and the metadata that came before it.
+
+        Raises:
+            CallFailedError: it failed, or took longer than the deadline.
+        """
+        method: Any = getattr(self._stub, call)
+        limit_s = self._options.deadline_s
+        try:
+            answer, done = method.with_call(message, timeout=limit_s, metadata=list(metadata))
+        except grpc.RpcError as error:
+            raise CallFailedError(call, error.code(), error.details(), limit_s) from error
+        return answer, done.initial_metadata() or ()
+
+    def close(self) -> None:
+        """End the session and the connection; a server that doesn't answer keeps nobody longer."""
+        channel, session = self._channel, self._session
+        self._channel, self._session = None, ""
+        if channel is None:
+            return
+        try:
+            if session:
+                self._call("close_session", proto.DriveSessionCloseRequest(session_uuid=session))
+        except CallFailedError as error:
+            console.note(f"{self._name}: {error}")
+        finally:
+            channel.close()
+
+
+def _since(begin_s: float, parsing_s: float = 0.0) -> LatencyParts:
+    total_s = time.perf_counter() - begin_s
+    return LatencyParts(seconds_to_ns(total_s), 0, seconds_to_ns(min(parsing_s, total_s)))
