@@ -40,6 +40,7 @@ PARTS = (
     "scope",
     "world",
     "clause",
+    "movement",
     "bind",
     "decide",
     "checks",

@@ -6,12 +6,17 @@ from collections.abc import Iterator
 
 from ssp_eval.extract.clause import EGO, PEOPLE, RIDERS, SCENE, Clause
 from ssp_eval.extract.match import Hit
+from ssp_eval.extract.movement import (
+    ALONG,
+    CROSSING,
+    CUTTING_IN,
+    OTHER_SIDE,
+    is_over_by_then,
+    motion_of,
+)
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.world import Actor, Statement, World
 
-# Motions that need company or a side, see decide.py.
-ALONG, CROSSING, CUTTING_IN, COMING = "along", "crossing", "cutting_in", "coming"
-_OTHER_SIDE = {"left": "right", "right": "left"}
 _ENDANGERS = frozenset({"cross", "intrude", "drift", "step", "leave"})
 _UNSAFE = frozenset({"open", "accelerate", "hide"})
 _AUXILIARIES = frozenset({"may", "will", "not", "ready", "must", "is", "past", "intend"})
@@ -39,9 +44,12 @@ class Binder(Clause):
         """Read all sentences."""
         self.world.frames = len(set(_frames(self.words))) > 1
         self.world.sentences = len(ranges)
+        ordered = False  # the sentence before is an order of one word
         for number, (start, stop) in enumerate(ranges):
             self.unit = number
-            self.step += 1
+            bare = self._is_bare_order(start, stop)
+            self.step += not (bare and ordered)
+            ordered = bare
             self._begin(start, stop)
             for index in range(start, stop):
                 self._at = index
@@ -75,7 +83,7 @@ class Binder(Clause):
             if not self.busy and not isinstance(self.subject, Actor):
                 self.subject = SCENE
             self.pending, self.near, self.void = [], None, True
-        elif kind == "place" or (kind == "towards" and not self._directed(index)):
+        elif kind in ("place", "towards") and not self._directed(index):
             self._place(index, hit, flags)
         elif kind in ("from", "across", "towards", "goal"):
             self._path(index, hit)
@@ -112,6 +120,8 @@ class Binder(Clause):
             return
         self.busy = self.void = False
         self.clause = index + 1
+        if self.pending and hit.value == "," and self._holds_more(index):
+            self.pending = []  # roadworks ahead, flagman waving
         if hit.value in (";", ":", "|", "{", ">") and (
             self.field not in ("motion", "position", "conflict")
         ):
@@ -230,6 +240,8 @@ class Binder(Clause):
             actor.critical = True
         if self.shows:
             actor.matters = True
+        if len(actor.mentions) == 1 and self._is_dismissed():
+            actor.background = True
         if self.behind is not None and hit.first - self.behind.stop < 6:
             actor.hints.append(self._said("front", self.behind))
         self.behind = None
@@ -317,11 +329,13 @@ class Binder(Clause):
     def _place(self, index: int, hit: Hit, flags: Scope) -> None:
         owner = self._owner()
         after = self.words[hit.stop] if hit.stop < len(self.words) else "."
-        if after == "of" and self._other(index):
+        if after == "of" and (self._other(index) or self._is_before_thing(hit)):
             return
-        if self.words[hit.first] in _OTHER_SIDE and self.words[hit.first - 1] in ("the", "a"):
+        if self.words[hit.first] in OTHER_SIDE and self.words[hit.first - 1] in ("the", "a"):
             return  # blocks the left lane
-        behind = after in self.known.sets["articles_and_pronouns"]
+        behind = after in self.known.sets["articles_and_pronouns"] or (
+            self.words[hit.stop - 1] == "behind" and self._names_thing(index)
+        )
         if hit.value == "rear" and (behind or self._after(index).kind == "user"):
             if self._queues(index, flags):
                 self.behind = hit
@@ -329,6 +343,8 @@ class Binder(Clause):
             return  # behind the van
         if hit.form == "lead":
             self.pending.append((index, hit))
+            return
+        if self._leads(index):
             return
         if (
             self.words[hit.first] == "straight"
@@ -412,6 +428,9 @@ class Binder(Clause):
         if hit.form == "ing" and self._gerund(index, hit):
             self.busy = True
             return
+        if self._is_of_named(hit):
+            self.busy = True
+            return
         if self.plan.act(hit, flags, self.step, self._strong()):
             self.planned.append(hit)
             if self.in_path is not None and self._before(index).value == "must":
@@ -479,10 +498,10 @@ class Binder(Clause):
             if (kind in _ENDANGERS or into or hit.value in _UNSAFE) and self._may(index):
                 actor.conflicts.append(self._with_cue("potential", index, ("may",)))
             return
-        perfect = hit.form == "ed" and kind not in ("stand", "parked")
-        if flags & ~(Scope.REJECTED | Scope.LATER) or perfect:
+        over = is_over_by_then(hit, kind, self._before(index), self.words)
+        if flags & ~(Scope.REJECTED | Scope.LATER) or over:
             return
-        value = self._motion(actor, kind, goals, hit)
+        value = motion_of(actor, kind, goals, hit, self.words)
         if value is None:
             return
         stop = max([hit.stop, *(goal.stop for goal in goals)]) if "_from_" in value else hit.stop
@@ -491,51 +510,6 @@ class Binder(Clause):
         actor.intruding = actor.intruding or value.startswith((CROSSING, CUTTING_IN))
         before = self.words[max(hit.first - 2, 0) : hit.first]
         actor.ongoing = hit.form == "ing" and not {"is", "are"}.isdisjoint(before)
-
-    def _motion(self, actor: Actor, kind: str, goals: list[Hit], hit: Hit) -> str | None:  # noqa: C901  # a table of cases, one a line
-        names = {goal.value for goal in goals if goal.kind == "goal"}
-        side = next((g.value for g in goals if g.kind in ("across", "from")), "")
-        both = any(goal.kind == "across" for goal in goals)
-        end = next((goal.value for goal in goals if goal.kind == "towards"), "")
-        people = actor.name in PEOPLE
-        light = people or actor.name == "cyclist"
-        if kind in ("stand", "parked"):
-            return ALONG if hit.value == "stop" and hit.form == "ing" else "stationary"
-        if kind in ("oncoming", "recede", "with"):
-            return {"recede": "receding", "with": "same_direction"}.get(kind, kind)
-        if kind == "leave":
-            return None if people else "cutting_out"
-        if kind == "cross" and {"line", "into_ours"} & names and not light:
-            kind = "intrude"
-        if kind == "cross":
-            side = side or _OTHER_SIDE.get(end, "")
-            return f"crossing_from_{side}" if side else CROSSING
-        if kind in ("go", "drift", "step", "along") and not side:
-            if "towards_us" in names and kind != "drift":
-                return "oncoming"
-            if "away" in names:
-                return "receding"
-        if "out_of_ours" in names and not people:
-            return "cutting_out"
-        if kind == "intrude" or (kind in ("drift", "go", "step") and "into_ours" in names):
-            word = CROSSING if people else CUTTING_IN
-            return f"{word}_from_{side}" if side else word
-        enters = light and self.words[hit.first].startswith("enter")
-        if kind == "drift" and not both and not enters:
-            names.discard("across")
-        if kind in ("step", "go", "drift") and (both or "across" in names):
-            side = side or _OTHER_SIDE.get(end, "")
-            return f"crossing_from_{side}" if side else CROSSING if people else None
-        if kind == "drift" and side:
-            merges = self.words[hit.first].startswith("merg")
-            return f"{CUTTING_IN}_from_{side}" if merges else None
-        if people and kind in ("go", "step") and side:
-            return f"{CROSSING}_from_{side}"
-        if kind in ("go", "near") and side and self._comes_straight(hit, goals):
-            return f"{COMING}_from_{side}"
-        if kind in ("along", "go") and not side:
-            return ALONG
-        return None
 
     # --- actions, conflicts, salience
 
@@ -582,7 +556,9 @@ class Binder(Clause):
                 value = "" if would else "potential"
             if flags & Scope.IMAGINED and (value != "active" or not self._unless()):
                 value = ""
-            if value == "resolved" and flags & (Scope.POSSIBLE | Scope.FUTURE):
+            if value == "resolved" and (
+                flags & (Scope.POSSIBLE | Scope.FUTURE) or self._later(hit)
+            ):
                 return
         elif denied:
             near = self.hits[index + 1 : index + 3]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ssp_eval.extract.lexicon import lexicon
-from ssp_eval.extract.match import NOTHING, Hit
+from ssp_eval.extract.match import MARKS, NOTHING, Hit
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.world import Actor, Plan, Statement, World
 
@@ -14,6 +14,14 @@ _SPEED_ACTIONS = frozenset({"stop", "decelerate", "maintain", "straight", "both"
 _STANDS = frozenset({"wait", "trail"})
 _PRESENT = frozenset({"is", "has", "have", "are"})
 ENDS_WITHIN = 6  # hits behind a conflict in which it is said to be over
+_PASSED = frozenset({"passed", "past", "crossed", "gone", "cleared"})
+_DESCRIBING = frozenset(
+    {"place", "state", "cue", "towards", "user", "ego", "scene", "braked_in_lane"}
+)
+_OWN = frozenset({"our", "my", "us", "me", "ego", "the", "your", "bonnet", "bumper", "nose"})
+_OWNERS = frozenset({"our", "my"})
+_INTO = frozenset({"into", "onto"})
+_BARE = 2  # words of an order that is a sentence
 _GOALS = frozenset({"goal", "from", "across", "towards", "place"})
 PEOPLE = frozenset({"pedestrian"})
 RIDERS = frozenset({"pedestrian", "cyclist", "motorcycle"})
@@ -128,9 +136,13 @@ class Clause:
 
     def _directed(self, index: int) -> bool:
         """Tell whether "to the left" is the goal of a movement, not a place."""
+        first = self.hits[index].first
+        if not self.words[first].startswith("to") or self.words[first + 1] in _OWNERS:
+            return False
         for hit in self._back(index, 3):
             if hit.kind == "verb":
-                return self.known.verbs[hit.value].other in _LEADING_ON
+                signals = hit.value == "say" and self.hits[index].first == hit.stop
+                return signals or self.known.verbs[hit.value].other in _LEADING_ON
             if hit.kind not in ("goal", "from", "towards"):
                 return False
         return False
@@ -150,6 +162,73 @@ class Clause:
         at = self.hits[index].stop
         return any(
             hit.kind == "user" and hit.first - at < 4 for hit in self.hits[index + 1 : index + 4]
+        )
+
+    def _names_thing(self, index: int) -> bool:
+        """Tell whether a word that no rule knows follows: behind railings."""
+        hit, after = self.hits[index], self._after(index)
+        word = self.words[hit.stop] if hit.stop < len(self.words) else "."
+        return (
+            word.isalpha()
+            and after.first != hit.stop
+            and word not in self.known.sets["words_behind_places"]
+        )
+
+    def _is_before_thing(self, hit: Hit) -> bool:
+        """Tell whether a place is one before a thing: in front of a school."""
+        return hit.value == "front" and _OWN.isdisjoint(self.words[hit.stop + 1 : hit.stop + 3])
+
+    def _holds_more(self, index: int) -> bool:
+        """Tell whether there is more in a clause that ends than places: the left lane is shut."""
+        at = self.hits[index].first
+        first = at
+        while first > 0 and self.words[first - 1] not in MARKS:
+            first -= 1
+        if self.words[first] in self.known.sets["prepositions_of_place"]:
+            return False  # on the crosswalk ahead of us, a lady
+        covered = {
+            word
+            for hit in self._back(index, 6)
+            if hit.kind in _DESCRIBING or hit.value in ("say", "open")
+            for word in range(hit.first, hit.stop)
+        }
+        return any(
+            word not in covered and self.words[word] not in self.known.sets["words_of_places"]
+            for word in range(first, at)
+        )
+
+    def _is_dismissed(self) -> bool:
+        """Tell whether the sentence's heading dismisses what it lists: not critical: joggers."""
+        heading = self.hits[self.start : min(self.start + 2, self.stop)]
+        return heading[0].kind == "background" and heading[-1].value == ":"
+
+    def _leads(self, index: int) -> bool:
+        """Tell whether a place is where a movement leads: into the exit lane on the right."""
+        hit, before = self.hits[index], self._before(index)
+        return not _INTO.isdisjoint(self.words[max(before.stop, hit.first - 4) : hit.first])
+
+    def _later(self, hit: Hit) -> bool:
+        """Tell whether it is said when something is over: after the van has passed."""
+        line = self.words[max(hit.first - 8, self._line()) : hit.first]
+        return "after" in line and not _PASSED.isdisjoint(self.words[hit.first : hit.stop])
+
+    def _is_of_named(self, hit: Hit) -> bool:
+        """Tell whether a participle goes on about who was named: van: past us, and pulling away."""
+        return (
+            hit.form == "ing"
+            and hit.value == "pull_away"
+            and self.subject is None
+            and bool(self.named)
+            and not self.planned
+        )
+
+    def _is_bare_order(self, start: int, stop: int) -> bool:
+        """Tell whether a sentence is an action of one or two words: Brake. Wait. Go."""
+        first, *rest = self.hits[start:stop]
+        return (
+            first.kind in ("verb", "noun", "action")
+            and [one.value for one in rest] == ["."]
+            and rest[0].first - first.first <= _BARE
         )
 
     def _hindered(self, index: int, hit: Hit) -> bool:
@@ -328,11 +407,6 @@ class Clause:
             ):
                 return False
         return False
-
-    def _comes_straight(self, hit: Hit, goals: list[Hit]) -> bool:
-        """Tell whether somebody comes from the side, as on the cross street, not from a lane."""
-        lane = any("lane" in self.words[goal.first : goal.stop] for goal in goals)
-        return not lane and self.words[hit.first].startswith(("com", "approach", "circul", "emerg"))
 
     def _unless(self) -> bool:
         """Tell whether something happens unless something is done: without braking."""

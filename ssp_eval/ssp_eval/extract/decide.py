@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssp_eval.extract.bind import ALONG, COMING, CROSSING, CUTTING_IN
+from ssp_eval.extract.movement import ALONG, COMING, CROSSING, CUTTING_IN
 from ssp_eval.extract.world import Actor, Statement, World
 
 Found = tuple[str | tuple[str, ...], tuple[Statement, ...]]
@@ -19,7 +19,10 @@ def decide(world: World) -> dict[str, Found]:
     objects = _objects(world)
     critical = _critical(objects)
     named = objects if _sure(objects, world) else _described(objects, world)
-    if named:
+    bare = not any(_has(actor) or actor.reaction or actor.critical for actor in named)
+    if world.nobody and named and bare:
+        found["objects"] = ((), (world.nobody[0],))  # it names them, and says that nobody is there
+    elif named:
         names = tuple(sorted({actor.name for actor in named}))
         said = tuple(next(a for a in named if a.name == name).mentions[0] for name in names)
         found["objects"] = (names, said)
@@ -31,6 +34,8 @@ def decide(world: World) -> dict[str, Found]:
         found["objects"] = ((), (world.nobody[0],))
     if critical is not None:
         found["position"] = _unmixed(_position(critical, world.frames), critical, world)
+        if _is_outdone(found["position"], critical, objects):
+            found["position"] = None
         found["motion"] = _unmixed(_motion(critical), critical, world)
     found["conflict"] = _conflict(critical, world)
     for slot in ("lon_action", "lat_action"):
@@ -52,6 +57,13 @@ def _unmixed(found: Found | None, critical: Actor, world: World) -> Found | None
     named = sentence > 0 and any(said.sentence == sentence for a in others for said in a.mentions)
     present = [a for a in others if a.mentions and not a.background]
     return None if (named and present) or len(present) >= MAX_OTHERS else found
+
+
+def _is_outdone(position: Found | None, critical: Actor, objects: list[Actor]) -> bool:
+    """Tell whether one behind us is the critical one only because it is named first."""
+    weak = critical.reaction < 2 and not critical.critical and not critical.conflicts
+    behind = position is not None and position[0] == "rear"
+    return behind and weak and any(one.order > critical.order for one in objects)
 
 
 def _described(objects: list[Actor], world: World) -> list[Actor]:
@@ -165,11 +177,13 @@ def _motion(actor: Actor) -> Found | None:
         value = _complete(said.value, actor)
         if over and value is not None and value.startswith(("crossing", "cutting")):
             continue  # a finished crossing is no motion
+        if said.value == "oncoming" and _has_passed(actor, said):
+            continue
         if value is None or (said.value == ALONG and set(values) - {"same_direction"}):
             continue
         values.pop(value, None)
         values[value] = said
-    if not values and actor.origin is not None and not actor.motions:
+    if not values and actor.origin is not None and not actor.motions and not over:
         return f"{CROSSING}_from_{actor.origin.value}", (actor.origin,)
     if not values:
         return None
@@ -181,6 +195,14 @@ def _motion(actor: Actor) -> Found | None:
         if value == "same_direction" and specific != value and other.sentence == said.sentence:
             return specific, (other,)
     return value, (said,)
+
+
+def _has_passed(actor: Actor, said: Statement) -> bool:
+    """Tell whether what was said of a road user is over at the sentence's end: has passed."""
+    return any(
+        one.value == "resolved" and one.sentence == said.sentence and one.first > said.first
+        for one in actor.conflicts
+    )
 
 
 def _complete(value: str, actor: Actor) -> str | None:
@@ -204,9 +226,21 @@ def _conflict(actor: Actor | None, world: World) -> Found | None:
     if not said:
         return None
     last = said[-1]
+    if actor is not None and _is_of_earlier(last, actor, world):
+        return None
     if last.value == "potential":  # a possible turn of what is active already
         last = next((one for one in said if one.value == "active"), last)
     return last.value, (last,)
+
+
+def _is_of_earlier(said: Statement, critical: Actor, world: World) -> bool:
+    """Tell whether the end of a conflict is of one who was named before the critical one."""
+    return (
+        said.value in ("resolved", "no_conflict")
+        and said in world.loose
+        and all(one.sentence > said.sentence for one in critical.mentions)
+        and any(a.order < critical.order and a.mentions for a in world.actors)
+    )
 
 
 def _action(world: World, slot: str) -> Found | None:

@@ -28,6 +28,7 @@ _SOURCES = (
     "match.py",
     "scope.py",
     "world.py",
+    "movement.py",
     "clause.py",
     "bind.py",
     "decide.py",

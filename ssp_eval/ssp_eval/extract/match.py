@@ -156,7 +156,8 @@ class _Reader:
         if entry is None or (
             entry.kind == "verb" and entry.form == "base" and at and words[at - 1] in _DETERMINERS
         ):
-            return at + 1  # its stop, a turn: a noun
+            turn = entry is not None and entry.value.startswith("to_") and words[at - 1] != "no"
+            return stop if turn else at + 1  # its stop, a turn, a nudge to the right: a noun
         if (
             entry.value == "slow"
             and words[at:stop] == ["slow"]

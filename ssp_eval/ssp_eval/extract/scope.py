@@ -32,6 +32,9 @@ _NOT_OF_THINGS = Scope.REJECTED | Scope.PLANNED | Scope.FUTURE | Scope.LATER | S
 _OPTIONS = frozenset({"options", "alternatives", "candidates", "choices"})
 _ITEMS = frozenset({"(", "a", "b", "c", "d", "i", "ii", "iii", "1", "2", "3", "4", ")"})
 _COUNTS = frozenset({"a", "an", "one", "two", "three", "four", "five", "six", "several", "many"})
+_HEADING = 4  # words of a heading
+_FRAMES = frozenset({"frame", "frames", "image", "picture"})
+_BREAKS = frozenset({".", "?", "\n"})
 REACH = 24  # hits that a backward look covers, so that the whole stays linear
 
 
@@ -105,6 +108,8 @@ class _Sentence:
         self.clause = index + 1
 
     def _mark(self, index: int, value: str) -> None:
+        if value == ":" and self._heads_the_past(index):
+            self.wide |= Scope.PAST
         near = self.hits[max(index - 1, self.start) : index + 3]
         if (
             value == ","
@@ -118,6 +123,18 @@ class _Sentence:
         self._end(index)
         if value in (";", "|"):
             self.wide &= Scope.QUOTED
+
+    def _heads_the_past(self, index: int) -> bool:
+        """Tell whether a line's heading says that the rest of it is past: T-3 s: …; Before: …."""
+        stop = self.hits[index].first
+        first = stop
+        while first > 0 and stop - first <= _HEADING and self.words[first - 1] not in _BREAKS:
+            first -= 1
+        heading = self.words[first:stop]
+        known = lexicon().sets["words_of_the_past"]
+        named = len(heading) <= 2 and not known.isdisjoint(heading[:1])
+        seen = bool(self.local & Scope.PAST) and _FRAMES.isdisjoint(heading)
+        return len(heading) <= _HEADING and (named or seen)
 
     def _counted(self, hit: Hit) -> bool:
         """Tell whether a road user has a number or an article, so that it opens a new statement."""
@@ -170,7 +187,7 @@ class _Sentence:
                 self.flags[before] |= flag
             if reach == "clause":
                 self.local |= flag
-        elif name == "is":
+        elif name == "is" and self.words[hit.first] != "been":
             self.local &= ~Scope.PAST
 
     def _answers(self, index: int) -> bool:

@@ -1,0 +1,91 @@
+"""The motion that a verb with its goals says of a road user, and when it is over."""
+
+from __future__ import annotations
+
+from ssp_eval.extract.clause import PEOPLE
+from ssp_eval.extract.match import Hit
+from ssp_eval.extract.world import Actor
+
+# Motions that need company or a side, see decide.py.
+ALONG, CROSSING, CUTTING_IN, COMING = "along", "crossing", "cutting_in", "coming"
+OTHER_SIDE = {"left": "right", "right": "left"}
+_STOOD = frozenset({"stood", "waited", "sat", "lingered", "loitered", "hovered", "hesitated"})
+_LIES = frozenset({"lie", "lies", "lay"})
+_NAMES = frozenset({"user", "pronoun", "relative"})
+
+
+def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[str]) -> str | None:  # noqa: C901  # a table of cases, one a line
+    """Return the motion that a verb says, None where it says none.
+
+    Args:
+        actor: who moves.
+        kind: of movement that the verb is as another's.
+        goals: the places and directions that belong to it.
+        hit: the verb.
+        words: of the text.
+    """
+    names = {goal.value for goal in goals if goal.kind == "goal"}
+    side = next((g.value for g in goals if g.kind in ("across", "from")), "")
+    both = any(goal.kind == "across" for goal in goals)
+    end = next((goal.value for goal in goals if goal.kind == "towards"), "")
+    people = actor.name in PEOPLE
+    light = people or actor.name == "cyclist"
+    if kind in ("stand", "parked"):
+        return ALONG if hit.value == "stop" and hit.form == "ing" else "stationary"
+    if kind in ("oncoming", "recede", "with"):
+        return {"recede": "receding", "with": "same_direction"}.get(kind, kind)
+    if kind == "leave":
+        return None if people else "cutting_out"
+    if kind == "cross" and {"line", "into_ours"} & names and not light:
+        kind = "intrude"
+    if kind == "cross":
+        side = side or OTHER_SIDE.get(end, "")
+        return f"crossing_from_{side}" if side else CROSSING
+    if kind in ("go", "drift", "step", "along") and not side:
+        if "towards_us" in names and kind != "drift":
+            return "oncoming"
+        if "away" in names:
+            return "receding"
+    if "out_of_ours" in names and not people:
+        return "cutting_out"
+    if kind == "intrude" or (kind in ("drift", "go", "step") and "into_ours" in names):
+        word = CROSSING if people else CUTTING_IN
+        return f"{word}_from_{side}" if side else word
+    enters = light and words[hit.first].startswith("enter")
+    if kind == "drift" and not both and not enters:
+        names.discard("across")
+    if kind in ("step", "go", "drift") and (both or "across" in names):
+        side = side or OTHER_SIDE.get(end, "")
+        return f"crossing_from_{side}" if side else CROSSING if people else None
+    if kind == "drift" and side:
+        merges = words[hit.first].startswith("merg")
+        return f"{CUTTING_IN}_from_{side}" if merges else None
+    if people and kind in ("go", "step") and side:
+        return f"{CROSSING}_from_{side}"
+    if kind in ("go", "near") and side and _comes_straight(hit, goals, words):
+        return f"{COMING}_from_{side}"
+    if kind in ("along", "go") and not side:
+        return ALONG
+    return None
+
+
+def _comes_straight(hit: Hit, goals: list[Hit], words: list[str]) -> bool:
+    """Tell whether somebody comes from the side, as on the cross street, not from a lane."""
+    lane = any("lane" in words[goal.first : goal.stop] for goal in goals)
+    return not lane and words[hit.first].startswith(("com", "approach", "circul", "emerg"))
+
+
+def is_over_by_then(hit: Hit, kind: str, before: Hit, words: list[str]) -> bool:
+    """Tell whether a verb tells of the past, or of a thing: stood there; the road lies open.
+
+    Args:
+        hit: the verb.
+        kind: of movement that it is as another's.
+        before: the hit before it.
+        words: of the text.
+    """
+    word = words[hit.first]
+    if word in _LIES:
+        return before.kind not in _NAMES or hit.first - before.stop > 1
+    stands = kind in ("stand", "parked")
+    return hit.form == "ed" and (not stands or (word in _STOOD and before.value != "is"))
