@@ -348,6 +348,9 @@ def test_each_failed_run_has_the_command_that_drives_it_again(campaign: LoopCamp
     assert campaign.runs[first.number - 1] == first
     assert bag_of(campaign, first) == ""
     (bag_folder(campaign.folder, first.number) / "bag").mkdir(parents=True)
+    # One that is being written, or was cut off.
+    assert bag_of(campaign, first) == ""
+    (bag_folder(campaign.folder, first.number) / "result.json").write_text("{}")
     assert bag_of(campaign, first) == f"bags/{first.number:06d}/bag"
     assert f"<code>bags/{first.number:06d}/bag</code>" in render(campaign)
     assert again(campaign, first) == f"ssp loop '{campaign.folder}' --again {first.number}"

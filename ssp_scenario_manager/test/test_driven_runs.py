@@ -370,6 +370,12 @@ def invoked(*arguments: str) -> Result:
     return CliRunner().invoke(run_command, list(arguments), standalone_mode=False)
 
 
+def raised(done: Result) -> None:
+    """Raise what ended a command."""
+    if done.exception is not None:
+        raise done.exception
+
+
 def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_path: Path) -> None:
     first, again = tmp_path / "first", tmp_path / "again"
     options = ["--in-process", "--record", "--no-camera"]
@@ -401,13 +407,27 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
     assert {reference.purpose for reference in references} == {"plan"}
     assert load_run(first / "run.yaml").driven == load_run(again / "run.yaml").driven
     assert sha256_file(first / "task" / "task.json") == sha256_file(again / "task" / "task.json")
+    # What isn't the run of its folder any more is no valid result.
+    result = json.loads((again / "result.json").read_text())
+    result["driven"] |= {"outcome": "avoided", "states_sha256": "sha256:0"}
+    (again / "result.json").write_text(json.dumps(result))
+    done = invoked(str(again), "--in-process", "--out", str(tmp_path / "other"))
+    assert (done.exception, done.return_value) == (None, 1), done.output
+    other = json.loads((tmp_path / "other" / "result.json").read_text())
+    assert (other["verdict"], other["driven"]["outcome"]) == ("invalid_harness", "harness")
+    (reason,) = other["reasons"]
+    assert reason.startswith(f"it isn't the run of {again / 'result.json'}: outcome is evaded and")
+    assert "states_sha256 is sha256:" in reason
+    (again / "result.json").write_text('{"driven": {"chain": {}}}')
+    with pytest.raises(InputError, match=r"result\.json: doesn't say what the run was"):
+        raised(invoked(str(again), "--in-process", "--out", str(tmp_path / "third")))
     # A recorded session is judged by the run that it is, and by none where its states differ.
     run = load_run(first / "run.yaml")
-    told, why = told_of_session(run, again / "bag")
+    told, why = told_of_session(None, run, again / "bag")
     assert (told["driven"], why) == (results[0], "")
     assert run.driven is not None
     later = run.driven.model_copy(update={"latency": Latency(0.5)})
-    told, why = told_of_session(run.model_copy(update={"driven": later}), again / "bag")
+    told, why = told_of_session(None, run.model_copy(update={"driven": later}), again / "bag")
     assert (told["driven"]["outcome"], told["driven"]["severity"]) == ("harness", None)
     assert "aren't those of one process" in why
     assert told["driven"]["why"] == why

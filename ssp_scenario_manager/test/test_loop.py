@@ -22,10 +22,13 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from ssp_core.errors import InputError
+from ssp_core.errors import HostError, InputError
 from ssp_core.run_file.latency import Latency
+from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
+from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.cli.loop import loop
 from ssp_scenario_manager.closed_loop import campaign, runs, seal
+from ssp_scenario_manager.closed_loop.bags import write_bags
 from ssp_scenario_manager.closed_loop.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES, ZERO, LoopPlan, load_plan
@@ -303,6 +306,20 @@ def test_the_command_prints_the_table_of_what_is_there(done: Path, tmp_path: Pat
     assert (said.exception, said.return_value) == (None, 0)
 
 
+def test_the_table_is_printed_where_no_bag_can_be_recorded(
+    done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any) -> None:
+        raise HostError("no space left")
+
+    monkeypatch.setattr(sys.modules["ssp_scenario_manager.cli.loop"], "write_bags", full)
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(yaml.safe_dump(PLAN))
+    said = CliRunner().invoke(loop, [str(plan), "--out", str(done)], standalone_mode=False)
+    assert isinstance(said.exception, HostError)
+    assert "oracle             L 0        1.00" in said.stdout
+
+
 def test_one_run_is_driven_again_by_one_command_to_the_same_outcome(
     done: Path, tmp_path: Path
 ) -> None:
@@ -325,6 +342,50 @@ def test_one_run_is_driven_again_by_one_command_to_the_same_outcome(
     shown = [one.text or "" for one in view.iter() if one.tag.endswith("text")]
     assert {"T_obs", "frame", "effective", "outcome"} <= set(shown)
     assert shown[0].startswith("cut_in: aeb, L = 1 s: collision at")
+
+
+def test_a_run_that_is_another_than_its_row_is_no_valid_result(done: Path, tmp_path: Path) -> None:
+    """Of the states of one row, and the outcome of another one."""
+    folder = shutil.copytree(done, tmp_path / "campaign")
+    lines = (folder / "runs.csv").read_text().splitlines(keepends=True)
+    number, one = next((k, o) for k, o in enumerate(rows(done), 1) if o["driver"] == "aeb")
+    bag, states = number + 1, one["states_sha256"]
+    assert states.startswith("sha256:")
+    lines[number] = lines[number].replace(states, "sha256:0")
+    lines[bag] = lines[bag].replace(",collision,", ",avoided,")
+    (folder / "runs.csv").write_text("".join(lines))
+    again = tmp_path / "again"
+    said = CliRunner().invoke(
+        loop, [str(folder), "--again", str(number), "--out", str(again)], standalone_mode=False
+    )
+    assert (said.exception, said.return_value) == (None, 1)
+    told = json.loads((again / "result.json").read_text())
+    why = (
+        f"it isn't the run of row {number} of {folder / 'runs.csv'}: "
+        f"states_sha256 is {states} and was sha256:0"
+    )
+    assert (told["verdict"], told["reasons"]) == ("invalid_harness", [why])
+    assert (told["driven"]["outcome"], told["driven"]["why"]) == ("harness", why)
+    assert read_verdict(again / "bag") == RecordedVerdict(Verdict.INVALID_HARNESS, (why,))
+    (wrong,) = write_bags(folder, [bag], 1, lambda *_: None)
+    place = folder / "bags" / f"{bag:06d}"
+    assert wrong.startswith(f"{place}: it isn't the run of row {bag} of")
+    assert "outcome is collision and was avoided" in wrong
+    assert json.loads((place / "result.json").read_text())["verdict"] == "invalid_harness"
+
+
+def test_a_run_is_driven_again_by_the_sources_that_drove_it_alone(
+    done: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(done, tmp_path / "edited")
+    sealed = json.loads((folder / "plan.json").read_text())
+    sealed["sources"]["ssp_core"] = "sha256:" + 64 * "0"
+    (folder / "plan.json").write_text(json.dumps(sealed))
+    out = tmp_path / "again"
+    said = CliRunner().invoke(loop, [str(folder), "--again", "1", "--out", str(out)])
+    assert isinstance(said.exception, InputError)
+    assert "plan.json: sources: is of other sources of this software" in str(said.exception)
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(("driver", "why"), [("careful", "prescribed"), ("", "has 16 runs")])

@@ -11,6 +11,7 @@ from typing import Any
 from markupsafe import Markup
 
 from ssp_core.files import write_text
+from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.templates import templates
 from ssp_eval.closed_loop.comparisons import HARNESS, LEAST_EVENTS
 from ssp_eval.closed_loop.figures import (
@@ -261,9 +262,11 @@ def again(campaign: LoopCampaign, run: Run) -> str:
 
 
 def bag_of(campaign: LoopCampaign, run: Run) -> str:
-    """Return the place of a run's bag in the campaign's folder; empty: it has none."""
-    bag = bag_folder(campaign.folder, run.number) / "bag"
-    return str(bag.relative_to(campaign.folder)) if bag.is_dir() else ""
+    """Return the place of a run's bag in the campaign's folder; empty: it has no complete one."""
+    folder = bag_folder(campaign.folder, run.number)
+    # The last file that is written.
+    is_complete = (folder / RESULT_FILE).is_file()
+    return str((folder / "bag").relative_to(campaign.folder)) if is_complete else ""
 
 
 def card_rows(card: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from functools import partial
@@ -23,6 +23,7 @@ from ssp_scenario_manager.closed_loop.bags import Bags, bag_rows, write_bags
 from ssp_scenario_manager.closed_loop.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.plan_file import load_plan
 from ssp_scenario_manager.closed_loop.rates import Rates
+from ssp_scenario_manager.closed_loop.seal import check_sources
 from ssp_scenario_manager.closed_loop.tables import RUNS_FILE, TABLE_FILE, rows_there
 from ssp_scenario_manager.closed_loop.top_view import told_with_view
 from ssp_scenario_manager.compile.task import TASK_FOLDER
@@ -65,7 +66,8 @@ def loop(
     It leaves plan.json, starts.json and cards.json (sealed before a driver runs), runs.csv (a row
     per run) and table.csv (a row per event, driver and latency); `ssp report` makes a page of them.
     The bags of runs lie in bags/ROW, each in a folder as `ssp run` leaves it.
-    Exit status 1 where a baseline that must have a headline of 0 has another one.
+    Exit status 1 where a baseline that must have a headline of 0 has another one, or a run that is
+    recorded isn't the one of its row.
 
     \b
     For example:
@@ -82,9 +84,18 @@ def loop(
     with taken_folder(out):
         with console.progress("runs", None, estimated=True) as bar:
             rates, refused = run_campaign(plan, out, jobs, _counted(bar), console.note)
+        # Said first: recording can fail, as on a full disk.
+        _say(rates, refused, out, as_json)
         recorded = list(bag_rows(plan, rows_there(out / RUNS_FILE), bags))
         with console.progress("bags", None, estimated=True) as bar:
-            write_bags(out, recorded, jobs, _counted(bar))
+            wrong = write_bags(out, recorded, jobs, _counted(bar))
+    for text in wrong:
+        console.report_error(text)
+    return 1 if refused or wrong else 0
+
+
+def _say(rates: Sequence[Rates], refused: Sequence[str], out: Path, as_json: bool) -> None:
+    """Print the result of a campaign."""
     if as_json:
         click.echo(json.dumps([{**asdict(one), "latency": str(one.latency)} for one in rates]))
     else:
@@ -93,7 +104,6 @@ def loop(
         console.out.print(f"{out / TABLE_FILE}; ssp report {out} makes its page", markup=False)
     for text in refused:
         console.report_error(f"the campaign is refused: {text}")
-    return 1 if refused else 0
 
 
 def _counted(bar: Progress) -> Callable[[int, int], None]:
@@ -111,6 +121,7 @@ def _counted(bar: Progress) -> Callable[[int, int], None]:
 
 def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
     """Drive one run of a campaign again."""
+    check_sources(campaign)
     again = run_of_row(campaign, row)
     folder = out or campaign / AGAIN_FOLDER / str(row)
     make_folder(folder)
@@ -126,7 +137,7 @@ def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
                 folder,
                 as_json,
                 recorded=True,
-                further=partial(told_with_view, folder, again.kept),
+                further=partial(told_with_view, folder, again.kept, again.before),
                 answers=repeated(again.kept),
             )
     return 0 if told["verdict"] == "valid" else 1

@@ -26,6 +26,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.driver import drives_as_node, sees_frames
 from ssp_scenario_manager.closed_loop.answers import KeptAnswers, repeated
+from ssp_scenario_manager.closed_loop.before import before_of_folder
 from ssp_scenario_manager.closed_loop.sessions import told_of_session
 from ssp_scenario_manager.closed_loop.single import (
     Drive,
@@ -290,6 +291,8 @@ def run(
         if swept:
             return run_many(spec, folder, vary, runs, jobs or 1, as_json)
         kept = kept_answers(spec, drive, Path(what))
+        repeats = spec.driven is not None and drive is None and faults_file is None
+        before = before_of_folder(Path(what)) if repeats else None
         spec = driven_run(spec, draft / TASK_FOLDER / EVENT_FILE, drive, console.note)
         # A driver that sees has its frames drawn whether they are recorded or not.
         seeing = spec.driven is not None and sees_frames(spec.driven.driver)
@@ -322,7 +325,7 @@ def run(
                 as_json,
                 recorded=record,
                 server=drawn_by,
-                further=partial(told_with_view, folder, kept),
+                further=partial(told_with_view, folder, kept, before),
                 answers=repeated(kept),
             )
         if junit is not None:
@@ -339,7 +342,7 @@ def run(
         video,
         shadows,
         servers,
-        told_of_session,
+        partial(told_of_session, before),
     )
     _say_session(spec, folder, result, as_json)
     if junit is not None:

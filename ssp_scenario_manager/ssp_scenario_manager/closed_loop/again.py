@@ -8,11 +8,12 @@ from pathlib import Path
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.closed_loop.answers import KeptAnswers, load_answers, row_file
+from ssp_scenario_manager.closed_loop.before import Before, before_of_row
 from ssp_scenario_manager.closed_loop.careful import CAREFUL
 from ssp_scenario_manager.closed_loop.runs import drivable, identity_of, jobs_of
 from ssp_scenario_manager.closed_loop.seal import TASKS_FOLDER, sealed_plan, sealed_starts
 from ssp_scenario_manager.closed_loop.start import Start
-from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, RUNS_FILE, Row, rows_there
+from ssp_scenario_manager.closed_loop.tables import RUNS_FILE, Row, rows_there
 from ssp_scenario_manager.compile.task import TASK_FOLDER
 
 
@@ -27,6 +28,7 @@ class RowRun:
         task: folder of its event's task.
         kept: answers that a model repeats; None: it is asked anew, or the driver is a baseline.
         asks_anew: a model whose answers aren't kept, since our side failed its run.
+        before: what the row says of it; None: our side failed it.
     """
 
     start: Start
@@ -35,6 +37,7 @@ class RowRun:
     task: Path
     kept: KeptAnswers | None
     asks_anew: bool
+    before: Before | None
 
 
 def run_of_row(folder: Path, number: int) -> RowRun:
@@ -71,9 +74,11 @@ def run_of_row(folder: Path, number: int) -> RowRun:
         latency = job.latencies[left // job.repeats]
         start = drivable(job.start)
         run = start.driven_by(job.driver.driver, job.driver.options, latency)
+        row = rows[number - 1]
+        before = before_of_row(folder / RUNS_FILE, number, row)
         is_model = job.driver.is_model
-        is_kept = is_model and rows[number - 1][RUN_COLUMNS.index("outcome")] != "harness"
+        is_kept = is_model and before is not None
         path = row_file(folder, number)
         kept = load_answers(path, "let the campaign be driven anew") if is_kept else None
-        return RowRun(start, rows[number - 1], run, task, kept, asks_anew=is_model and not is_kept)
+        return RowRun(start, row, run, task, kept, is_model and not is_kept, before)
     raise InputError("isn't of this campaign's plan", file=folder / RUNS_FILE, value=number)

@@ -17,6 +17,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_scenario_manager.closed_loop.again import run_of_row
 from ssp_scenario_manager.closed_loop.answers import repeated
+from ssp_scenario_manager.closed_loop.before import HARNESS, Before
 from ssp_scenario_manager.closed_loop.careful import CAREFUL
 from ssp_scenario_manager.closed_loop.outcome import outcome_of, told_of
 from ssp_scenario_manager.closed_loop.plan_file import ZERO, LoopPlan
@@ -62,8 +63,12 @@ def write_bags(
     numbers: Sequence[int],
     jobs: int,
     on_done: Callable[[int, int], None],
-) -> None:
+) -> list[str]:
     """Record the runs of rows that have no bag yet, each in a folder as `ssp run` leaves it.
+
+    Returns:
+        Which of the runs weren't those of their rows any more, and what of them; their results
+        are not valid.
 
     Args:
         folder: of the campaign, all of whose rows are there.
@@ -74,10 +79,14 @@ def write_bags(
     todo = [n for n in numbers if not (bag_folder(folder, n) / RESULT_FILE).is_file()]
     done = len(numbers) - len(todo)
     on_done(done, len(numbers))
+    wrong = []
     with ordered_map(min(jobs, len(todo))) as run_all:
-        for _ in run_all(partial(_record, folder), todo):
+        for why in run_all(partial(_record, folder), todo):
             done += 1
             on_done(done, len(numbers))
+            if why:
+                wrong.append(why)
+    return wrong
 
 
 def bag_folder(folder: Path, number: int) -> Path:
@@ -90,7 +99,7 @@ def bag_folder(folder: Path, number: int) -> Path:
     return folder / BAGS_FOLDER / f"{number:06d}"
 
 
-def _record(folder: Path, number: int) -> None:
+def _record(folder: Path, number: int) -> str:
     again = run_of_row(folder, number)
     place = bag_folder(folder, number)
     # What a call that was cut off left.
@@ -99,21 +108,30 @@ def _record(folder: Path, number: int) -> None:
     shutil.copytree(again.task, place / TASK_FOLDER)
     spec = for_one_process(again.run.model_copy(update={"run_id": place.name}), camera=True)
     needless = dict(zip(RUN_COLUMNS, again.row, strict=True))["needless"]
-    run_one(
+    told = run_one(
         spec,
         place,
         as_json=False,
         recorded=True,
-        further=partial(_told, again.start, needless),
+        further=partial(_told, again.start, again.before, needless),
         answers=repeated(again.kept),
         quiet=True,
     )
+    differs = again.before is not None and told["driven"]["outcome"] == HARNESS
+    return f"{place}: {told['driven']['why']}" if differs else ""
 
 
 def _told(
-    start: Start, needless: str, run: RunSpec, result: InProcessResult, record: Record
-) -> dict[str, Any]:
+    start: Start,
+    before: Before | None,
+    needless: str,
+    run: RunSpec,
+    result: InProcessResult,
+    record: Record,
+) -> tuple[dict[str, Any], str]:
     if run.driven is None:
         raise ValueError("a driven run is driven by somebody")
     outcome = outcome_of(run, run.driven, result, record, start.twin)
-    return {"driven": told_of(run.driven, record, outcome, start.v_r_mps) | {"needless": needless}}
+    told = told_of(run.driven, record, outcome, start.v_r_mps) | {"needless": needless}
+    told, why = (told, "") if before is None else before.judged(told)
+    return {"driven": told}, why

@@ -421,6 +421,7 @@ def told_of(
         "v_r_mps": rounded(v_r_mps),
         "severity": rounded(severity_of(outcome, v_r_mps)),
         "chain": chain_of(driven, record, outcome),
+        "states_sha256": record.sha256,
         "unled_s": rounded(outcome.unled_s),
         "starved": outcome.starved,
         "questions": sum(drive.asked is not None for drive in drives),

@@ -99,6 +99,7 @@ class _Found:
     Args:
         answers: with texts.
         took: what is known of a measured latency; None: it was given.
+        states: hash of the true states; empty: it was driven in no session.
     """
 
     outcome: Outcome
@@ -107,6 +108,7 @@ class _Found:
     needless: str
     answers: tuple[Kept, ...] = ()
     took: Mapping[str, Any] | None = None
+    states: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +154,7 @@ def _cells(start: Start, found: _Found) -> Row:
         str(outcome.starved).lower(),
         one_line(found.needless),
         *(shown(None if found.took is None else found.took[key]) for key in ("p50_s", "p99_s")),
+        found.states,
         *map(shown, astuple(severity)),
     ]
 
@@ -202,6 +205,7 @@ def _both(
         needless_in(free.run, free.driven, free.record, built_in, free.outcome),
         tuple(texts_of(driven.driven, driven.record.reports, driven.outcome.at_s)),
         measured_of(driven.driven, driven.record),
+        driven.record.sha256,
     )
 
 

@@ -58,11 +58,7 @@ def draw_starts(
     Raises:
         InputError: the folder holds another campaign, or an event has too few critical starts.
     """
-    sealed = {
-        "version": __version__,
-        "sources": _sources(),
-        "plan": plan.model_dump(mode="json", by_alias=True),
-    }
+    sealed = {**_software(), "plan": plan.model_dump(mode="json", by_alias=True)}
     _claim(folder, sealed)
     path = folder / STARTS_FILE
     if path.is_file():
@@ -102,6 +98,28 @@ def sealed_plan(folder: Path) -> tuple[LoopPlan, str]:
     path = folder / PLAN_FILE
     there = _sealed(path)
     return parse_model(LoopPlan, there.get("plan"), path), str(there.get("version", ""))
+
+
+def check_sources(folder: Path) -> None:
+    """Refuse a campaign that other sources of this software began: they drive other runs.
+
+    Raises:
+        InputError: it is one, or no campaign's folder.
+    """
+    path = folder / PLAN_FILE
+    there, ours = _sealed(path), _software()
+    for name, value in ours.items():
+        if there.get(name) != value:
+            raise InputError(
+                _OTHER[name],
+                file=path,
+                field=name,
+                remedy="use the software that drove it, or drive the campaign anew",
+            )
+
+
+def _software() -> dict[str, Any]:
+    return {"version": __version__, "sources": _sources()}
 
 
 def _sealed(path: Path) -> dict[str, Any]:

@@ -18,17 +18,19 @@ from ssp_core.errors import SspError
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.plant import StepReport
+from ssp_scenario_manager.closed_loop.before import Before, failed_for
 from ssp_scenario_manager.closed_loop.single import told_of_run
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.run.sweep import for_one_process
 
 
-def told_of_session(spec: RunSpec, bag: Path) -> tuple[dict[str, Any], str]:
+def told_of_session(before: Before | None, spec: RunSpec, bag: Path) -> tuple[dict[str, Any], str]:
     """Return what ``result.json`` says of who drove, and why the verdict can't stand.
 
     Both are empty for a run that nobody drove.
 
     Args:
+        before: what the run was, where it is driven again; None: it is held against nothing.
         spec: as it was driven.
         bag: of the session.
     """
@@ -38,7 +40,9 @@ def told_of_session(spec: RunSpec, bag: Path) -> tuple[dict[str, Any], str]:
     result, record = run_in_process(run)
     told = told_of_run(run, result, record)
     if why := _difference(bag, record.reports):
-        told["driven"] |= {"outcome": "harness", "why": why, "severity": None}
+        told["driven"] |= failed_for(why)
+    elif before is not None:
+        told["driven"], why = before.judged(told["driven"])
     return told, why
 
 

@@ -23,6 +23,7 @@ RUN_COLUMNS = [
     *("outcome", "outcome_s", "why", "v_i_mps", "v_r_mps", "severity"),
     *CHAIN,
     *("unled_s", "starved", "needless", "latency_p50_s", "latency_p99_s"),
+    "states_sha256",
     *(field.name for field in fields(Severity)),
 ]
 RATE_COLUMNS = [
@@ -57,6 +58,13 @@ def shown(value: float | None) -> str:
     """Return a number as a cell, empty where there is none."""
     kept = rounded(value)
     return "" if kept is None else str(kept)
+
+
+def cell(value: str | float | bool | None) -> str:
+    """Return a value of ``result.json`` as a cell."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return one_line(value) if isinstance(value, str) else shown(value)
 
 
 def read_row(row: Row) -> RunRow:

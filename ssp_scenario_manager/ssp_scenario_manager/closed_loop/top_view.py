@@ -20,6 +20,7 @@ from ssp_core.templates import templates
 from ssp_core.world.driver import DriveMode
 from ssp_core.world.road_drawing import RoadView, drawing_of
 from ssp_scenario_manager.closed_loop.answers import KeptAnswers
+from ssp_scenario_manager.closed_loop.before import Before
 from ssp_scenario_manager.closed_loop.contact import first_contact, until
 from ssp_scenario_manager.closed_loop.single import told_of_run
 from ssp_scenario_manager.run.in_process import InProcessResult, Record
@@ -51,23 +52,31 @@ class Mark:
 def told_with_view(
     folder: Path,
     kept: KeptAnswers | None,
+    before: Before | None,
     run: RunSpec,
     result: InProcessResult,
     record: Record,
-) -> dict[str, Any]:
+) -> tuple[dict[str, Any], str]:
     """Return what ``result.json`` says of who drove, and leave the view from above in a folder.
+
+    Beside it stands why the run isn't the one that it must be; empty: it is.
 
     Args:
         folder: takes a model's answers too.
         kept: answers of the run before, which the driver repeats; None: it was asked.
+        before: what the run was, where it is driven again; None: it is held against nothing.
         run: as it was driven.
         result: of the run.
         record: of the run.
     """
     told = told_of_run(run, result, record, folder=folder, kept=kept)
-    if told:
-        write_text(folder / VIEW_FILE, top_view(run, record, told["driven"]))
-    return told
+    if not told:
+        return {}, ""
+    write_text(folder / VIEW_FILE, top_view(run, record, told["driven"]))
+    if before is None:
+        return told, ""
+    driven, why = before.judged(told["driven"])
+    return {"driven": driven}, why
 
 
 def _latency(told: dict[str, Any]) -> str:

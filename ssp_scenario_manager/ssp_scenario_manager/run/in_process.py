@@ -6,7 +6,8 @@ import gc
 import io
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import PeerError
 from ssp_core.files import write_bytes
+from ssp_core.hashing import sha256_bytes
 from ssp_core.motion.event import Passing, PhaseBegan
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from ssp_scenario_manager.run.in_process_recording import SessionRecording
 
 _COLUMNS = ("stamp_ns", "x_m", "y_m", "yaw_rad", "speed_mps", "acceleration_mps2", "yaw_rate_radps")
+_VALUES = attrgetter(*_COLUMNS)
 
 
 @dataclass
@@ -54,6 +57,13 @@ class Record:
             for s in (*r.vut_states, *r.target_states)
             if s.object_id == object_id
         ]
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the true states of every body at each step."""
+        ids = [state.object_id for report in self.reports for state in report.truths]
+        states = [_VALUES(state) for report in self.reports for state in report.truths]
+        return sha256_bytes(" ".join(ids).encode() + np.array(states, dtype=np.float64).tobytes())
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +114,12 @@ class InProcessResult:
     @property
     def ok(self) -> bool:
         return self.verdict is Verdict.VALID
+
+    def failed_for(self, why: str) -> InProcessResult:
+        """Return the result of a run that is sound no longer, for one more reason."""
+        verdict = Verdict.INVALID_HARNESS if self.ok else self.verdict
+        reasons = (why, *self.reasons) if self.ok else (*self.reasons, why)
+        return replace(self, verdict=verdict, reasons=reasons)
 
     def phase_s(self, phase: Phase) -> float | None:
         """Return session time at which a phase began, None if it didn't."""

@@ -24,6 +24,7 @@ import click
 import numpy as np
 
 from ssp_core import console
+from ssp_core.bag.verdict import leave_verdict
 from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.clock import ns_to_seconds
 from ssp_core.decimals import decimal, whole_number
@@ -405,14 +406,15 @@ def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
     return with_conditions_never_met(spec.model_copy(update={"camera": kept, "session_token": ""}))
 
 
-Further = Callable[[RunSpec, InProcessResult, Record], dict[str, Any]]
+# What else result.json says of a run, and why its verdict can't stand; empty: it can.
+Further = Callable[[RunSpec, InProcessResult, Record], tuple[dict[str, Any], str]]
 
 
 def _say_nothing(_: str) -> None: ...
 
 
-def _nothing_further(_: RunSpec, __: InProcessResult, ___: Record) -> dict[str, Any]:
-    return {}
+def _nothing_further(_: RunSpec, __: InProcessResult, ___: Record) -> tuple[dict[str, Any], str]:
+    return {}, ""
 
 
 def run_one(
@@ -434,7 +436,8 @@ def run_one(
         as_json: the result on standard output as JSON.
         recorded: it leaves a bag too.
         server: that draws the bag's frames; None: our own renderer does.
-        further: returns what else ``result.json`` says of the run.
+        further: returns what else ``result.json`` says of the run, and why its verdict can't
+            stand.
         answers: that the model of a driven run gave before, and repeats; None: it is asked.
         quiet: prints nothing of the run.
     """
@@ -446,7 +449,12 @@ def run_one(
         result, record, told = run_recorded(spec, run_file, bag, say, server, answers)
     else:
         (result, record), told = run_in_process(spec, answers=answers), {}
-    written = result_json(spec, result) | told | further(spec, result, record)
+    more, why = further(spec, result, record)
+    if why:
+        result = result.failed_for(why)
+        if recorded:
+            told["seal"] = leave_verdict(bag, result.verdict, result.reasons, "runner")
+    written = result_json(spec, result) | told | more
     if not quiet:
         # Said first: the disk may be full.
         _say(spec, folder, result, written, as_json)
