@@ -41,6 +41,10 @@ VERBS: dict[str, tuple[str, str]] = {
         "ssp_eval.draw.cli:draw",
         "Draw the pictures of a finished recording anew with CARLA.",
     ),
+    "driver": (
+        "ssp_eval.evaluate.drivers_cli:driver",
+        "Serve bridges for AlpaSim, and check policies that were written for it.",
+    ),
     "import-bag": (
         "ssp_eval.importers.cli:import_bag_command",
         "Turn somebody else's ROS 2 bag into a recording that can be audited.",

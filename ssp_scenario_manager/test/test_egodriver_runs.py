@@ -13,12 +13,15 @@ from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.driver import driver_options
+from ssp_eval.evaluate.driving import bridge_model
 from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of
 from ssp_scenario_manager.closed_loop.single import next_start
 from ssp_scenario_manager.closed_loop.start import Start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
+from ssp_vla_bridge.egodriver.server import BridgePolicy, Listening
+from ssp_vla_bridge.egodriver.server import serving as serving_bridge
 from tests.support.egodrivers import SMALL, serving
 
 SEED = 1
@@ -63,3 +66,42 @@ def test_the_packages_policies_drive_to_a_verdict(event: str, tmp_path: Path) ->
         answered = [one.answered for one in drives if one.answered is not None]
         assert len(answered) > 20
         assert not [one.refused for one in answered if one.refused]
+
+
+# Its plan depends on each bit of what it is shown.
+PROBE = """
+import hashlib
+
+
+def probe(request):
+    seen = repr((request.history, request.camera, [frame.jpeg for frame in request.frames],
+                 request.request_id, request.stamp_ns))
+    share = int(hashlib.sha256(seen.encode()).hexdigest()[:8], 16) / 16.0**8
+    v = request.history[-1].speed_mps * (1.0 - 0.01 * share)
+    return "I look.", [(0.5 * v * k, 0.01 * share * k) for k in range(11)]
+"""
+
+
+@pytest.mark.parametrize("backend", ["python", "opencv_baseline"])
+def test_a_bridge_behind_a_server_drives_to_the_same_bytes(
+    backend: str, cut_in: Start, tmp_path: Path
+) -> None:
+    (tmp_path / "probing.py").write_text(PROBE)
+    function = {"function": "probing:probe", "folder": str(tmp_path)}
+    given = {"backend": backend, **(function if backend == "python" else {})}
+    options = driver_options("mine", given)
+    direct = drive(cut_in.driven_by("mine", options, Latency(0.2)), cut_in)
+    policy = BridgePolicy(bridge_model("mine", options))
+    with serving_bridge(policy, "alpasim", Listening(port=0)) as url:
+        served = drive(run_of(cut_in, url, 0.2), cut_in)
+    assert direct[0] == served[0]
+    assert [one.truths for one in direct[2].reports] == [one.truths for one in served[2].reports]
+    plans = [_plans(one[2]) for one in (direct, served)]
+    assert plans[0] == plans[1]
+    assert len(plans[0]) > 20
+
+
+def _plans(record: Record) -> list[Any]:
+    drives = [one.drive for one in record.reports if one.drive is not None]
+    answered = [one.answered for one in drives if one.answered is not None]
+    return [(one.stamp_ns, one.answer.trajectory, one.answer.text) for one in answered]

@@ -123,7 +123,7 @@ def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
             "timeout_s": policy.deadline_s,
             "sees_route": True,
         }
-    model, spec = _model(name, options), _spec(name, options)
+    model, spec = bridge_model(name, options), _spec(name, options)
     named = spec.options.get("model")
     return {
         "model": named if isinstance(named, str) else model.backend,
@@ -147,10 +147,11 @@ def make_driver(
         from ssp_vla_bridge.egodriver.client import EgodriverDriver
 
         return EgodriverDriver(name, read_options(options[EGODRIVER], name), recorded)
-    return BridgeDriver(_model(name, options), recorded)
+    return BridgeDriver(bridge_model(name, options), recorded)
 
 
-def _model(name: str, options: Mapping[str, Any]) -> DriverModel:
+def bridge_model(name: str, options: Mapping[str, Any]) -> DriverModel:
+    """Return a model as it is to drive, of what ``driver_options`` returned."""
     spec = _spec(name, options)
     return DriverModel(
         name=name,

@@ -122,10 +122,18 @@ class BridgeDriver:
         """
         if self._recorded is not None:
             return core.repeated_answer(self._recorded, question)
+        return self.ask(request_of(question, self._model))
+
+    def ask(self, request: Request) -> core.GivenAnswer:
+        """Answer a request, or say why the model ended.
+
+        Args:
+            request: without the model's own last answer, which is put in here.
+        """
         if self._process is None:
             return core.GivenAnswer(None, ended=f"it can't be loaded: {self.problem}")
         limit_s = self._model.limit_s
-        got = self._process.ask(request_of(question, self._model, self._previous), limit_s)
+        got = self._process.ask(replace(request, previous=self._previous), limit_s)
         if isinstance(got, core.GivenAnswer):
             return got
         measured, latency = got
@@ -146,15 +154,14 @@ class BridgeDriver:
             self._process.close()
 
 
-def request_of(
-    question: core.Question, model: DriverModel, previous: Response | None = None
-) -> Request:
-    """Return the request of a question; all that the model gets is in it.
+def request_of(question: core.Question, model: DriverModel) -> Request:
+    """Return the request of a question.
+
+    But for a last answer of its own, all that the model gets is in it.
 
     Args:
         question: of the session.
         model: that is asked.
-        previous: its own last answer, where its interface carries one.
     """
     return Request(
         request_id=str(question.number),
@@ -164,7 +171,6 @@ def request_of(
         history=history_by(question.history, model.rules),
         ego_provenance="measured",
         task=model.task,
-        previous=previous,
     )
 
 

@@ -210,7 +210,7 @@ def image(
 
 
 def trajectory_of(message: proto.Trajectory, here: Pose2, now_us: int) -> Trajectory | None:
-    """Return a plan of the local frame in the VUT's ego frame; None: there is none.
+    """Return a plan of the local frame in the VUT's ego frame; None: there is none to come.
 
     What a plan says of the past is left out where its times rise; a plan that begins later begins
     at the VUT.
@@ -229,7 +229,9 @@ def trajectory_of(message: proto.Trajectory, here: Pose2, now_us: int) -> Trajec
     times = [row[0] for row in rows]
     if all(a < b for a, b in pairwise(times)):
         rows = [row for row in rows if row[0] >= 0.0]
-        if rows and rows[0][0] > 0.0:
+        if not rows or rows[-1][0] == 0.0:
+            return None
+        if rows[0][0] > 0.0:
             rows.insert(0, (0.0, 0.0, 0.0))
     t_s, x_m, y_m = (tuple(row[k] for row in rows) for k in range(3))
     return Trajectory(t_s, x_m, y_m)

@@ -1,0 +1,105 @@
+"""``ssp driver``: one of our bridges for AlpaSim, and a check of a policy before it drives here."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Literal
+
+import click
+
+from ssp_core import console
+from ssp_core.errors import InputError
+from ssp_core.options import WholeNumber
+from ssp_core.terminal import on_stop_signals
+from ssp_eval.evaluate.driving import EGODRIVER, bridge_model, driver_options
+from ssp_vla_bridge.backend import BACKENDS, parse_options
+
+_MOST_PORT = 65535
+
+
+@click.group()
+def driver() -> None:
+    """Serve drivers for AlpaSim, and check policies that were written for it.
+
+    \b
+    For example:
+      ssp driver serve opencv_baseline --port 50051
+      ssp driver check grpc://127.0.0.1:50051
+    """
+
+
+@driver.command()
+@click.argument("bridge", metavar="NAME[=JSON]")
+@click.option(
+    "--port",
+    type=WholeNumber(0, _MOST_PORT),
+    default=50051,
+    show_default=True,
+    help="0: any free one.",
+)
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
+@click.option(
+    "--mode",
+    type=click.Choice(["alpasim", "carla"]),
+    default="alpasim",
+    show_default=True,
+    help="What a client that declares no revision speaks: AlpaSim's own, or the one before.",
+)
+@click.option("--camera", default="", help="Camera to see by, where a client declares several.")
+@click.option(
+    "--sessions",
+    type=WholeNumber(1, 64),
+    default=8,
+    show_default=True,
+    help="Sessions at a time; each has a process of its own.",
+)
+@click.option(
+    "--models",
+    "models_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="File (ssp.models/1) whose models NAME may be.",
+)
+@click.option("--tls-certificate", default="", metavar="FILE", help="Certificate (PEM).")
+@click.option("--tls-key", default="", metavar="FILE", help="Its key (PEM).")
+@click.option("--insecure", is_flag=True, help="Plain text on a host that isn't loopback.")
+def serve(
+    bridge: str,
+    port: int,
+    host: str,
+    mode: Literal["alpasim", "carla"],
+    camera: str,
+    sessions: int,
+    models_file: Path | None,
+    tls_certificate: str,
+    tls_key: str,
+    insecure: bool,
+) -> int:
+    """Serve the bridge NAME as an EgodriverService, until it is ended.
+
+    \b
+    For example:
+      ssp driver serve opencv_baseline --port 50051
+      ssp driver serve 'mine={"backend": "http", "url": "http://127.0.0.1:8300"}'
+    """
+    if bool(tls_certificate) != bool(tls_key):
+        raise click.UsageError("--tls-certificate and --tls-key go together")
+    # gRPC is loaded where it is used.
+    from ssp_vla_bridge.egodriver.server import BridgePolicy, Listening, serving
+
+    name, _, given = bridge.partition("=")
+    options = driver_options(name, parse_options(given, name), models_file, sorted(BACKENDS))
+    if EGODRIVER in options:
+        raise InputError(
+            "is served already",
+            field="NAME",
+            value=name,
+            remedy="name one of our bridges, such as opencv_baseline",
+        )
+    policy = BridgePolicy(bridge_model(name, options), camera, sessions)
+    at = Listening(host, port, tls_certificate, tls_key, insecure)
+    over = threading.Event()
+    with on_stop_signals(lambda _: over.set()), serving(policy, mode, at) as address:
+        console.out.print(f"{name} listens on {address}", markup=False)
+        over.wait()
+    return 0
