@@ -8,7 +8,9 @@ import shutil
 import tempfile
 import threading
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,14 +20,20 @@ from ssp_core import names
 from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.processes import measuring_alone
+from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.world.driver import driver_options
 from ssp_scenario_manager.cli.loop import loop
-from ssp_scenario_manager.closed_loop import plan_file, seal
+from ssp_scenario_manager.closed_loop import plan_file, runs, seal
+from ssp_scenario_manager.closed_loop.again import run_of_row
 from ssp_scenario_manager.closed_loop.bags import Bags, bag_rows, write_bags
 from ssp_scenario_manager.closed_loop.campaign import run_campaign
-from ssp_scenario_manager.closed_loop.plan_file import LoopPlan
+from ssp_scenario_manager.closed_loop.outcome import HARNESS, Outcome
+from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, LoopPlan
+from ssp_scenario_manager.closed_loop.runs import jobs_of, rows_of
+from ssp_scenario_manager.closed_loop.seal import sealed_starts
+from ssp_scenario_manager.closed_loop.single import kept_answers
 from ssp_scenario_manager.closed_loop.start import Start, make_start
 from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, rows_there
 
@@ -140,6 +148,76 @@ def test_a_models_run_is_driven_again_by_its_answers(measured: Path, tmp_path: P
     assert str(told["v_i_mps"]) == wanted["v_i_mps"]
     kept = (measured / "answers" / f"{row:06d}.json").read_bytes()
     assert (folder / "answers.json").read_bytes() == kept
+
+
+@pytest.mark.usefixtures("few")
+def test_answers_are_repeated_by_the_run_that_they_are_of_alone(
+    measured: Path, tmp_path: Path
+) -> None:
+    """An edited plan would have another driver's answers in its row; an edited run file, too."""
+    folder = shutil.copytree(measured, tmp_path / "campaign")
+    text = (folder / "plan.json").read_text()
+    assert "model_of_a_day:keep" in text
+    (folder / "plan.json").write_text(text.replace("model_of_a_day:keep", "model_of_a_day:other"))
+    out = tmp_path / "again"
+    said = CliRunner().invoke(loop, [str(folder), "--again", "4", "--out", str(out)])
+    why = r"000004\.json: asked\.options: the answers are of another run: .* the campaign be driven"
+    with pytest.raises(InputError, match=why):
+        raise said.exception or AssertionError(said.output)
+    job = list(jobs_of(again(folder), sealed_starts(folder), folder))[-1]
+    with pytest.raises(InputError, match=r"000003\.json: asked\.options: .* asked again in row 3"):
+        rows_of(job)
+    run_file = SimpleNamespace(driven=driven_by_row(measured, 4))
+    shutil.copy(measured / "answers" / "000004.json", tmp_path / "answers.json")
+    assert kept_answers(run_file, None, tmp_path) is not None  # type: ignore[arg-type]
+    for name, value in (("start", "sha256:1"), ("latency", Latency(0.5)), ("driver", "yours")):
+        run_file.driven = driven_by_row(measured, 4).model_copy(update={name: value})
+        with pytest.raises(InputError, match=rf"answers\.json: asked\.{name}: .*give --drive"):
+            kept_answers(run_file, None, tmp_path)  # type: ignore[arg-type]
+
+
+def driven_by_row(folder: Path, row: int) -> Driven:
+    driven = run_of_row(folder, row).run.driven
+    assert driven is not None
+    return driven
+
+
+@pytest.mark.usefixtures("few")
+def test_a_campaign_that_goes_on_gives_a_failing_row_no_more_tries(
+    measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cut off in each of its drives; and once behind the last one, before its rows are written."""
+    job = list(jobs_of(again(measured), sealed_starts(measured)))[-1]
+    real, driven, failures, ends = runs.drive_start, [0], [0], [0]
+
+    def fails(start: Start, driver: CampaignDriver, *rest: Any, **options: Any) -> Any:
+        if not driver.is_model:
+            return real(start, driver, *rest, **options)
+        driven[0] += 1
+        if driven[0] == ends[0]:
+            raise KeyboardInterrupt
+        failures[0] += 1
+        outcome = Outcome(
+            HARNESS, 1.0 * failures[0], f"failure {failures[0]}", None, None, 0, False
+        )
+        return SimpleNamespace(outcome=outcome)
+
+    monkeypatch.setattr(runs, "drive_start", fails)
+    whole = rows_of(replace(job, folder=tmp_path / "whole")).rows
+    assert (driven, failures) == ([6], [6])
+    cells = [dict(zip(RUN_COLUMNS, row, strict=True)) for row in whole]
+    assert [one["why"] for one in cells] == ["failure 3", "failure 6"]
+    assert {one["outcome"] for one in cells} == {HARNESS}
+    assert {one[name] for one in cells for name in ("needless", "states_sha256", "ttc_s")} == {""}
+    for ends[0] in range(1, 7):
+        driven[0] = failures[0] = 0
+        own = replace(job, folder=tmp_path / str(ends[0]))
+        with pytest.raises(KeyboardInterrupt):
+            rows_of(own)
+        assert rows_of(own).rows == whole
+        assert (driven, failures) == ([7], [6])
+    assert rows_of(own).rows == whole
+    assert (driven, failures) == ([7], [6])
 
 
 @pytest.mark.usefixtures("few")

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from ssp_core.files import write_text
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.templates import templates
-from ssp_eval.closed_loop.comparisons import HARNESS, LEAST_EVENTS
+from ssp_eval.closed_loop.comparisons import LEAST_EVENTS
 from ssp_eval.closed_loop.figures import (
     SHARES,
     Chain,
@@ -36,6 +36,7 @@ from ssp_eval.closed_loop.tables import (
 from ssp_eval.report.render import Grid, grid
 from ssp_eval.statistics.table import Table, counted
 from ssp_scenario_manager.closed_loop.bags import bag_folder
+from ssp_scenario_manager.closed_loop.outcome import HARNESS
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES, PRIVILEGED, ZERO
 from ssp_scenario_manager.closed_loop.rates import refused_for, rising
 from ssp_scenario_manager.closed_loop.runs import jobs_of

@@ -48,7 +48,8 @@ def run_of_row(folder: Path, number: int) -> RowRun:
         number: of the row in ``runs.csv``, from 1.
 
     Raises:
-        InputError: it is no campaign, or has no such row, or the row's answers were removed.
+        InputError: it is no campaign, or has no such row, or the row's answers were removed, or are
+            of another run.
     """
     plan, _ = sealed_plan(folder)
     rows = rows_there(folder / RUNS_FILE)
@@ -79,6 +80,7 @@ def run_of_row(folder: Path, number: int) -> RowRun:
         is_model = job.driver.is_model
         is_kept = is_model and before is not None
         path = row_file(folder, number)
-        kept = load_answers(path, "let the campaign be driven anew") if is_kept else None
+        remedy = "let the campaign be driven anew"
+        kept = load_answers(path, remedy, run.driven) if is_kept else None
         return RowRun(start, row, run, task, kept, is_model and not is_kept, before)
     raise InputError("isn't of this campaign's plan", file=folder / RUNS_FILE, value=number)

@@ -14,16 +14,39 @@ from pydantic import TypeAdapter, ValidationError
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
+from ssp_core.hashing import sha256_json
 from ssp_core.run_file.driven import Driven
 from ssp_core.world.driver import LatencyParts, RecordedAnswer
 from ssp_scenario_manager.run.in_process import Record
 
 ANSWERS_FILE = "answers.json"
 ANSWERS_FOLDER = "answers"  # of a campaign, by row
-ANSWERS_SCHEMA: Literal["ssp.driven_answers/1"] = "ssp.driven_answers/1"
-
+ANSWERS_SCHEMA: Literal["ssp.driven_answers/2"] = "ssp.driven_answers/2"
 
 _NO_TIME = LatencyParts(0)
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """The run whose driver was asked; under another one its answers aren't repeated.
+
+    Args:
+        driver: its name.
+        options: hash of its options.
+        latency: L, as a run file has it.
+        start: hash of the start.
+    """
+
+    driver: str
+    options: str
+    latency: str
+    start: str
+
+    @classmethod
+    def of(cls, driven: Driven) -> Asked:
+        """Return what a run file says of it."""
+        options = sha256_json(driven.options)
+        return cls(driven.driver, options, str(driven.latency), driven.start)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,13 +54,15 @@ class KeptAnswers:
     """The answers of a driven run, in the order of its questions.
 
     Args:
+        asked: whose answers they are.
         event: in the run.
         free: in its event-free twin.
     """
 
+    asked: Asked
     event: tuple[RecordedAnswer, ...]
     free: tuple[RecordedAnswer, ...]
-    schema: Literal["ssp.driven_answers/1"] = ANSWERS_SCHEMA
+    schema: Literal["ssp.driven_answers/2"] = ANSWERS_SCHEMA
 
 
 _FORM: TypeAdapter[KeptAnswers] = TypeAdapter(KeptAnswers)
@@ -76,15 +101,17 @@ def save_answers(path: Path, kept: KeptAnswers) -> None:
     write_text(path, json.dumps(asdict(kept)) + "\n")
 
 
-def load_answers(path: Path, remedy: str) -> KeptAnswers:
+def load_answers(path: Path, remedy: str, driven: Driven | None = None) -> KeptAnswers:
     """Read a file of answers.
 
     Args:
         path: of the file.
         remedy: what a person does without it.
+        driven: repeats them; None: they are only read.
 
     Raises:
-        InputError: it isn't there, or isn't what was written.
+        InputError: it isn't there, isn't what was written, or is of another driver, options,
+            latency or start.
     """
     try:
         value: Any = json.loads(path.read_text())
@@ -93,11 +120,22 @@ def load_answers(path: Path, remedy: str) -> KeptAnswers:
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"can't be read: {error}", file=path, remedy=remedy) from None
     try:
-        return _FORM.validate_python(value)
+        kept = _FORM.validate_python(value)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join(map(str, first["loc"]))
         raise InputError(first["msg"], file=path, field=field, remedy=remedy) from None
+    wanted = {} if driven is None else asdict(Asked.of(driven))
+    for name, theirs in asdict(kept.asked).items():
+        if wanted.get(name, theirs) != theirs:
+            raise InputError(
+                f"the answers are of another run: this one has {wanted[name]}",
+                file=path,
+                field=f"asked.{name}",
+                value=theirs,
+                remedy=remedy,
+            )
+    return kept
 
 
 def repeated(kept: KeptAnswers | None, *, event: bool = True) -> tuple[RecordedAnswer, ...] | None:

@@ -17,9 +17,9 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_scenario_manager.closed_loop.again import run_of_row
 from ssp_scenario_manager.closed_loop.answers import repeated
-from ssp_scenario_manager.closed_loop.before import HARNESS, Before
+from ssp_scenario_manager.closed_loop.before import Before
 from ssp_scenario_manager.closed_loop.careful import CAREFUL
-from ssp_scenario_manager.closed_loop.outcome import outcome_of, told_of
+from ssp_scenario_manager.closed_loop.outcome import HARNESS, outcome_of, told_of
 from ssp_scenario_manager.closed_loop.plan_file import ZERO, LoopPlan
 from ssp_scenario_manager.closed_loop.start import Start
 from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, Row, read_row
@@ -51,7 +51,7 @@ def bag_rows(plan: LoopPlan, rows: Sequence[Row], which: Bags) -> Iterator[int]:
         driver = kind_of[one.driver]
         if which == "none" or driver.driver == CAREFUL:
             continue
-        if one.outcome == "harness" and driver.is_model:
+        if one.outcome == HARNESS and driver.is_model:
             continue
         fails = one.kind == "critical" and not one.succeeds and driver.driver not in ZERO
         if which == "all" or fails or one.start == start:

@@ -10,10 +10,9 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.run_file.verdict import RESULT_FILE
-from ssp_scenario_manager.closed_loop.outcome import CHAIN
+from ssp_scenario_manager.closed_loop.outcome import CHAIN, HARNESS
 from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, Row, cell
 
-HARNESS = "harness"
 # Columns of runs.csv that result.json says, too, in the order in which people are told of them.
 _COMPARED = (
     *("outcome", "outcome_s", "why", "needless", "v_i_mps", "severity"),

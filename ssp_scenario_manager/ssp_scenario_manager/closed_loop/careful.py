@@ -17,7 +17,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.plant import StepReport
 from ssp_scenario_manager.closed_loop.contact import first_contact, until
-from ssp_scenario_manager.closed_loop.outcome import Outcome
+from ssp_scenario_manager.closed_loop.outcome import HARNESS, Outcome
 from ssp_scenario_manager.closed_loop.start import Start, path_of
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
 from ssp_scenario_manager.run.in_process import Record
@@ -119,7 +119,7 @@ def _outcome(start: Start, moved: Sequence[StepReport], begin_s: float) -> Outco
     last_s = ns_to_seconds(moved[-1].now_ns)
     if last_s < start.end_s - start.run.step_s - EPSILON_S:
         why = f"the motion of the objects is known up to {last_s:.2f} s"
-        return Outcome("harness", last_s, why, None, response_s, 0.0, False)
+        return Outcome(HARNESS, last_s, why, None, response_s, 0.0, False)
     why = "no contact until T_end"
     return Outcome("avoided", start.end_s, why, None, response_s, 0.0, False)
 

@@ -26,7 +26,8 @@ from ssp_scenario_manager.run.in_process import InProcessResult, Record
 from ssp_scenario_manager.run.result import rounded
 
 # In the order that decides between facts of one step.
-DECIDED = ("harness", "died", "collision", "struck", "left_road", "fence")
+HARNESS = "harness"
+DECIDED = (HARNESS, "died", "collision", "struck", "left_road", "fence")
 AT_THE_END = ("fallback", "evaded", "avoided")
 OUTCOMES = (*DECIDED, *AT_THE_END)
 # Instants of a run, in session time: T_obs, the first frame after it, its answer, the response.
@@ -108,17 +109,17 @@ def _harness(
     meant = twin.get(at_ns)
     if vut is None or meant is None:
         reason = "; ".join(result.reasons) or "the run ended before the hand-over"
-        return driven.hand_over_s, "harness", reason
+        return driven.hand_over_s, HARNESS, reason
     off_mps = abs(vut.speed_mps - meant.speed_mps)
     off_m = math.hypot(vut.x_m - meant.x_m, vut.y_m - meant.y_m)
     if not (off_mps <= LIMITS.handed_mps and off_m <= LIMITS.handed_m):
         why = f"at the hand-over {off_mps:.2f} m/s and {off_m:.2f} m off the twin"
-        return driven.hand_over_s, "harness", why
+        return driven.hand_over_s, HARNESS, why
     broken = result.verdict is Verdict.INVALID_HARNESS and _died(record) is None
     if not broken:
         return None
     at_s = result.session_s if result.aborted_ns is None else ns_to_seconds(result.aborted_ns)
-    return min(at_s, driven.end_s), "harness", "; ".join(result.reasons)
+    return min(at_s, driven.end_s), HARNESS, "; ".join(result.reasons)
 
 
 def _died(record: Record) -> Fact | None:

@@ -11,7 +11,7 @@ from statistics import stdev
 
 from ssp_core.proportion import wilson_interval
 from ssp_core.run_file.latency import Latency
-from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
+from ssp_scenario_manager.closed_loop.outcome import HARNESS, OUTCOMES
 from ssp_scenario_manager.closed_loop.values import LIMITS
 
 
@@ -88,14 +88,14 @@ def rates_of(rows: Sequence[RunRow]) -> list[Rates]:
 def drivers_without_rates(rows: Sequence[RunRow]) -> set[str]:
     """Return the drivers of whose runs too many are ``harness`` (METHOD 8.7)."""
     planned = Counter(row.driver for row in rows)
-    lost = Counter(row.driver for row in rows if row.outcome == "harness")
+    lost = Counter(row.driver for row in rows if row.outcome == HARNESS)
     return {name for name in lost if lost[name] > LIMITS.harness_share * planned[name]}
 
 
 def _rates(
     event: str, driver: str, latency: Latency, rows: Sequence[RunRow], *, has_rates: bool
 ) -> Rates:
-    driven = [row for row in rows if row.outcome != "harness"]
+    driven = [row for row in rows if row.outcome != HARNESS]
     successes = sum(row.succeeds for row in driven)
     # Repeats of one start aren't independent: the unit of the interval is the start.
     by_start: dict[str, list[bool]] = {}

@@ -17,6 +17,7 @@ from ssp_core.run_file.latency import ZERO_LATENCY, Latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import BUILT_IN, COMMANDED, RecordedAnswer
 from ssp_scenario_manager.closed_loop.answers import (
+    Asked,
     KeptAnswers,
     answers_of,
     load_answers,
@@ -27,6 +28,8 @@ from ssp_scenario_manager.closed_loop.answers import (
 from ssp_scenario_manager.closed_loop.careful import CAREFUL, careful_motion, is_defined
 from ssp_scenario_manager.closed_loop.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcome import (
+    CHAIN,
+    HARNESS,
     Outcome,
     chain_of,
     measured_of,
@@ -38,10 +41,8 @@ from ssp_scenario_manager.closed_loop.severity import Severity, severity_facts
 from ssp_scenario_manager.closed_loop.start import Start, from_facts
 from ssp_scenario_manager.closed_loop.tables import Row, one_line, shown
 from ssp_scenario_manager.closed_loop.texts import Kept, texts_of
+from ssp_scenario_manager.closed_loop.tries import Failure, Tries, load_tries, tries_file
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
-
-# A run that our side failed is repeated at most so often.
-_HARNESS_REPEATS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,9 +132,7 @@ def rows_of(job: Job) -> Done:
             if job.driver.driver == CAREFUL:
                 found = _careful(job.start)
             elif (
-                found is None
-                or found.outcome.kind == "harness"
-                or job.driver.driver not in COMMANDED
+                found is None or found.outcome.kind == HARNESS or job.driver.driver not in COMMANDED
             ):
                 # Without plans nothing depends on a latency, and one sound drive stands for all.
                 row = job.first_row + len(rows)
@@ -175,24 +174,26 @@ def _both(
     order = order_of(f"{job.seed} {start.hash} {job.driver.shown} {latency} {repeat}")
     keeps = job.folder is not None and job.driver.is_model
     path = row_file(job.folder, row) if job.folder is not None and keeps else None
-    kept = None
+    kept = failed = None
     if path is not None and path.is_file():
-        kept = load_answers(path, f"remove it, and the model is asked again in row {row}")
-    drives = {
-        event: _run(start, job.driver, latency, event=event, answers=repeated(kept, event=event))
-        for event in order
-    }
+        wanted = start.driven_by(job.driver.driver, job.driver.options, latency).driven
+        kept = load_answers(path, f"remove it, and the model is asked again in row {row}", wanted)
+    elif job.folder is not None and keeps:
+        failed = tries_file(job.folder, row)
+    tries = Tries() if failed is None else load_tries(failed)
+    drives = {}
+    for event in order:
+        drove = _run(job, start, latency, tries, failed, event=event, kept=kept)
+        if isinstance(drove, Failure):
+            return _lost(drove)
+        drives[event] = drove
     driven, free = drives[True], drives[False]
-    if (
-        path is not None
-        and kept is None
-        and "harness" not in (driven.outcome.kind, free.outcome.kind)
-    ):
+    if path is not None and kept is None:
         make_folder(path.parent)
-        save_answers(path, KeptAnswers(driven.answers, free.answers))
-    outcome = free.outcome if free.outcome.kind == "harness" else driven.outcome
+        asked = Asked.of(driven.driven)
+        save_answers(path, KeptAnswers(asked, driven.answers, free.answers))
     return _Found(
-        outcome,
+        driven.outcome,
         chain_of(driven.driven, driven.record, driven.outcome),
         severity_facts(
             driven.run,
@@ -207,6 +208,13 @@ def _both(
         measured_of(driven.driven, driven.record),
         driven.record.sha256,
     )
+
+
+def _lost(failure: Failure) -> _Found:
+    """Return what is found of a row that our side failed as often as it is tried: no measure."""
+    outcome = Outcome(HARNESS, failure.at_s, failure.why, None, None, 0.0, starved=False)
+    severity = Severity(None, None, None, None, None, None)
+    return _Found(outcome, dict.fromkeys(CHAIN), severity, "")
 
 
 @lru_cache(maxsize=2)
@@ -251,14 +259,33 @@ Answers = Sequence[RecordedAnswer] | None
 
 
 def _run(
-    start: Start, driver: CampaignDriver, latency: Latency, *, event: bool, answers: Answers
-) -> Drove:
-    """Drive once, and again while our side failed (METHOD 8.7)."""
-    for _ in range(1 + _HARNESS_REPEATS):
-        drove = drive_start(start, driver, latency, event=event, answers=answers)
-        if drove.outcome.kind != "harness":
-            break
-    return drove
+    job: Job,
+    start: Start,
+    latency: Latency,
+    tries: Tries,
+    failed: Path | None,
+    *,
+    event: bool,
+    kept: KeptAnswers | None,
+) -> Drove | Failure:
+    """Drive once, and again while our side failed and more tries are left (METHOD 8.7).
+
+    Args:
+        job: names the driver.
+        start: with its twin.
+        latency: L.
+        tries: failed ones of the row, which takes those that fail here.
+        failed: file of them; None: they aren't kept.
+        event: False: the event-free twin.
+        kept: answers that a model repeats; None: it is asked.
+    """
+    answers = repeated(kept, event=event)
+    while (lost := tries.lost(event=event)) is None:
+        drove = drive_start(start, job.driver, latency, event=event, answers=answers)
+        if drove.outcome.kind != HARNESS:
+            return drove
+        tries.fail(drove.outcome, failed, event=event)
+    return lost
 
 
 def drive_start(

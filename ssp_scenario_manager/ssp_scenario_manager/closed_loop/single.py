@@ -23,6 +23,7 @@ from ssp_core.world.driver import (
 )
 from ssp_scenario_manager.closed_loop.answers import (
     ANSWERS_FILE,
+    Asked,
     KeptAnswers,
     answers_of,
     load_answers,
@@ -219,7 +220,9 @@ def told_of_run(
     told = told_of(driven, record, outcome, v_r_mps)
     needless, free = _needless(run, driven, twin, repeated(kept, event=False))
     if folder is not None and is_kept(driven):
-        answers = KeptAnswers(answers_of(driven, record), answers_of(driven, free))
+        answers = KeptAnswers(
+            Asked.of(driven), answers_of(driven, record), answers_of(driven, free)
+        )
         save_answers(folder / ANSWERS_FILE, answers)
     return {"driven": told | {"needless": needless}}
 
@@ -236,11 +239,12 @@ def kept_answers(run: RunSpec, drive: Drive | None, folder: Path) -> KeptAnswers
         None where the driver is asked.
 
     Raises:
-        InputError: they aren't there any more.
+        InputError: they aren't there any more, or are of another run.
     """
     if drive is not None or run.driven is None or not is_kept(run.driven):
         return None
-    return load_answers(folder / ANSWERS_FILE, "give --drive, and the model is asked again")
+    remedy = "give --drive, and the model is asked again"
+    return load_answers(folder / ANSWERS_FILE, remedy, run.driven)
 
 
 def is_kept(driven: Driven) -> bool:
