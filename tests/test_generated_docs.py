@@ -80,11 +80,11 @@ def test_every_event_has_a_row_with_a_limit_that_exists(generate: ModuleType) ->
     assert set(named) - {"end.at_latest_s"} <= set(Limits.model_fields)
 
 
-def judged_in(*files: str) -> set[SafetyCode]:
+def judged_in(*files: Path) -> set[SafetyCode]:
     """Events that the source of some modules judges: by shared predicates, or by their code."""
     found: set[SafetyCode] = set()
-    for name in files:
-        source = (ROOT / name).read_text()
+    for file in files:
+        source = file.read_text()
         for predicate in re.findall(r"\b(?:judge\.)?(\w+)\(", source):
             found |= MORE.get(predicate, set())
             if predicate in BY_NAME:
@@ -99,14 +99,13 @@ def judged_in(*files: str) -> set[SafetyCode]:
 
 def test_who_judges_what(generate: ModuleType) -> None:
     """A limit that moves to the other side, or is new there, must move in the table too."""
-    target, core = (
-        "ssp_ot_controller/ssp_ot_controller/",
-        "ssp_scenario_manager/ssp_scenario_manager/session/",
-    )
-    told_by = ("objects/local_safety", "objects/own_states", "bodies/iso22133/conversation")
-    by_objects = judged_in(*(f"{target}{name}.py" for name in told_by))
-    told_by = ("limits", "progress", "supervision", "dispatches", "local_stops", "state_history")
-    by_manager = SILENCES | judged_in(*(f"{core}{name}.py" for name in told_by))
+    objects = ROOT / "ssp_ot_controller" / "ssp_ot_controller"
+    manager = ROOT / "ssp_scenario_manager" / "ssp_scenario_manager" / "session"
+    conversation = objects / "bodies" / "iso22133" / "conversation.py"
+    by_objects = judged_in(*(objects / "objects").glob("*.py"), conversation)
+    # A person's abort, which the manager writes down.
+    passed_on = {SafetyCode.OPERATOR}
+    by_manager = (SILENCES | judged_in(*manager.glob("*.py"))) - passed_on
     told = {
         side: {code for code, (_, judges) in generate.JUDGED.items() if side in judges}
         for side in (generate.OBJECT, generate.MANAGER)

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from ssp_core.run_file.model import Camera
 from ssp_core.run_file.road import Building, Lane, Road
-from ssp_core.run_file.values import SiteDatum, Start
+from ssp_core.run_file.values import SiteDatum, Start, Strict
 
 START: dict[str, Any] = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
 BUILDING: dict[str, Any] = {
@@ -71,3 +71,19 @@ def test_further_crossings_leave_files_without_them_as_they_were() -> None:
     more = Road.model_validate(road.model_dump() | {"further_crossings_x_m": [80.0, 20.0]})
     assert more.crossings_x_m == [20.0, 50.0, 80.0]
     assert Road.model_validate_json(more.model_dump_json()) == more
+
+
+def test_the_validator_of_a_file_model_is_made_when_it_is_first_used() -> None:
+    """A node imports the models of many files and reads one of them."""
+
+    class Within(Strict):
+        value: float
+
+    class Whole(Strict):
+        within: Within
+
+    assert not Whole.__pydantic_complete__
+    assert Whole.model_validate({"within": {"value": 1}}).within.value == 1.0
+    assert Whole.__pydantic_complete__
+    with pytest.raises(ValidationError, match=r"within\.value"):
+        Whole.model_validate({"within": {"value": "1"}})

@@ -106,9 +106,11 @@ class Strict(BaseModel):
     """Base of all file models: unknown keys are errors, values can't be changed.
 
     Neither a text nor a boolean stands for a number: ``on`` is no second, ``"0150"`` no metre.
+    The validator of a model is made when it is first used: a node reads few of the files whose
+    models it imports.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
