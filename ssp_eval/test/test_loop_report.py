@@ -23,7 +23,15 @@ from ssp_eval.closed_loop import prediction
 from ssp_eval.closed_loop.comparisons import over_events, pairs_of
 from ssp_eval.closed_loop.figures import NEEDLESS, chains_of, counts_of, outcome_plot
 from ssp_eval.closed_loop.folder import LoopCampaign, Run, load_loop
-from ssp_eval.closed_loop.page import again, bag_of, failed_of, notices_of, planned_of, render
+from ssp_eval.closed_loop.page import (
+    again,
+    bag_of,
+    card_rows,
+    failed_of,
+    notices_of,
+    planned_of,
+    render,
+)
 from ssp_eval.closed_loop.prediction import (
     Point,
     inversions_of,
@@ -80,6 +88,18 @@ def made_run(
         "starved": str(starved).lower(),
     }
     return Run(number, row, {**values, **cells})
+
+
+def test_a_card_has_a_dash_where_nothing_is_asked() -> None:
+    latency = {"given": "zero", "p50_s": None, "p99_s": None, "contains": "a constant"}
+    unknown = {"given": "measured:2", "p50_s": None, "answers": None, "contains": "encoding"}
+    asked_nothing = {**unknown, "answers": 0}
+    rows = card_rows({"latencies": [latency, unknown, asked_nothing]})
+    assert [words for _, words in rows] == [
+        "–, nothing was asked",
+        "measured, not known until all runs are done; encoding",
+        "–, nothing was asked",
+    ]
 
 
 # -- statistics ------------------------------------------------------------------------------------

@@ -20,18 +20,20 @@ from ssp_core.hashing import sha256_file
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import Fault, RunSpec, load_run
-from ssp_core.world.driver import Answer, Question
+from ssp_core.world.driver import Answer, GivenAnswer, LatencyParts, Question
 from ssp_core.world.plant import StepReport
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.cli.run import run as run_command
 from ssp_scenario_manager.closed_loop.needless import needless_in
-from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of, told_of
+from ssp_scenario_manager.closed_loop.outcome import Outcome, figures_of, outcome_of, told_of
 from ssp_scenario_manager.closed_loop.sessions import told_of_session
 from ssp_scenario_manager.closed_loop.start import OffSpec, Start, make_start, twin_of
+from ssp_scenario_manager.closed_loop.top_view import top_view
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
+from ssp_scenario_manager.run.sweep import say_driven
 
 SEED = 1
 
@@ -348,6 +350,26 @@ def test_limits_and_the_operator_end_a_driven_run_as_any_other(
     outcome, result, _ = driven(aborted, "constant_velocity")
     assert (outcome.kind, result.verdict.name) == ("fence", "ABORTED")
     assert outcome.at_s == pytest.approx(11.0)
+
+
+def test_a_driver_that_is_asked_nothing_has_no_latency(
+    start: Start, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = start.driven_by("no_response", {}, Latency(0.5, measured=True))
+    assert run.driven is not None
+    result, record = run_in_process(run)
+    outcome = outcome_of(run, run.driven, result, record, start.twin)
+    told = told_of(run.driven, record, outcome, None)
+    figures = told["measured"]
+    assert (figures["answers"], figures["p50_s"], figures["p99_s"]) == (0, None, None)
+    say_driven({**told, "needless": ""})
+    assert "L: – (nothing was asked)" in capsys.readouterr().out
+    assert "L measured, nothing asked" in top_view(run, record, told)
+    # One that can't be loaded wasn't asked, and one whose time ran out was.
+    lost = GivenAnswer(None, ended="it can't be loaded")
+    late = GivenAnswer(None, LatencyParts(2_000_000_000), "gave no answer within 2 s")
+    assert figures_of([lost], 0.5) == figures
+    assert figures_of([lost, late], 0.5)["p50_s"] == 2.0
 
 
 def test_what_result_json_says_of_a_driven_run(start: Start) -> None:

@@ -34,6 +34,7 @@ from ssp_eval.closed_loop.tables import (
     unlike_pair_table,
 )
 from ssp_eval.report.render import Grid, grid
+from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.table import Table, counted
 from ssp_scenario_manager.closed_loop.bags import bag_folder
 from ssp_scenario_manager.closed_loop.outcome import HARNESS
@@ -285,7 +286,13 @@ def card_rows(card: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _latency_words(latency: Mapping[str, Any]) -> str:
     if latency["p50_s"] is None:
-        return f"measured, not known until all runs are done; {latency['contains']}"
+        # A measured L has a number of answers once all runs are done.
+        unknown = latency.get("answers", 0) is None
+        return (
+            f"measured, not known until all runs are done; {latency['contains']}"
+            if unknown
+            else f"{NULL}, nothing was asked"
+        )
     words = f"p50 {latency['p50_s']:.3g} s, p99 {latency['p99_s']:.3g} s, {latency['contains']}"
     if "answers" not in latency:
         return words

@@ -24,7 +24,7 @@ from ssp_core.files import write_json
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import RunSpec
-from ssp_core.world.driver import LatencyParts, model_facts, sees_frames
+from ssp_core.world.driver import COMMANDED, GivenAnswer, model_facts, sees_frames
 from ssp_scenario_manager.closed_loop.answers import load_answers, row_file
 from ssp_scenario_manager.closed_loop.careful import CAREFUL, CAREFUL_DRIVER
 from ssp_scenario_manager.closed_loop.outcome import figures_of
@@ -142,11 +142,16 @@ def _seen(driver: CampaignDriver, start: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _latency(latency: Latency, driver: str) -> dict[str, Any]:
-    """Return what a card says of an L before it is driven under; None: it isn't known yet."""
+    """Return what a card says of an L before it is driven under.
+
+    A quantile is None where it isn't known yet, or nothing is asked.
+    """
     if latency.measured and sees_frames(driver):
         figures = dict.fromkeys(_MEASURED)
         return {"given": str(latency), **figures, "contains": MEASURED_CONTAINS}
-    seconds = 0.0 if latency.measured else latency.seconds
+    seconds = None
+    if driver not in (*COMMANDED, CAREFUL):
+        seconds = 0.0 if latency.measured else latency.seconds
     contains = "computed in no time" if latency.measured else "a constant"
     return {"given": str(latency), "p50_s": seconds, "p99_s": seconds, "contains": contains}
 
@@ -169,15 +174,15 @@ def complete_cards(folder: Path, rows: Sequence[Row]) -> None:
 
 def _measured(folder: Path, rows: Sequence[Row], driver: str, given: str) -> dict[str, Any]:
     """Return what was measured of a driver's answers, over events and event-free twins."""
-    latencies: list[LatencyParts] = []
+    given_answers: list[GivenAnswer] = []
     for number, row in enumerate(rows, 1):
         cells = dict(zip(RUN_COLUMNS, row, strict=True))
         path = row_file(folder, number)
         if (cells["driver"], cells["latency"]) == (driver, given) and path.is_file():
             kept = load_answers(path, "name a new folder with --out")
-            latencies += [one.given.latency for one in (*kept.event, *kept.free)]
-    found = figures_of(latencies, parse_latency(given).seconds)
-    return {name: found[name] for name in _MEASURED} if latencies else {}
+            given_answers += [one.given for one in (*kept.event, *kept.free)]
+    found = figures_of(given_answers, parse_latency(given).seconds)
+    return {name: found[name] for name in _MEASURED}
 
 
 def _hash(card: Mapping[str, Any]) -> str:

@@ -16,7 +16,7 @@ from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import Verdict
-from ssp_core.world.driver import DriveMode, LatencyParts, sees_frames
+from ssp_core.world.driver import DriveMode, GivenAnswer, sees_frames
 from ssp_core.world.plant import StepReport
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_scenario_manager.closed_loop.contact import Contact, first_contact, until
@@ -32,6 +32,8 @@ AT_THE_END = ("fallback", "evaded", "avoided")
 OUTCOMES = (*DECIDED, *AT_THE_END)
 # Instants of a run, in session time: T_obs, the first frame after it, its answer, the response.
 CHAIN = ("observable_s", "frame_s", "effective_s", "response_s")
+# Of measured latencies, and of their parts.
+_FIGURES = ("p50_s", "p99_s", "encoding_p50_s", "transport_and_inference_p50_s", "parsing_p50_s")
 _UNLED = (DriveMode.FALLBACK, DriveMode.STALE)
 
 Twin = Mapping[int, ObjectState]
@@ -373,28 +375,32 @@ def measured_of(driven: Driven, record: Record) -> dict[str, Any] | None:
     if not driven.latency.measured:
         return None
     drives = [report.drive for report in record.reports if report.drive is not None]
-    given = [drive.given.latency for drive in drives if drive.given is not None]
+    given = [drive.given for drive in drives if drive.given is not None]
     return figures_of(given, driven.latency.seconds)
 
 
-def figures_of(latencies: Sequence[LatencyParts], bound_s: float) -> dict[str, Any]:
+def figures_of(given: Sequence[GivenAnswer], bound_s: float) -> dict[str, Any]:
     """Return the number of measured latencies, and their quantiles and medians of parts, s.
 
+    All but the number are None where nothing was asked.
+
     Args:
-        latencies: of answers.
+        given: answers, and how drivers ended.
         bound_s: that was declared.
     """
+    # A driver that can't be loaded isn't asked.
+    latencies = [one.latency for one in given if one.latency.total_ns or not one.ended]
+    if not latencies:
+        figures = dict.fromkeys(_FIGURES)
+        return {"answers": 0, "bound_s": bound_s, **figures, "over_bound": 0}
     parts = [(p.total_ns, p.encoding_ns, p.inference_ns, p.parsing_ns) for p in latencies]
-    seconds = np.array(parts or [(0,) * 4], dtype=np.float64) / 1e9
-    half = [round(float(value), 6) for value in np.median(seconds, axis=0)]
+    seconds = np.array(parts, dtype=np.float64) / 1e9
+    total, *rest = (round(float(value), 6) for value in np.median(seconds, axis=0))
+    p99_s = round(float(np.quantile(seconds[:, 0], 0.99)), 6)
     return {
         "answers": len(latencies),
         "bound_s": bound_s,
-        "p50_s": half[0],
-        "p99_s": round(float(np.quantile(seconds[:, 0], 0.99)), 6),
-        "encoding_p50_s": half[1],
-        "transport_and_inference_p50_s": half[2],
-        "parsing_p50_s": half[3],
+        **dict(zip(_FIGURES, (total, p99_s, *rest), strict=True)),
         "over_bound": int((seconds[:, 0] > bound_s).sum()),
     }
 

@@ -82,7 +82,8 @@ def told_with_view(
 def _latency(told: dict[str, Any]) -> str:
     if told["measured"] is None:
         return parse_latency(told["latency"]).words
-    return f"L measured, median {told['measured']['p50_s']:.2f} s"
+    half_s = told["measured"]["p50_s"]
+    return "L measured, " + ("nothing asked" if half_s is None else f"median {half_s:.2f} s")
 
 
 def top_view(run: RunSpec, record: Record, told: dict[str, Any]) -> str:

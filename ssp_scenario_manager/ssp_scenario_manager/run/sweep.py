@@ -492,7 +492,9 @@ def say_driven(driven: dict[str, Any]) -> None:
     """
     shown = f"  {driven['driver']}: {driven['outcome']} at {driven['outcome_s']:.2f} s"
     console.out.print(f"{shown}, {driven['why']}", markup=False)
-    if (measured := driven["measured"]) is not None:
+    if (measured := driven["measured"]) is not None and not measured["answers"]:
+        console.out.print("  L: – (nothing was asked)", markup=False)
+    elif measured is not None:
         console.out.print(
             f"  L of {measured['answers']} answers: median {measured['p50_s']:.3f} s, p99 "
             f"{measured['p99_s']:.3f} s, {measured['over_bound']} above the bound of "
