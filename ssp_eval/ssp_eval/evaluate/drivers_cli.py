@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import threading
+from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +16,7 @@ from ssp_core.options import WholeNumber
 from ssp_core.terminal import on_stop_signals
 from ssp_eval.evaluate.driving import EGODRIVER, bridge_model, driver_options
 from ssp_vla_bridge.backend import BACKENDS, parse_options
+from ssp_vla_bridge.egodriver.options import DEADLINE_S, FORWARD_CAMERA, read_options
 
 _MOST_PORT = 65535
 
@@ -103,3 +106,34 @@ def serve(
         console.out.print(f"{name} listens on {address}", markup=False)
         over.wait()
     return 0
+
+
+@driver.command()
+@click.argument("url", metavar="grpc://HOST:PORT")
+@click.option("--deadline", "deadline_s", type=float, default=DEADLINE_S, help="For each call, s.")
+@click.option("--camera", default=FORWARD_CAMERA, show_default=True, help="Its declared name.")
+@click.option("--tls", default="", metavar="FILE", help="Certificates (PEM) of the server.")
+@click.option("--drive-insecure", is_flag=True, help="Plain text to a host that isn't loopback.")
+@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+def check(
+    url: str, deadline_s: float, camera: str, tls: str, drive_insecure: bool, as_json: bool
+) -> int:
+    """Check a policy before it drives: each part with what was seen, and how to mend it.
+
+    Exit status 1 where a part fails.
+    """
+    given = {"url": url, "deadline_s": deadline_s, "camera": camera, "tls": tls}
+    options = read_options({**given, "insecure": drive_insecure}, "check")
+    # gRPC is loaded where it is used.
+    from ssp_vla_bridge.egodriver.check import check_policy
+
+    findings = check_policy(options)
+    if as_json:
+        click.echo(json.dumps([asdict(one) for one in findings]))
+    else:
+        for one in findings:
+            word = "pass" if one.passed else "fail"
+            console.out.print(f"{word}  {one.name:10} {one.seen}", markup=False)
+            if one.mend:
+                console.out.print(f"{'':16} mend: {one.mend}", markup=False)
+    return 0 if all(one.passed for one in findings) else 1
