@@ -52,7 +52,7 @@ def free_domain() -> Iterator[int]:
     Raises:
         HostError: all of them are in use.
     """
-    folder = _host_folder("ssp-domains")
+    folder = _host_folder(Path(tempfile.gettempdir()) / "ssp-domains")
     try:
         busy = ports_in_use(Path("/proc/net/udp").read_text())
     except OSError:
@@ -82,6 +82,10 @@ def free_domain() -> Iterator[int]:
     )
 
 
+# Of what all commands of this host share; the folder that TMPDIR names may be one command's own.
+LOCKS = Path("/tmp")
+
+
 @contextmanager
 def measuring_alone(say: Callable[[str], None]) -> Iterator[None]:
     """Keep other commands of this host from measuring latencies to the block's end.
@@ -90,13 +94,18 @@ def measuring_alone(say: Callable[[str], None]) -> Iterator[None]:
         say: takes a line for people where another command is measuring, which is waited for.
 
     Raises:
-        HostError: another user's lock can't be opened.
+        HostError: the lock can't be opened.
     """
-    path = _host_folder("ssp-measuring") / "lock"
+    path = LOCKS / "ssp-measuring" / "lock"
     try:
+        _host_folder(path.parent)
         handle = _open_lock(path)
     except OSError as error:
-        raise HostError(f"{path}, of who measures latencies, can't be opened: {error}") from error
+        raise HostError(
+            f"{path}, the lock of commands that measure latencies, can't be opened: "
+            f"{error.strerror}; make it a file that every user may read, in a folder in which "
+            "every user may make one"
+        ) from error
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -111,9 +120,8 @@ def measuring_alone(say: Callable[[str], None]) -> Iterator[None]:
         os.close(handle)
 
 
-def _host_folder(name: str) -> Path:
-    """Return a folder of locks for all users of this host."""
-    folder = Path(tempfile.gettempdir()) / name
+def _host_folder(folder: Path) -> Path:
+    """Make a folder of locks for all users of this host, where there is none."""
     if not folder.is_dir():
         folder.mkdir(exist_ok=True)
         folder.chmod(0o1777)
@@ -123,9 +131,13 @@ def _host_folder(name: str) -> Path:
 def _open_lock(path: Path) -> int:
     """Open a file for locking, also one that another user left: reading it is enough."""
     try:
-        return os.open(path, os.O_RDONLY)
+        handle = os.open(path, os.O_RDONLY)
     except FileNotFoundError:
-        return os.open(path, os.O_CREAT | os.O_RDONLY, 0o644)
+        handle = os.open(path, os.O_CREAT | os.O_RDONLY, 0o644)
+    # A umask would keep other users out.
+    if os.fstat(handle).st_uid == os.geteuid():
+        os.fchmod(handle, 0o644)
+    return handle
 
 
 _PR_SET_PDEATHSIG = 1

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import shutil
+import sys
 import tempfile
 import threading
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,15 +20,16 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from ssp_core import names
+from ssp_core import names, processes
 from ssp_core.bag.reader import BagReader
-from ssp_core.errors import InputError
+from ssp_core.errors import HostError, InputError
 from ssp_core.processes import measuring_alone
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.world.driver import driver_options
 from ssp_scenario_manager.cli.loop import loop
+from ssp_scenario_manager.cli.run import run as run_command
 from ssp_scenario_manager.closed_loop import plan_file, runs, seal
 from ssp_scenario_manager.closed_loop.again import run_of_row
 from ssp_scenario_manager.closed_loop.bags import Bags, bag_rows, write_bags
@@ -286,10 +291,17 @@ def test_runs_with_a_measured_latency_share_no_host(measured: Path, tmp_path: Pa
     assert list((tmp_path / "two").iterdir()) == []
 
 
+@pytest.fixture
+def locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of the locks of this test."""
+    monkeypatch.setattr(processes, "LOCKS", tmp_path)
+    return tmp_path
+
+
 def test_two_commands_that_measure_go_one_after_the_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    locks: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    """Wherever each of them has its temporary files."""
     waits, order = threading.Event(), []
 
     def second() -> None:
@@ -297,6 +309,7 @@ def test_two_commands_that_measure_go_one_after_the_other(
             order.append("second")
 
     with measuring_alone(order.append):
+        monkeypatch.setattr(tempfile, "tempdir", str(locks / "elsewhere"))
         other = threading.Thread(target=second)
         other.start()
         waits.wait()
@@ -304,6 +317,73 @@ def test_two_commands_that_measure_go_one_after_the_other(
     other.join()
     assert order[0].startswith("another command measures latencies on this host")
     assert order[1:] == ["first", "second"]
+
+
+def test_the_lock_is_for_every_user_whatever_the_umask_is(locks: Path) -> None:
+    lock = locks / "ssp-measuring" / "lock"
+    before = os.umask(0o077)
+    try:
+        with measuring_alone(print):
+            assert lock.stat().st_mode & 0o777 == 0o644
+            assert lock.parent.stat().st_mode & 0o7777 == 0o1777
+        lock.chmod(0o600)
+        with measuring_alone(print):
+            assert lock.stat().st_mode & 0o777 == 0o644
+    finally:
+        os.umask(before)
+
+
+def test_a_lock_that_can_not_be_opened_is_told(locks: Path) -> None:
+    (locks / "ssp-measuring").write_text("a file")
+    with (
+        pytest.raises(HostError, match=r"ssp-measuring/lock, the lock.*can't be opened: .*make it"),
+        measuring_alone(print),
+    ):
+        pass
+
+
+def test_all_that_a_measuring_command_does_is_done_alone(
+    measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Models are loaded and ended, starts are drawn, and bags recorded under the lock, too."""
+    order: list[str] = []
+
+    @contextmanager
+    def alone(_say: object) -> Iterator[None]:
+        order.append("alone")
+        try:
+            yield
+        finally:
+            order.append("done")
+
+    def step(name: str, result: Any = None) -> Any:
+        return lambda *_, **__: order.append(name) or result
+
+    command, driving = (sys.modules[f"ssp_scenario_manager.cli.{k}"] for k in ("loop", "driving"))
+    plan = again(measured)
+    for module in (command, driving):
+        monkeypatch.setattr(module, "measuring_alone", alone)
+    monkeypatch.setattr(command, "load_plan", lambda _: plan)
+    monkeypatch.setattr(plan_file, "try_driver", step("model"))
+    monkeypatch.setattr(command, "run_campaign", step("runs", ([], [])))
+    monkeypatch.setattr(command, "write_bags", step("bags", []))
+    said = CliRunner().invoke(loop, ["plan.yaml", "--out", str(tmp_path / "out"), "--bags", "none"])
+    assert said.exit_code == 0, said.output
+    assert order == ["alone", "model", "runs", "bags", "done"]
+    order.clear()
+    monkeypatch.setattr(driving, "try_driver", step("model"))
+    monkeypatch.setattr(sys.modules["ssp_scenario_manager.cli.run"], "driven_run", stopped)
+    drive = f"mine={json.dumps(plan.drivers[0].options)}"
+    for latency, wanted in (("measured", ["alone", "model", "done"]), ("zero", ["model"])):
+        order.clear()
+        options = ["--drive", drive, "--latency", latency, "--out", str(tmp_path / "run")]
+        said = CliRunner().invoke(run_command, ["cut_in", "--in-process", *options])
+        assert isinstance(said.exception, InterruptedError), said.output
+        assert order == wanted
+
+
+def stopped(*_: object) -> None:
+    raise InterruptedError
 
 
 @pytest.mark.parametrize("text", ["zero", "fixed:0.25", "fixed:1", "measured:0.5", "measured:2"])

@@ -30,6 +30,7 @@ from ssp_core.world.driver import (
     Question,
     driver_options,
     model_facts,
+    try_driver,
 )
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
@@ -236,7 +237,7 @@ def test_a_model_that_can_not_be_loaded_ends_one_run_and_is_refused_by_a_command
     with pytest.raises(
         InputError, match=r"driver mine: can't be loaded: backend_options.*is_not_there"
     ):
-        parse_drive(f"mine={json.dumps(options)}", "zero")
+        try_driver("mine", parse_drive(f"mine={json.dumps(options)}", "zero").options)
 
 
 def test_a_failed_run_drops_no_campaign_and_the_next_has_a_fresh_model(

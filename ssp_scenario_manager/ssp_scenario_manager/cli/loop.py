@@ -21,7 +21,7 @@ from ssp_scenario_manager.closed_loop.again import run_of_row
 from ssp_scenario_manager.closed_loop.answers import repeated
 from ssp_scenario_manager.closed_loop.bags import Bags, bag_rows, write_bags
 from ssp_scenario_manager.closed_loop.campaign import run_campaign
-from ssp_scenario_manager.closed_loop.plan_file import load_plan
+from ssp_scenario_manager.closed_loop.plan_file import load_plan, try_drivers
 from ssp_scenario_manager.closed_loop.rates import Rates
 from ssp_scenario_manager.closed_loop.seal import check_sources
 from ssp_scenario_manager.closed_loop.tables import RUNS_FILE, TABLE_FILE, rows_there
@@ -80,6 +80,10 @@ def loop(
     if out is None:
         raise click.UsageError("give the folder of the campaign with --out")
     plan = load_plan(plan_file)
+    # Models that are loaded, starts and bags would disturb what another command measures, too.
+    alone = measuring_alone(console.note) if plan.is_measured else nullcontext()
+    click.get_current_context().with_resource(alone)
+    try_drivers(plan)
     make_folder(out)
     with taken_folder(out):
         with console.progress("runs", None, estimated=True) as bar:

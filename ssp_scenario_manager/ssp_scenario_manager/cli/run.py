@@ -7,7 +7,6 @@ import shutil
 import tempfile
 import time
 from collections import Counter
-from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,19 +19,18 @@ from ssp_core.carla.address import SCHEME, parse_address
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
 from ssp_core.options import WholeNumber
-from ssp_core.processes import check_shared_memory, measuring_alone
+from ssp_core.processes import check_shared_memory
 from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
-from ssp_core.world.driver import drives_as_node, sees_frames
-from ssp_scenario_manager.closed_loop.answers import KeptAnswers, repeated
+from ssp_core.world.driver import sees_frames
+from ssp_scenario_manager.cli.driving import asked_driver, check_driven, check_twin
+from ssp_scenario_manager.closed_loop.answers import repeated
 from ssp_scenario_manager.closed_loop.before import before_of_folder
 from ssp_scenario_manager.closed_loop.sessions import told_of_session
 from ssp_scenario_manager.closed_loop.single import (
-    Drive,
     driven_run,
     kept_answers,
-    parse_drive,
 )
 from ssp_scenario_manager.closed_loop.top_view import told_with_view
 from ssp_scenario_manager.compile.changes import differences, with_value
@@ -233,7 +231,7 @@ def run(
       ssp run out/task --mode live --body ot1=udp://10.0.0.21:9001 --odometry /ins/odom --wait
     """
     mode = mode or ("lockstep" if in_process else mode_of(what))
-    drive = _drive(
+    drive = asked_driver(
         drive_text,
         latency,
         models_file,
@@ -284,7 +282,7 @@ def run(
         if faults_file is not None:
             spec = with_faults(spec, load_faults(faults_file), faults_file)
         check_live(spec)
-        _check_driven(spec, what, seed, in_process=in_process, swept=swept)
+        check_driven(spec, what, seed, in_process=in_process, swept=swept)
         if live is not None:
             live.check(spec)
         _tell(spec, draft, compiled)
@@ -307,7 +305,7 @@ def run(
         if in_process:
             spec = for_one_process(spec, camera=record or seeing)
         else:
-            _check_twin(spec)
+            check_twin(spec)
             faults.check(spec, _nodes(spec))
             check_shared_memory()
         if junit is not None:
@@ -318,16 +316,15 @@ def run(
         shutil.move(draft / TASK_FOLDER, folder / TASK_FOLDER)
     if in_process:
         drawn_by = servers.get(names.FRONT_CAMERA)
-        with measuring_alone(console.note) if _measures(spec, kept) else nullcontext():
-            told = run_one(
-                spec,
-                folder,
-                as_json,
-                recorded=record,
-                server=drawn_by,
-                further=partial(told_with_view, folder, kept, before),
-                answers=repeated(kept),
-            )
+        told = run_one(
+            spec,
+            folder,
+            as_json,
+            recorded=record,
+            server=drawn_by,
+            further=partial(told_with_view, folder, kept, before),
+            answers=repeated(kept),
+        )
         if junit is not None:
             write_junit(junit, "ssp run", [_case(spec, folder, told)])
         return 0 if told["verdict"] == "valid" else 1
@@ -367,89 +364,6 @@ def _say_session(spec: RunSpec, folder: Path, result: RunResult, as_json: bool) 
             say_driven(result.told["driven"])
     for line in result.unwritten:
         console.report_error(line)
-
-
-def _drive(
-    text: str | None,
-    latency: str | None,
-    models_file: Path | None,
-    mode: Mode,
-    *,
-    in_process: bool,
-    swept: bool,
-    insecure: bool,
-) -> Drive | None:
-    """Return the driver that is asked for; refuse one where it may not drive."""
-    if text is None:
-        if latency is not None:
-            raise click.UsageError("--latency is that of a driver: it needs --drive")
-        if models_file is not None:
-            raise click.UsageError("--models holds drivers: it needs --drive")
-        if insecure:
-            raise click.UsageError("--drive-insecure is of a driver's connection: it needs --drive")
-        return None
-    if mode != "lockstep":
-        raise click.UsageError(
-            f"--drive goes with no {mode} session: no model drives hardware, and a driver's "
-            "latency counts in simulated time"
-        )
-    if swept:
-        raise click.UsageError("--drive goes with one run")
-    drive = parse_drive(text, latency or "zero", models_file, insecure=insecure)
-    if not in_process and not drives_as_node(drive.driver):
-        raise click.UsageError(
-            f"--drive {drive.driver} needs --in-process: a driver that sees frames, or leads the "
-            "VUT without plans, drives in one process only"
-        )
-    return drive
-
-
-def _measures(spec: RunSpec, kept: KeptAnswers | None) -> bool:
-    """Tell whether a model is asked, and the time that it takes is measured."""
-    driven = spec.driven
-    if driven is None or kept is not None:
-        return False
-    return driven.latency.measured and sees_frames(driven.driver)
-
-
-def _check_driven(
-    spec: RunSpec, what: str, seed: int | None, *, in_process: bool, swept: bool
-) -> None:
-    """Refuse a driven session's folder where no driver would lead its VUT, or its start differs."""
-    driven = spec.driven
-    if driven is not None and seed is not None:
-        raise InputError(
-            "is settled: the folder has its start, which another seed would make another one",
-            field="--seed",
-            value=seed,
-            remedy="leave it out, or name the event instead of the folder",
-        )
-    if driven is not None and (swept or not (in_process or drives_as_node(driven.driver))):
-        raise InputError(
-            "its VUT is led by a driver, in one process only",
-            file=what,
-            field="driven",
-            value=driven.driver,
-            remedy="give --in-process, without --runs and --vary",
-        )
-
-
-def _check_twin(spec: RunSpec) -> None:
-    """Refuse what the same run in one process, by which a driven session is judged, can't be."""
-    if spec.driven is None:
-        return
-    wrong: list[tuple[str, str]] = [("mode", spec.mode)] if spec.mode != "lockstep" else []
-    wrong += [("plant", spec.plant)] if spec.plant != "bodies" else []
-    kinds = [(f"faults[{k}].kind", fault.kind) for k, fault in enumerate(spec.faults)]
-    wrong += [(field, kind) for field, kind in kinds if kind in faults.NEED_PROCESSES]
-    for field, value in wrong:
-        raise InputError(
-            "a session that a driver drives is simulated in lockstep, with our own bodies, and "
-            "judged by the same run in one process",
-            field=field,
-            value=value,
-            remedy="leave it out",
-        )
 
 
 def _check_options(

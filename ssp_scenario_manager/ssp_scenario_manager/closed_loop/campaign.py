@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from pathlib import Path
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
-from ssp_core.processes import measuring_alone
 from ssp_scenario_manager.closed_loop.cards import complete_cards, seal_cards
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.plan_file import ZERO, LoopPlan
@@ -70,7 +68,6 @@ def run_campaign(
     total = len(todo) * per_job
     on_rows(len(rows), total)
     with (
-        measuring_alone(say) if plan.is_measured and len(rows) < total else nullcontext(),
         ordered_map(min(jobs, len(todo))) as run_all,
         path.open("a", newline="") as stream,
     ):

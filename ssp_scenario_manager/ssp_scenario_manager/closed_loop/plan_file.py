@@ -109,14 +109,13 @@ class LoopPlan(Strict):
 
 
 def _resolved(one: CampaignDriver, models: Path | None) -> CampaignDriver:
-    """Return a driver with the options that its runs have; it is made once, and ended."""
+    """Return a driver with the options that its runs have."""
     options = driver_options(one.driver, one.options, models)
-    try_driver(one.driver, options)
     return one.model_copy(update={"options": options})
 
 
 def load_plan(path: str | Path) -> LoopPlan:
-    """Read a campaign's file.
+    """Read a campaign's file. No driver is made for it, see ``try_drivers``.
 
     Raises:
         InputError: it isn't valid, names no driver, or one twice.
@@ -135,3 +134,13 @@ def load_plan(path: str | Path) -> LoopPlan:
                 remedy="give it a label of its own",
             )
     return plan
+
+
+def try_drivers(plan: LoopPlan) -> None:
+    """Make each driver of a plan once and end it, before a campaign is begun.
+
+    Raises:
+        InputError: one can't be loaded.
+    """
+    for one in plan.drivers:
+        try_driver(one.driver, one.options)

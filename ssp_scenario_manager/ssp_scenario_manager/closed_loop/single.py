@@ -19,7 +19,6 @@ from ssp_core.world.driver import (
     driver_options,
     history_s_of,
     sees_frames,
-    try_driver,
 )
 from ssp_scenario_manager.closed_loop.answers import (
     ANSWERS_FILE,
@@ -71,6 +70,8 @@ def parse_drive(
 ) -> Drive:
     """Read ``NAME``, ``NAME={…options}`` or ``grpc://HOST:PORT``, and a latency.
 
+    The driver isn't made for it, see ``ssp_core.world.driver.try_driver``.
+
     Args:
         text: as it was typed.
         latency: likewise.
@@ -98,9 +99,7 @@ def parse_drive(
         )
     if insecure:
         options = {**options, "insecure": True}
-    drive = Drive(name, driver_options(name, options, models_file), parse_latency(latency))
-    try_driver(drive.driver, drive.options)
-    return drive
+    return Drive(name, driver_options(name, options, models_file), parse_latency(latency))
 
 
 def driven_run(

@@ -1,0 +1,98 @@
+"""The driver of ``ssp run``: asked for, made once, and refused where it may not drive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ssp_core import console
+from ssp_core.errors import InputError
+from ssp_core.processes import measuring_alone
+from ssp_core.run_file.model import RunSpec
+from ssp_core.world.driver import drives_as_node, sees_frames, try_driver
+from ssp_scenario_manager.closed_loop.single import Drive, parse_drive
+from ssp_scenario_manager.compile.targets.folder import Mode
+from ssp_scenario_manager.run import faults
+
+
+def asked_driver(
+    text: str | None,
+    latency: str | None,
+    models_file: Path | None,
+    mode: Mode,
+    *,
+    in_process: bool,
+    swept: bool,
+    insecure: bool,
+) -> Drive | None:
+    """Return the driver that is asked for, made once; refuse one where it may not drive.
+
+    Where its latency is measured, the command has its host for itself from here on: models that are
+    loaded, and starts, would disturb what another one measures.
+    """
+    if text is None:
+        if latency is not None:
+            raise click.UsageError("--latency is that of a driver: it needs --drive")
+        if models_file is not None:
+            raise click.UsageError("--models holds drivers: it needs --drive")
+        if insecure:
+            raise click.UsageError("--drive-insecure is of a driver's connection: it needs --drive")
+        return None
+    if mode != "lockstep":
+        raise click.UsageError(
+            f"--drive goes with no {mode} session: no model drives hardware, and a driver's "
+            "latency counts in simulated time"
+        )
+    if swept:
+        raise click.UsageError("--drive goes with one run")
+    drive = parse_drive(text, latency or "zero", models_file, insecure=insecure)
+    if not in_process and not drives_as_node(drive.driver):
+        raise click.UsageError(
+            f"--drive {drive.driver} needs --in-process: a driver that sees frames, or leads the "
+            "VUT without plans, drives in one process only"
+        )
+    if drive.latency.measured and sees_frames(drive.driver):
+        click.get_current_context().with_resource(measuring_alone(console.note))
+    try_driver(drive.driver, drive.options)
+    return drive
+
+
+def check_driven(
+    spec: RunSpec, what: str, seed: int | None, *, in_process: bool, swept: bool
+) -> None:
+    """Refuse a driven session's folder where no driver would lead its VUT, or its start differs."""
+    driven = spec.driven
+    if driven is not None and seed is not None:
+        raise InputError(
+            "is settled: the folder has its start, which another seed would make another one",
+            field="--seed",
+            value=seed,
+            remedy="leave it out, or name the event instead of the folder",
+        )
+    if driven is not None and (swept or not (in_process or drives_as_node(driven.driver))):
+        raise InputError(
+            "its VUT is led by a driver, in one process only",
+            file=what,
+            field="driven",
+            value=driven.driver,
+            remedy="give --in-process, without --runs and --vary",
+        )
+
+
+def check_twin(spec: RunSpec) -> None:
+    """Refuse what the same run in one process, by which a driven session is judged, can't be."""
+    if spec.driven is None:
+        return
+    wrong: list[tuple[str, str]] = [("mode", spec.mode)] if spec.mode != "lockstep" else []
+    wrong += [("plant", spec.plant)] if spec.plant != "bodies" else []
+    kinds = [(f"faults[{k}].kind", fault.kind) for k, fault in enumerate(spec.faults)]
+    wrong += [(field, kind) for field, kind in kinds if kind in faults.NEED_PROCESSES]
+    for field, value in wrong:
+        raise InputError(
+            "a session that a driver drives is simulated in lockstep, with our own bodies, and "
+            "judged by the same run in one process",
+            field=field,
+            value=value,
+            remedy="leave it out",
+        )
