@@ -6,23 +6,28 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from carla_driver_interface.policies import load_policy
 from carla_driver_interface.service import EgodriverServicer
 
+from ssp_core.errors import InputError
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.driver import driver_options
 from ssp_eval.evaluate.driving import bridge_model
+from ssp_scenario_manager.closed_loop.answers import answers_of
+from ssp_scenario_manager.closed_loop.cards import seal_cards
 from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of
-from ssp_scenario_manager.closed_loop.single import next_start
+from ssp_scenario_manager.closed_loop.plan_file import load_plan
+from ssp_scenario_manager.closed_loop.single import next_start, parse_drive
 from ssp_scenario_manager.closed_loop.start import Start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
 from ssp_vla_bridge.egodriver.server import BridgePolicy, Listening
 from ssp_vla_bridge.egodriver.server import serving as serving_bridge
-from tests.support.egodrivers import SMALL, serving
+from tests.support.egodrivers import SMALL, Straight, serving
 
 SEED = 1
 
@@ -105,3 +110,50 @@ def _plans(record: Record) -> list[Any]:
     drives = [one.drive for one in record.reports if one.drive is not None]
     answered = [one.answered for one in drives if one.answered is not None]
     return [(one.stamp_ns, one.answer.trajectory, one.answer.text) for one in answered]
+
+
+def test_a_run_is_driven_again_without_its_server(cut_in: Start) -> None:
+    with serving(EgodriverServicer(load_policy("constant_speed"), "alpasim")) as url:
+        run = run_of(cut_in, url, 0.2)
+        _, _, first = drive(run, cut_in)
+    assert run.driven is not None
+    _, again = run_in_process(run, answers=answers_of(run.driven, first))
+    assert [one.truths for one in first.reports] == [one.truths for one in again.reports]
+
+
+def test_an_address_alone_names_a_driver_and_its_connection_is_asked_for_by_name() -> None:
+    with serving(Straight()) as url:
+        drive_of = parse_drive(url, "fixed:0.2")
+        assert parse_drive(f'mine={{"backend": "egodriver", "url": "{url}"}}', "zero").options == (
+            drive_of.options
+        )
+        assert parse_drive(url, "zero", insecure=True).options["egodriver"]["insecure"]
+    assert (drive_of.driver, drive_of.options["egodriver"]["url"]) == ("egodriver", url)
+    assert not drive_of.options["egodriver"]["insecure"]
+    with pytest.raises(InputError, match="can't be loaded: get_version failed: UNAVAILABLE"):
+        parse_drive(url, "zero")
+    with pytest.raises(InputError, match="deadline_s"):
+        driver_options("m", {"backend": "egodriver", "url": url, "timeout_s": 1.0})
+
+
+def test_the_card_of_a_policy_says_that_it_sees_the_route(cut_in: Start, tmp_path: Path) -> None:
+    """Results with and without it never share a column (METHOD 8.2)."""
+    with serving(Straight()) as url:
+        plan = {
+            "schema": "ssp.loop/1",
+            "events": ["cut_in"],
+            "drivers": [
+                {"driver": "mine", "options": {"backend": "egodriver", "url": url}},
+                {"driver": "other", "options": {"backend": "opencv_baseline"}},
+            ],
+        }
+        (tmp_path / "plan.yaml").write_text(yaml.safe_dump(plan))
+        read = load_plan(tmp_path / "plan.yaml")
+    start = {
+        "run": cut_in.run.model_dump(mode="json", by_alias=True),
+        "frame_period_s": 0.1,
+        "camera": None,
+    }
+    cards = {one["driver"]: one for one in seal_cards(tmp_path, read, [start])}
+    assert [cards[name]["route_m"] for name in ("mine", "other", "aeb")] == [80.0, None, 80.0]
+    assert (cards["mine"]["interface"], cards["mine"]["timeout_s"]) == ("egodriver", 10.0)

@@ -23,7 +23,7 @@ _COMPARED = (
 
 @dataclass(frozen=True, slots=True)
 class Before:
-    """What a run was that is driven again.
+    """The run that is driven again, as it was.
 
     Args:
         place: file, and row, for people.

@@ -128,6 +128,8 @@ class EgodriverDriver:
             NotRecordedError: a recorded run asks another question than it did.
         """
         if self._recorded is not None:
+            # The frames of the next question are chosen as they were.
+            self._last_ns = question.stamp_ns
             return repeated_answer(self._recorded, question)
         if self.problem:
             return GivenAnswer(None, ended=f"it can't be loaded: {self.problem}")

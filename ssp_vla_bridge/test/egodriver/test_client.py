@@ -99,6 +99,23 @@ def test_the_same_questions_send_the_same_bytes() -> None:
     assert sent() == sent()
 
 
+def test_a_server_that_declares_no_revision_gets_the_cameras_body() -> None:
+    class Legacy(Straight):
+        def get_version(self, request: Any, context: Any) -> Any:
+            self.took("get_version", request, context)
+            return proto.VersionId(version_id="before revisions")
+
+    servicer = Legacy()
+    drive(servicer, camera=TURNED)
+    ((_, begun, declared),) = [one for one in servicer.calls if one[0] == "start_session"]
+    assert declared == {"carla-driver-interface-contract": "1"}
+    (sent,) = begun.rollout_spec.vehicle.available_cameras
+    # The first axis of a body looks along the optical axis: left, and down.
+    ahead = rigid.Pose.from_proto(sent.rig_to_camera).rotation_matrix[:, 0]
+    yaw, pitch = math.atan2(ahead[1], ahead[0]), -math.asin(ahead[2])
+    assert (yaw, pitch) == pytest.approx((TURNED.yaw_left_rad, TURNED.pitch_down_rad), abs=1e-6)
+
+
 def test_a_name_that_another_session_holds_is_not_taken_from_it() -> None:
     from carla_driver_interface.policies.constant_speed import ConstantSpeedPolicy
     from carla_driver_interface.service import EgodriverServicer

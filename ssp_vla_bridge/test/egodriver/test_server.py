@@ -14,9 +14,12 @@ import grpc  # type: ignore[import-untyped] # has no types
 import pytest
 from carla_driver_interface import protocol as proto
 from carla_driver_interface.testing import FakeCamera, FakeLoop
+from click.testing import CliRunner
 
+from ssp_core.errors import HostError, InputError
 from ssp_core.geometry import Pose2
 from ssp_core.world.driver import GivenAnswer
+from ssp_eval.evaluate.drivers_cli import driver
 from ssp_vla_bridge.driving.driver import BridgeDriver, DriverModel
 from ssp_vla_bridge.egodriver import exact
 from ssp_vla_bridge.egodriver.client import EgodriverDriver
@@ -24,6 +27,7 @@ from ssp_vla_bridge.egodriver.options import read_options
 from ssp_vla_bridge.egodriver.server import BridgePolicy, Listening, serving
 from ssp_vla_bridge.window import find_interface
 from tests.support.egodrivers import question
+from tests.support.self_signed import CERTIFICATE, KEY
 
 MODEL = '''
 import os
@@ -178,6 +182,51 @@ def test_a_model_that_ends_or_says_nothing_does_so_for_the_client(
     assert ended in got.ended
     assert bool(got.ended) == bool(ended)
     assert (got.answer.refused if got.answer else "") == refused
+
+
+def test_tls_by_file_and_plain_text_on_loopback_alone(tmp_path: Path) -> None:
+    certificate, key = tmp_path / "certificate.pem", tmp_path / "key.pem"
+    certificate.write_text(CERTIFICATE)
+    key.write_text(KEY)
+    policy = BridgePolicy(model("constant_velocity"))
+    secure = Listening(port=0, certificate=str(certificate), key=str(key))
+    with serving(policy, "alpasim", secure) as url:
+        given = {"url": url, "tls": str(certificate), "deadline_s": 120.0}
+        checked = EgodriverDriver("mine", read_options(given, "mine"))
+        answer = checked.give(question()).answer
+        checked.close()
+        assert answer is not None
+        assert answer.trajectory is not None
+        assert "UNAVAILABLE" in client(url).problem
+    with (
+        pytest.raises(InputError, match="--insecure"),
+        serving(policy, "alpasim", Listening(host="0.0.0.0", port=0)),
+    ):
+        pass
+
+
+def test_a_port_that_another_server_has_is_not_shared() -> None:
+    with served(model("constant_velocity")) as url:
+        taken = Listening(port=int(url.rpartition(":")[2]))
+        policy = BridgePolicy(model("constant_velocity"))
+        with pytest.raises(HostError, match="another --port"), serving(policy, "alpasim", taken):
+            pass
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        (["perfect"], "answers from labels"),
+        (["nothing"], "is no driver"),
+        (['x={"backend": "egodriver", "url": "grpc://127.0.0.1:1"}'], "is served already"),
+        (["opencv_baseline", "--host", "0.0.0.0"], "isn't loopback"),
+        (["opencv_baseline", "--tls-key", "k.pem"], "go together"),
+    ],
+)
+def test_what_can_not_be_served_is_refused(given: list[str], why: str) -> None:
+    done = CliRunner().invoke(driver, ["serve", *given])
+    assert done.exit_code != 0
+    assert why in done.output + str(done.exception)
 
 
 def test_eight_drivers_at_once_each_get_their_own_answers(folder: Path) -> None:
