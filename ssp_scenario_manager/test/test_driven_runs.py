@@ -25,15 +25,22 @@ from ssp_core.world.plant import StepReport
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.cli.run import run as run_command
+from ssp_scenario_manager.closed_loop.before import Before, before_of_folder
 from ssp_scenario_manager.closed_loop.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcome import Outcome, figures_of, outcome_of, told_of
 from ssp_scenario_manager.closed_loop.sessions import told_of_session
 from ssp_scenario_manager.closed_loop.start import OffSpec, Start, make_start, twin_of
+from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS
 from ssp_scenario_manager.closed_loop.top_view import top_view
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
-from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
-from ssp_scenario_manager.run.sweep import say_driven
+from ssp_scenario_manager.run.in_process import (
+    InProcessResult,
+    Record,
+    run_in_process,
+    run_recorded,
+)
+from ssp_scenario_manager.run.sweep import for_one_process, say_driven
 
 SEED = 1
 
@@ -440,7 +447,7 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
     (reason,) = other["reasons"]
     assert reason.startswith(f"it isn't the run of {again / 'result.json'}: outcome is evaded and")
     assert "states_sha256 is sha256:" in reason
-    (again / "result.json").write_text('{"driven": {"chain": {}}}')
+    (again / "result.json").write_text('{"verdict": "valid", "driven": {"chain": {}}}')
     with pytest.raises(InputError, match=r"result\.json: doesn't say what the run was"):
         raised(invoked(str(again), "--in-process", "--out", str(tmp_path / "third")))
     # A recorded session is judged by the run that it is, and by none where its states differ.
@@ -462,6 +469,36 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
         refused = CliRunner().invoke(run_command, [str(first), *options])
         assert isinstance(refused.exception, InputError), refused.output
         assert "judged by the same run in one process" in str(refused.exception)
+
+
+@pytest.mark.parametrize(
+    ("at_s", "kind", "decided_s"), [(11.0, "fence", 11.0), (13.0, "collision", 12.68)]
+)
+def test_an_operators_abort_is_the_last_fact_of_a_recorded_session(
+    start: Start, tmp_path: Path, at_s: float, kind: str, decided_s: float
+) -> None:
+    """No run in one process has it, so that the two are one and the same up to it."""
+    run = for_one_process(start.driven_by("constant_velocity", {}, Latency(0.0)))
+    abort = Fault(kind="operator_abort", at_s=at_s)
+    aborted = run.model_copy(update={"faults": [abort]})
+    (tmp_path / "run.yaml").write_text(aborted.model_dump_json(by_alias=True))
+    result, _, _ = run_recorded(aborted, tmp_path / "run.yaml", tmp_path / "bag", print)
+    assert result.verdict.name == "ABORTED"
+    for spec in (run, aborted):
+        told, why = told_of_session(None, spec, tmp_path / "bag")
+        found = told["driven"]
+        assert (found["outcome"], why) == (kind, ""), found["why"]
+        assert found["outcome_s"] == pytest.approx(decided_s, abs=0.03)
+    if kind == "fence":
+        assert found["why"].startswith("abort by operator: injected fault")
+    # It is held against no other run: an operator does nothing twice.
+    other = Before("another run", dict.fromkeys(RUN_COLUMNS, ""))
+    assert told_of_session(other, run, tmp_path / "bag") == (told, "")
+    written = {"in_process": False, "verdict": "aborted", "driven": found}
+    (tmp_path / "result.json").write_text(json.dumps(written))
+    assert before_of_folder(tmp_path) is None
+    (tmp_path / "result.json").write_text(json.dumps(written | {"in_process": True}))
+    assert before_of_folder(tmp_path) is not None
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,11 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.run_file.verdict import RESULT_FILE
+from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.closed_loop.outcome import CHAIN, HARNESS
 from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, Row, cell
 
+_ABORTED = Verdict.ABORTED.name.lower()
 # Columns of runs.csv that result.json says, too, in the order in which people are told of them.
 _COMPARED = (
     *("outcome", "outcome_s", "why", "needless", "v_i_mps", "severity"),
@@ -77,13 +79,16 @@ def before_of_row(path: Path, number: int, row: Row) -> Before | None:
 def before_of_folder(folder: Path) -> Before | None:
     """Return what a run's folder says of it; None: it didn't end, or our side failed it.
 
+    None, too, of a session of several processes that an operator aborted: no run repeats that.
+
     Raises:
         InputError: its ``result.json`` is damaged, or is that of no driven run of this version.
     """
     path = folder / RESULT_FILE
     try:
-        told = json.loads(path.read_text("utf-8"))["driven"]
-        cells = _cells_of(told)
+        result = json.loads(path.read_text("utf-8"))
+        cells = _cells_of(result["driven"])
+        is_aborted = result["verdict"] == _ABORTED and not result["in_process"]
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
@@ -93,7 +98,7 @@ def before_of_folder(folder: Path) -> Before | None:
             file=path,
             remedy="remove it, and the run is held against nothing",
         ) from error
-    return None if cells["outcome"] == HARNESS else Before(str(path), cells)
+    return None if is_aborted or cells["outcome"] == HARNESS else Before(str(path), cells)
 
 
 def _cells_of(told: Mapping[str, Any]) -> dict[str, str]:

@@ -1,26 +1,30 @@
 """The outcome of a driven session of several processes.
 
 Its states are those of the same run in one process, to the last bit. That run is driven again, held
-against what was recorded, and judged.
+against what was recorded, and judged. An operator's abort is in no run but the recorded one: up to
+it the two are held against each other, and it is the last fact.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ssp_core import names
 from ssp_core.bag.reader import BagReader
+from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cdr.steps import WorldTick, decode_tick, encode_tick
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import SspError
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_core.world.plant import StepReport
 from ssp_scenario_manager.closed_loop.before import Before, failed_for
 from ssp_scenario_manager.closed_loop.single import told_of_run
-from ssp_scenario_manager.run.in_process import run_in_process
+from ssp_scenario_manager.run.in_process import Record, run_in_process
 from ssp_scenario_manager.run.sweep import for_one_process
 
 
@@ -37,26 +41,69 @@ def told_of_session(before: Before | None, spec: RunSpec, bag: Path) -> tuple[di
     if spec.driven is None:
         return {}, ""
     run = for_one_process(spec)
+    faults = [fault for fault in run.faults if fault.kind != "operator_abort"]
+    run = run.model_copy(update={"faults": faults})
     result, record = run_in_process(run)
+    heard = _heard(bag)
+    abort = None if isinstance(heard, str) else heard.abort
+    if abort is not None:
+        record = Record([one for one in record.reports if one.now_ns <= abort.at_ns])
+        result = replace(
+            result, verdict=Verdict.ABORTED, reasons=abort.reasons, aborted_ns=abort.at_ns
+        )
     told = told_of_run(run, result, record)
-    if why := _difference(bag, record.reports):
+    why = heard if isinstance(heard, str) else _difference(heard.truths, record.reports)
+    if why:
         told["driven"] |= failed_for(why)
-    elif before is not None:
+    elif before is not None and abort is None:
         told["driven"], why = before.judged(told["driven"])
     return told, why
 
 
-def _difference(bag: Path, reports: Sequence[StepReport]) -> str:
-    """Say where a session's true states depart from those of one process; empty: nowhere."""
+@dataclass(frozen=True, slots=True)
+class _Abort:
+    """An operator's abort, and the reasons of the session's verdict."""
+
+    at_ns: int
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Heard:
+    """The true states of a session by step, and the operator's abort; None: there was none."""
+
+    truths: dict[int, tuple[ObjectState, ...]]
+    abort: _Abort | None
+
+
+def _heard(bag: Path) -> _Heard | str:
+    """Read a session's bag; or say why it can't be read."""
     try:
         with BagReader(bag) as reader:
             ticks = [
                 decode_tick(message.data)
                 for message in reader.messages([names.absolute(names.WORLD_TICK)])
             ]
+            states = [
+                reader.decode(message)
+                for message in reader.messages([names.absolute(names.SESSION_STATE)])
+            ]
     except (SspError, ValueError) as error:
         return f"the bag can't be read: {error}"
-    seen = {tick.step: tick.objects for tick in ticks}
+    return _Heard({tick.step: tick.objects for tick in ticks}, _abort_of(states))
+
+
+def _abort_of(states: Sequence[Any]) -> _Abort | None:
+    aborting = [one for one in states if one.state == SessionPhase.ABORTING]
+    # A limit that ended the session before has a verdict of its own.
+    if not aborting or states[-1].verdict != Verdict.ABORTED:
+        return None
+    reasons = tuple(str(reason) for reason in states[-1].reasons)
+    return _Abort(stamp_ns(aborting[0].header.stamp), reasons)
+
+
+def _difference(seen: Mapping[int, tuple[ObjectState, ...]], reports: Sequence[StepReport]) -> str:
+    """Say where a session's true states depart from those of one process; empty: nowhere."""
     # The last step of the one is not always one of the other: each sees the end in its own way.
     for report in reports[:-1]:
         if seen.get(report.step) != _as_heard(report):
