@@ -138,6 +138,8 @@ class Binder(Clause):
             return  # braking while turning
         if hit.value == "but" and self.planned:
             self.step += 1
+        if hit.value == "ready" and self.words[hit.first].startswith("wait"):
+            self._wait(hit)
         if hit.value == "reject" and self.words[hit.first].startswith("avoid"):
             self.reacting = True
         if hit.value in ("but", "so", "because", "while", "if", "then", "final", "before"):
@@ -157,6 +159,13 @@ class Binder(Clause):
             self.busy = False
         elif hit.value == "and":
             self.busy = False
+
+    def _wait(self, hit: Hit) -> None:
+        """Note that somebody stands who is waiting to do something: waiting to turn left."""
+        owner = self._owner()
+        if owner is not None and self.subject is not EGO and not self.flags[self._at]:
+            owner.motions.append(self._said("stationary", hit))
+            self._show(owner)
 
     def _field(self, hit: Hit) -> None:
         self.field = hit.value
@@ -314,12 +323,10 @@ class Binder(Clause):
     def _path(self, index: int, hit: Hit) -> None:
         """Remember a path for the words that follow: in our path, from the right."""
         owner = self._owner()
-        before = self._before(index)
-        if before.kind == "mark" and before.value == ",":
-            before = self._before(index - 1)
-        bare = before.kind == "user" and hit.first - before.stop < 3 and not self.flags[index]
+        before = next((h for h in self._back(index, 4) if h.kind != "place" and h.value != ","), hit)
+        bare = before.kind == "user" and hit.first - before.stop < 6 and not self.flags[index]
         lane = "lane" in self.words[hit.first : hit.stop]
-        if hit.kind == "from" and bare and owner is not None and not lane:
+        if hit.kind in ("from", "across") and bare and owner is not None and not lane:
             owner.origin = self._said(hit.value, hit)
         if hit.kind == "goal" and self.words[hit.first] in ("in", "inside") and owner is not None:
             self.in_path = self.was_in_path = (owner, hit)

@@ -11,6 +11,9 @@ ALONG, CROSSING, CUTTING_IN, COMING = "along", "crossing", "cutting_in", "coming
 OTHER_SIDE = {"left": "right", "right": "left"}
 _STOOD = frozenset({"stood", "waited", "sat", "lingered", "loitered", "hovered", "hesitated"})
 _LIES = frozenset({"lie", "lies", "lay"})
+_PERFECT = frozenset({"has", "have", "just"})
+_ONTO = frozenset({"onto", "on", "into", "out", "off", "from"})
+_OVER = frozenset({"over", "across"})
 _NAMES = frozenset({"user", "pronoun", "relative"})
 
 
@@ -46,6 +49,10 @@ def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[s
             return "oncoming"
         if "away" in names:
             return "receding"
+    if kind == "drift" and not light and any(
+        goal.value == "line" and words[goal.first - 1] in _OVER for goal in goals
+    ):
+        kind = "intrude"
     if "out_of_ours" in names and not people:
         return "cutting_out"
     if kind == "intrude" or (kind in ("drift", "go", "step") and "into_ours" in names):
@@ -64,9 +71,18 @@ def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[s
         return f"{CROSSING}_from_{side}"
     if kind in ("go", "near") and side and _comes_straight(hit, goals, words):
         return f"{COMING}_from_{side}"
+    if kind == "near" and not side and _is_behind(actor, goals):
+        return "same_direction"
     if kind in ("along", "go") and not side:
         return ALONG
     return None
+
+
+def _is_behind(actor: Actor, goals: list[Hit]) -> bool:
+    """Tell whether one who comes nearer comes from behind us."""
+    places = [goal.value for goal in goals if goal.kind == "place"]
+    last = (places or [said.value for said in actor.places] or [""])[-1]
+    return last.startswith("rear")
 
 
 def _comes_straight(hit: Hit, goals: list[Hit], words: list[str]) -> bool:
@@ -87,5 +103,7 @@ def is_over_by_then(hit: Hit, kind: str, before: Hit, words: list[str]) -> bool:
     word = words[hit.first]
     if word in _LIES:
         return before.kind not in _NAMES or hit.first - before.stop > 1
+    if kind == "step" and words[hit.first - 1] in _PERFECT and words[hit.stop] in _ONTO:
+        return False  # has stepped onto the crossing, and is there now
     stands = kind in ("stand", "parked")
     return hit.form == "ed" and (not stands or (word in _STOOD and before.value != "is"))

@@ -125,6 +125,7 @@ _AFTER_SIDES = frozenset(
 _OTHERS = frozenset({"he", "she", "it", "they", "that", "who", "which"})
 _OPENERS: tuple[list[str], ...] = ([], [":"], ["."], ["\n"])
 _DROPPED = ""
+_MINUS = frozenset("-\u2212\u2013")
 _SINGLE = frozenset(',;:"=|')
 _LISTS = "\u2022\u25cf\u25e6-*#>|0123456789\"'[({<"
 
@@ -207,7 +208,19 @@ def tokenise(text: str) -> Tokens:
     if _DROPPED in words:
         found = [match for match, word in zip(found, words, strict=True) if word]
         words = [word for word in words if word]
+    if "accel" in words:
+        _sign_accelerations(words, found, lower)
     return Tokens(words, found)
+
+
+def _sign_accelerations(words: list[str], found: list[re.Match[str]], text: str) -> None:
+    """Name accelerations by their sign: accel: -6 is a deceleration, accel: 0 a steady speed."""
+    for index, word in enumerate(words[:-2]):
+        value = words[index + 2]
+        if word == "accel" and words[index + 1] in (":", "=") and value[0].isdigit():
+            negative = text[found[index + 2].start() - 1] in _MINUS
+            zero = not value.strip("0.")
+            words[index] = "cruise" if zero else "decel" if negative else word
 
 
 def _sides(words: list[str]) -> None:
