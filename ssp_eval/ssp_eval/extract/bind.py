@@ -323,7 +323,8 @@ class Binder(Clause):
     def _path(self, index: int, hit: Hit) -> None:
         """Remember a path for the words that follow: in our path, from the right."""
         owner = self._owner()
-        before = next((h for h in self._back(index, 4) if h.kind != "place" and h.value != ","), hit)
+        back = self._back(index, 4)
+        before = next((one for one in back if one.kind != "place" and one.value != ","), hit)
         bare = before.kind == "user" and hit.first - before.stop < 6 and not self.flags[index]
         lane = "lane" in self.words[hit.first : hit.stop]
         if hit.kind in ("from", "across") and bare and owner is not None and not lane:

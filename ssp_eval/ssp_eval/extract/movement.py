@@ -49,8 +49,10 @@ def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[s
             return "oncoming"
         if "away" in names:
             return "receding"
-    if kind == "drift" and not light and any(
-        goal.value == "line" and words[goal.first - 1] in _OVER for goal in goals
+    if (
+        kind == "drift"
+        and not light
+        and any(goal.value == "line" and words[goal.first - 1] in _OVER for goal in goals)
     ):
         kind = "intrude"
     if "out_of_ours" in names and not people:
