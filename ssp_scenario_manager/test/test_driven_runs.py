@@ -471,6 +471,19 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
         assert "judged by the same run in one process" in str(refused.exception)
 
 
+def test_an_operator_does_nothing_in_a_twin(compiled: RunSpec, start: Start) -> None:
+    """The start of a run that is to be aborted is that of the same run without it."""
+    abort = Fault(kind="operator_abort", at_s=start.hand_over_s + 0.5)
+    faulted = compiled.model_copy(update={"faults": [abort]})
+    again = make_start(faulted, load_event("cut_in")[0], SEED, latency_max_s=2.0)
+    assert (again.contact, again.end_s) == (start.contact, start.end_s)
+    assert again.twin == start.twin
+    aborted = again.driven_by("oracle", {}, Latency(0.0))
+    assert aborted.faults == [abort]
+    assert twin_of(aborted)[1] == start.contact
+    assert again.driven_by("oracle", {}, Latency(0.0), event=False).faults == []
+
+
 @pytest.mark.parametrize(
     ("at_s", "kind", "decided_s"), [(11.0, "fence", 11.0), (13.0, "collision", 12.68)]
 )

@@ -24,6 +24,7 @@ from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_core.world.plant import StepReport
 from ssp_scenario_manager.closed_loop.before import Before, failed_for
 from ssp_scenario_manager.closed_loop.single import told_of_run
+from ssp_scenario_manager.closed_loop.start import without_operator
 from ssp_scenario_manager.run.in_process import Record, run_in_process
 from ssp_scenario_manager.run.sweep import for_one_process
 
@@ -40,9 +41,7 @@ def told_of_session(before: Before | None, spec: RunSpec, bag: Path) -> tuple[di
     """
     if spec.driven is None:
         return {}, ""
-    run = for_one_process(spec)
-    faults = [fault for fault in run.faults if fault.kind != "operator_abort"]
-    run = run.model_copy(update={"faults": faults})
+    run = without_operator(for_one_process(spec))
     result, record = run_in_process(run)
     heard = _heard(bag)
     abort = None if isinstance(heard, str) else heard.abort

@@ -146,7 +146,8 @@ def make_start(
         InputError: the values make no run.
     """
     frame_s = _frame_period_s(run)
-    bare, values = drawn_run(prepared(run), event, seed)
+    drawn, values = drawn_run(prepared(run), event, seed)
+    bare = without_operator(drawn)
     history_s = max(history_s, LIMITS.history_s)
     hand_over_s, fires_s = _hand_over_s(bare, latency_max_s, frame_s, history_s)
     first_s = _floor(hand_over_s - latency_max_s - frame_s, frame_s)
@@ -163,7 +164,7 @@ def make_start(
     )
     result, record = run_in_process(twin)
     contact = first_contact(record.reports, run.vut.id)
-    fixed = bare.model_copy(update={"triggers": _at_their_times(twin, result)})
+    fixed = drawn.model_copy(update={"triggers": _at_their_times(twin, result)})
     observable_s = result.phase_s(Phase.TRIGGER)
     if problem := _off_spec(twin, result, contact):
         raise OffSpec(problem)
@@ -197,7 +198,8 @@ def twin_of(run: RunSpec) -> tuple[Mapping[int, ObjectState], Contact | None]:
     if run.driven is None:
         raise InputError("is no driven run", field="driven")
     driven = run.driven.model_copy(update=commanded(NO_RESPONSE))
-    _, record = run_in_process(run.model_copy(update={"driven": driven, "camera": None}))
+    twin = without_operator(run).model_copy(update={"driven": driven, "camera": None})
+    _, record = run_in_process(twin)
     return vut_states(record, run.vut.id), first_contact(record.reports, run.vut.id)
 
 
@@ -250,6 +252,12 @@ def prepared(run: RunSpec) -> RunSpec:
 _BESIDE_M = 0.15
 
 
+def without_operator(run: RunSpec) -> RunSpec:
+    """Return the run without what an operator does in it: a twin has none of it."""
+    faults = [fault for fault in run.faults if fault.kind != "operator_abort"]
+    return run.model_copy(update={"faults": faults})
+
+
 def without_event(run: RunSpec, end_s: float) -> RunSpec:
     """Return the run with triggers that don't fire before its end (METHOD 8.6).
 
@@ -263,7 +271,7 @@ def without_event(run: RunSpec, end_s: float) -> RunSpec:
     limits = run.limits.model_copy(update={"duration_s": max(run.limits.duration_s, end_s + 10.0)})
     holding = {t.object_id for t in run.triggers if isinstance(t.manoeuvre, Hold)}
     targets = [_beside(run, t) if t.id in holding else t for t in run.targets]
-    return run.model_copy(
+    return without_operator(run).model_copy(
         update={"triggers": never, "end": end, "limits": limits, "targets": targets}
     )
 
