@@ -93,8 +93,10 @@ def test_a_server_that_hangs_is_waited_for_up_to_the_deadline(
 
     monkeypatch.setattr(EgodriverDriver, "_call", hurried)
     with serving(Bad(call, hang)) as url:
-        why = reason(url)
-        release.set()
+        try:
+            why = reason(url)
+        finally:
+            release.set()
     if call == "close_session":
         assert why == ""
     else:

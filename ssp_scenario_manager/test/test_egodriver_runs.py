@@ -14,7 +14,7 @@ from ssp_core.errors import InputError
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
-from ssp_core.world.driver import driver_options
+from ssp_core.world.driver import driver_options, try_driver
 from ssp_eval.evaluate.driving import bridge_model
 from ssp_scenario_manager.closed_loop.answers import answers_of
 from ssp_scenario_manager.closed_loop.cards import seal_cards
@@ -27,7 +27,7 @@ from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
 from ssp_vla_bridge.egodriver.server import BridgePolicy, Listening
 from ssp_vla_bridge.egodriver.server import serving as serving_bridge
-from tests.support.egodrivers import SMALL, Straight, serving
+from tests.support.egodrivers import SMALL, Straight, nobody, serving
 
 SEED = 1
 
@@ -130,8 +130,11 @@ def test_an_address_alone_names_a_driver_and_its_connection_is_asked_for_by_name
         assert parse_drive(url, "zero", insecure=True).options["egodriver"]["insecure"]
     assert (drive_of.driver, drive_of.options["egodriver"]["url"]) == ("egodriver", url)
     assert not drive_of.options["egodriver"]["insecure"]
-    with pytest.raises(InputError, match="can't be loaded: get_version failed: UNAVAILABLE"):
-        parse_drive(url, "zero")
+    refused = "can't be loaded: get_version failed: UNAVAILABLE"
+    with nobody() as silent:
+        unheard = parse_drive(silent, "zero")
+        with pytest.raises(InputError, match=refused):
+            try_driver(unheard.driver, unheard.options)
     with pytest.raises(InputError, match="deadline_s"):
         driver_options("m", {"backend": "egodriver", "url": url, "timeout_s": 1.0})
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import socket
 from collections.abc import Iterator, Sequence
 from concurrent import futures
 from contextlib import contextmanager
@@ -121,6 +122,14 @@ class Straight(proto.EgodriverServiceServicer):
             at_us = request.time_now_us + 100_000 * k
             plan.poses.append(proto.PoseAtTime(pose=pose, timestamp_us=at_us))
         return proto.DriveResponse(trajectory=plan)
+
+
+@contextmanager
+def nobody() -> Iterator[str]:
+    """Hold a port of loopback on which nobody listens, as long as the block runs."""
+    with socket.socket() as held:
+        held.bind(("127.0.0.1", 0))
+        yield f"grpc://127.0.0.1:{held.getsockname()[1]}"
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from typing import Any
 import grpc  # type: ignore[import-untyped] # has no types
 from carla_driver_interface import protocol as proto
 from carla_driver_interface.contract import (
+    CONTRACT_REVISION,
     LEGACY_REVISION,
     SUPPORTED_REVISIONS,
     ContractError,
@@ -48,6 +49,7 @@ _MOST_NAMES = 64
 _WORDS = 300
 # What was left out of whose answers, which is said once.
 _TOLD: set[tuple[str, str]] = set()
+_BEFORE_REVISIONS = "-carla-driver-interface-1."
 _ENDED = "it ended the session (terminate_session)"
 
 
@@ -107,11 +109,21 @@ class EgodriverDriver:
         version, metadata = self._call("get_version", proto.Empty())
         self.version = console.visible(version.version_id)[:_WORDS]
         try:
-            self.revision = read_revision(metadata, LEGACY_REVISION)
+            self.revision = read_revision(metadata, self._undeclared())
         except ContractError as error:
             known = ", ".join(map(str, SUPPORTED_REVISIONS))
             raise PeerError(f"the server's {error}: revisions {known} are spoken here") from error
         self._is_exact = any(key == exact.EXACT for key, _ in metadata)
+
+    def _undeclared(self) -> int:
+        """Return the revision of a server that declares none.
+
+        The package declares one from 2.0 on, and names itself in its version before; everything
+        else that declares none is AlpaSim's own, and speaks its convention.
+        """
+        if self._options.revision is not None:
+            return self._options.revision
+        return LEGACY_REVISION if _BEFORE_REVISIONS in self.version else CONTRACT_REVISION
 
     def choose(self, stamps_ns: Sequence[int]) -> list[int]:
         """Return the indices of the frames that weren't sent yet, rising; the newest is last."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
 from pydantic import Field
@@ -30,6 +30,9 @@ class EgodriverOptions(Strict):
     insecure: bool = Field(False, description="plain text to a host that isn't loopback")
     camera: Annotated[str, Field(min_length=1, max_length=200)] = Field(
         FORWARD_CAMERA, description="name under which the forward camera is declared"
+    )
+    revision: Literal[1, 2] | None = Field(
+        None, description="1 or 2: of a server that declares none; null: told by its version"
     )
     control_step_s: Annotated[float, Field(ge=0.001, le=10.0)] = Field(
         0.1, description="from the decision to time_query_us, 0.001 to 10 s"

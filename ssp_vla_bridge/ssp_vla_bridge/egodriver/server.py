@@ -40,8 +40,9 @@ from ssp_vla_bridge.egodriver.options import FORWARD_CAMERA, is_loopback
 from ssp_vla_bridge.messages import CameraGeometry, EgoSample, Frame, Request
 from ssp_vla_bridge.window import choose
 
-# Frames of a session that are kept: more than any interface asks for.
-_KEPT_FRAMES = 64
+# Frames of a session that are kept: so many at least, and so many for each that a request holds,
+# since a client may send them faster.
+_KEPT_FRAMES, _PER_FRAME = 16, 4
 # An older newest pose says nothing of how the vehicle moves now.
 _POSE_AGE_US = 300_000
 _JPEG = b"\xff\xd8"
@@ -86,10 +87,9 @@ class BridgePolicy(BaseDriver):
         most_sessions: at a time.
     """
 
-    frame_history_length = _KEPT_FRAMES
-
     def __init__(self, model: DriverModel, camera: str = "", most_sessions: int = 8) -> None:
         self.name = model.name
+        self.frame_history_length = max(_KEPT_FRAMES, _PER_FRAME * model.rules.frames)
         self._model, self._camera, self._most = model, camera, most_sessions
         self._seats: dict[str, _Seat] = {}
         self._begins = threading.Lock()

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from ssp_eval.evaluate.drivers_cli import driver
 from ssp_vla_bridge.egodriver import check
 from ssp_vla_bridge.egodriver.options import read_options
-from tests.support.egodrivers import Straight, serving
+from tests.support.egodrivers import Straight, nobody, serving
 
 
 class Sound(Straight):
@@ -128,9 +128,8 @@ def test_a_slow_policy_is_told_by_its_latency(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_nobody_there_is_the_only_finding() -> None:
-    with serving(Sound()) as url:
-        pass
-    done = CliRunner().invoke(driver, ["check", url], standalone_mode=False)
+    with nobody() as url:
+        done = CliRunner().invoke(driver, ["check", url], standalone_mode=False)
     assert done.return_value == 1
     assert "fail  version" in done.output
     assert "mend: start the server" in done.output

@@ -99,19 +99,36 @@ def test_the_same_questions_send_the_same_bytes() -> None:
     assert sent() == sent()
 
 
-def test_a_server_that_declares_no_revision_gets_the_cameras_body() -> None:
-    class Legacy(Straight):
+@pytest.mark.parametrize(
+    ("version", "given", "revision"),
+    [
+        ("mine-carla-driver-interface-1.1.1", {}, 1),
+        ("alpamayo 0.55", {}, 2),
+        ("alpamayo 0.55", {"revision": 1}, 1),
+        ("mine-carla-driver-interface-1.1.1", {"revision": 2}, 2),
+    ],
+)
+def test_a_server_that_declares_no_revision_is_told_by_its_version(
+    version: str, given: dict[str, Any], revision: int
+) -> None:
+    """AlpaSim's own drivers declare none, as the package did before 2.0, and mean another frame."""
+
+    class Undeclared(Straight):
         def get_version(self, request: Any, context: Any) -> Any:
             self.took("get_version", request, context)
-            return proto.VersionId(version_id="before revisions")
+            return proto.VersionId(version_id=version)
 
-    servicer = Legacy()
-    drive(servicer, camera=TURNED)
+    servicer = Undeclared()
+    with serving(servicer) as url:
+        one = driver(url, **given)
+        one.give(question(camera=TURNED))
+        one.close()
     ((_, begun, declared),) = [one for one in servicer.calls if one[0] == "start_session"]
-    assert declared == {"carla-driver-interface-contract": "1"}
+    assert declared == {"carla-driver-interface-contract": str(revision)}
     (sent,) = begun.rollout_spec.vehicle.available_cameras
-    # The first axis of a body looks along the optical axis: left, and down.
-    ahead = rigid.Pose.from_proto(sent.rig_to_camera).rotation_matrix[:, 0]
+    # The optical axis, left and down, is the first one of a body and the third of an optical frame.
+    axis = {1: 0, 2: 2}[revision]
+    ahead = rigid.Pose.from_proto(sent.rig_to_camera).rotation_matrix[:, axis]
     yaw, pitch = math.atan2(ahead[1], ahead[0]), -math.asin(ahead[2])
     assert (yaw, pitch) == pytest.approx((TURNED.yaw_left_rad, TURNED.pitch_down_rad), abs=1e-6)
 
