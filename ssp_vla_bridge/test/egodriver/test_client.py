@@ -7,6 +7,7 @@ import math
 import pickle
 from collections.abc import Sequence
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -97,6 +98,22 @@ def test_the_same_questions_send_the_same_bytes() -> None:
         return [(name, m.SerializeToString(), more) for name, m, more in servicer.calls]
 
     assert sent() == sent()
+
+
+def test_the_begin_of_a_session_is_no_part_of_the_latency(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    start, clock = EgodriverDriver._start, [0.0]
+
+    def slowly(self: EgodriverDriver, *given: Any) -> None:
+        start(self, *given)
+        clock[0] += 100.0
+
+    monkeypatch.setattr(EgodriverDriver, "_start", slowly)
+    monkeypatch.setattr(client, "time", Mock(perf_counter=lambda: clock[0]))
+    (got,) = drive(Straight())
+    assert clock == [100.0]
+    assert got.latency.total_ns == 0
 
 
 @pytest.mark.parametrize(
