@@ -7,6 +7,7 @@ import itertools
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -345,6 +346,14 @@ def test_one_run_is_driven_again_by_one_command_to_the_same_outcome(
     shown = [one.text or "" for one in view.iter() if one.tag.endswith("text")]
     assert {"T_obs", "frame", "effective", "outcome"} <= set(shown)
     assert shown[0].startswith("cut_in: aeb, L = 1 s: collision at")
+    # The aeb brakes behind the trigger alone, and has the gap of the start there.
+    kept = json.loads((done / "starts.json").read_text())["starts"][0]["values"]
+    drawn_m = kept["triggers.0.condition.below_m"]
+    (words,) = (text for text in shown if text.startswith("gap at the trigger"))
+    said_m, interval = re.fullmatch(r"gap at the trigger (\S+) m, (.*)", words).groups()  # type: ignore[union-attr]
+    assert float(said_m) == pytest.approx(drawn_m, abs=0.2)
+    assert interval == "K* 16 to 20 m"
+    assert "gap" in classes
 
 
 def test_a_run_that_is_another_than_its_row_is_no_valid_result(done: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,24 +12,32 @@ import numpy as np
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.files import write_text
+from ssp_core.motion.encounter import encounter
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.latency import parse_latency
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import ElapsedTime
 from ssp_core.run_file.values import Point
 from ssp_core.templates import templates
 from ssp_core.world.driver import DriveMode
+from ssp_core.world.plant import StepReport
 from ssp_core.world.road_drawing import RoadView, drawing_of
 from ssp_scenario_manager.closed_loop.answers import KeptAnswers
 from ssp_scenario_manager.closed_loop.before import Before
 from ssp_scenario_manager.closed_loop.contact import first_contact, until
 from ssp_scenario_manager.closed_loop.single import told_of_run
+from ssp_scenario_manager.closed_loop.start import path_of
+from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.run.in_process import InProcessResult, Record
 
 VIEW_FILE = "top_view.svg"
 _CHART_PX, _LEFT_PX, _BOTTOM_PX, _KEY_PX = 190.0, 46.0, 34.0, 34.0
 # Outlines of the moving bodies are drawn so often.
 _OUTLINE_S = 1.0
+_GAP_POINTS, _GAP_PX = 12, 40.0
 _PLAN_S = 2.0  # of a plan, as much as each must have (METHOD 8.4)
 
 
@@ -38,6 +47,16 @@ class Line:
 
     kind: str
     points: str
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """The gap at which a trigger fired, along the VUT's lane, beside the interval of K*'s box."""
+
+    points: str
+    x: float
+    y: float
+    words: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +91,8 @@ def told_with_view(
     told = told_of_run(run, result, record, folder=folder, kept=kept)
     if not told:
         return {}, ""
-    write_text(folder / VIEW_FILE, top_view(run, record, told["driven"]))
+    event, _ = load_event(str(folder / TASK_FOLDER / EVENT_FILE))
+    write_text(folder / VIEW_FILE, top_view(run, record, told["driven"], event))
     if before is None:
         return told, ""
     driven, why = before.judged(told["driven"])
@@ -86,13 +106,14 @@ def _latency(told: dict[str, Any]) -> str:
     return "L measured, " + ("nothing asked" if half_s is None else f"median {half_s:.2f} s")
 
 
-def top_view(run: RunSpec, record: Record, told: dict[str, Any]) -> str:
+def top_view(run: RunSpec, record: Record, told: dict[str, Any], event: Event | None = None) -> str:
     """Return the picture of a driven run as SVG.
 
     Args:
         run: as it was driven.
         record: of the run.
         told: what ``result.json`` says under ``driven``.
+        event: K*; None: no distance of its box is drawn.
     """
     if run.driven is None:
         raise ValueError("the run is driven by nobody")
@@ -134,6 +155,7 @@ def top_view(run: RunSpec, record: Record, told: dict[str, Any]) -> str:
             height=view.height_px + _KEY_PX + _CHART_PX + _BOTTOM_PX,
             view_height=view.height_px,
             lines=lines,
+            gap=None if event is None else _gap_of(run, event, led, view),
             chart=chart,
             speeds=[
                 Line("driven" if i == run.vut.id else "object", chart.speed(states))
@@ -147,6 +169,38 @@ def top_view(run: RunSpec, record: Record, told: dict[str, Any]) -> str:
             marks=chart.marks({**told["chain"], "outcome_s": told["outcome_s"]}),
         )
     )
+
+
+def _gap_of(run: RunSpec, event: Event, led: Sequence[StepReport], view: RoadView) -> Gap | None:
+    """Return the gap of K*'s trigger at its time; None where it is of another quantity, or closed.
+
+    The time is the twin's, so that the gap of a VUT that does as its twin lies in K*'s interval.
+    """
+    condition, wanted = run.triggers[0].condition, event.constraints.trigger
+    if wanted.quantity != "relative_distance" or not isinstance(condition, ElapsedTime):
+        return None
+    at_ns = seconds_to_ns(condition.after_s)
+    truths = next((r.truths for r in led if r.now_ns >= at_ns), ())
+    by_id = {state.object_id: state for state in truths}
+    vut, other = by_id.get(run.vut.id), by_id.get(run.triggers[0].object_id)
+    if vut is None or other is None:
+        return None
+    path = path_of(run)
+    gap_m = encounter(vut, other, path).gap_m
+    if not 0.0 <= gap_m < math.inf:
+        return None
+    front_m = path.project_beyond(vut.x_m, vut.y_m)[0] + vut.size.front_m
+    x, y = path.places(np.linspace(front_m, front_m + gap_m, _GAP_POINTS))
+    # Beside the bodies, which would cover it.
+    places = [
+        (px, py + _GAP_PX) for px, py in view.points(list(zip(x.tolist(), y.tolist(), strict=True)))
+    ]
+    middle = places[len(places) // 2]
+    words = f"gap at the trigger {gap_m:.1f} m"
+    if isinstance(wanted.below, Interval):
+        span = wanted.below.si
+        words += f", K* {span.low:g} to {span.high:g} m"
+    return Gap(" ".join(f"{px:.1f},{py:.1f}" for px, py in places), *middle, words)
 
 
 def _is_unled(mode: DriveMode) -> bool:
