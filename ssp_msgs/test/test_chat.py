@@ -1,7 +1,7 @@
 """Questions to LLMs, as far as no server is needed: patience, keys, and what a reply says.
 
 How the client fares with real services is tested where it is used: ssp_vla_bridge/test/openai,
-ssp_scenario_manager/test/test_extract_server.py.
+ssp_scenario_manager/test/extract/test_extract_bad_answers.py.
 """
 
 from __future__ import annotations

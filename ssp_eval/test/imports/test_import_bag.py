@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,6 @@ from foreign_recordings import (
     imported,
     jpeg,
     number_of,
-    picture,
     pose,
     raw,
     starts,
@@ -38,6 +36,7 @@ from foreign_recordings import (
     write_bag,
 )
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from track_day_changes import DECLARED, OBJECTS, framed, messages_of, moved, run
 
 from ssp_core.bag.reader import BagReader
 from ssp_core.bag.seal import Seal, read_seal
@@ -52,27 +51,12 @@ from support.bags import without_index
 from support.seals import with_checksums
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
-OBJECTS = ("--vut", "/vut/odom", "--object", "ot1=/ot1/odom:car", "--camera", "/cam")
-DECLARED = (
-    "--domain",
-    "physical",
-    "--declared-by",
-    "A. Engineer",
-    "--declared-on",
-    "2026-03-01",
-    "--place",
-    "north track",
-)
 
 
 @pytest.fixture(scope="module")
 def bag(day: TrackDay, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The track day as an MCAP bag."""
     return write_bag(tmp_path_factory.mktemp("day") / "bag", day.messages())
-
-
-def run(bag: Path, out: Path, *options: object) -> int:
-    return main(["import-bag", str(bag), *OBJECTS, *map(str, options), "--out", str(out)])
 
 
 @pytest.mark.parametrize("sqlite", [False, True])
@@ -225,232 +209,6 @@ def test_the_camera_is_that_of_camera_info_and_static_transforms(
     assert record["camera"]["hfov_deg"] == pytest.approx(90.0)
 
 
-def messages_of(day: TrackDay, change: Callable[[Message], Message | None]) -> list[Message]:
-    """The day's messages, each changed or left out."""
-    return [new for m in day.messages() if (new := change(m)) is not None]
-
-
-def restamped(shift_ns: Callable[[int], int], topic: str) -> Callable[[Message], Message]:
-    """Another clock on one topic: a shift by the time since the day began."""
-
-    def change(m: Message) -> Message:
-        if m[0] != topic:
-            return m
-        ns = m[3].header.stamp.sec * 10**9 + m[3].header.stamp.nanosec
-        began_ns = 1_700_000_000 * 10**9
-        head = header(ns + shift_ns(ns - began_ns), m[3].header.frame_id)
-        return (m[0], m[1], m[2], replace(m[3], header=head))
-
-    return change
-
-
-def twisted(factor: float) -> Callable[[Message], Message]:
-    """The object's speeds in another unit."""
-
-    def change(m: Message) -> Message:
-        if m[0] != "/ot1/odom":
-            return m
-        twist = m[3].twist.twist
-        linear = replace(twist.linear, x=twist.linear.x * factor)
-        return (
-            *m[:3],
-            replace(m[3], twist=replace(m[3].twist, twist=replace(twist, linear=linear))),
-        )
-
-    return change
-
-
-def moved(
-    place: Callable[[float, float, float], tuple[float, float, float]],
-) -> Callable[[Message], Message]:
-    """The object's poses (x, y, yaw) changed."""
-
-    def change(m: Message) -> Message:
-        if m[0] != "/ot1/odom":
-            return m
-        p = m[3].pose.pose
-        x, y, yaw = place(
-            p.position.x, p.position.y, 2 * math.atan2(p.orientation.z, p.orientation.w)
-        )
-        return (*m[:3], replace(m[3], pose=replace(m[3].pose, pose=pose(x, y, yaw))))
-
-    return change
-
-
-def framed(frame_id: str) -> Callable[[Message], Message]:
-    def change(m: Message) -> Message:
-        if m[0] != "/ot1/odom":
-            return m
-        return (*m[:3], replace(m[3], header=replace(m[3].header, frame_id=frame_id)))
-
-    return change
-
-
-def once_back(m: Message) -> Message:
-    """One stamp of the VUT's lies half a second early."""
-    at_ns = 1_700_000_005 * 10**9
-    return (
-        restamped(lambda t: -500_000_000 if t == 5 * 10**9 else 0, "/vut/odom")(m)
-        if m[2] > at_ns
-        else m
-    )
-
-
-def for_a_while(change: Callable[[Message], Message]) -> Callable[[Message], Message]:
-    """A change of the messages from 5.0 to 6.2 s."""
-    since_ns, until_ns = (1_700_000_000 * 10**9 + round(s * 1e9) for s in (5.0, 6.2))
-    return lambda m: change(m) if since_ns <= m[2] < until_ns else m
-
-
-def of_all(topics: Sequence[str], shift_ns: Callable[[int], int]) -> Callable[[Message], Message]:
-    """Another time on several topics, by stamp and by receipt."""
-
-    def change(m: Message) -> Message:
-        if m[0] not in topics:
-            return m
-        by_ns = shift_ns(m[2] - 1_700_000_000 * 10**9)
-        topic, kind, ns, message = restamped(lambda _: by_ns, m[0])(m)
-        return topic, kind, ns + by_ns, message
-
-    return change
-
-
-WRONG_BAGS: list[tuple[str, Callable[[Message], Message | None], str]] = [
-    ("km/h", twisted(3.6), "/ot1/odom: has speeds 3.6 times those of its positions"),
-    (
-        "degrees",
-        moved(lambda x, y, yaw: (x, y, math.pi / 2 - yaw)),
-        "degrees off its direction of motion (they look clockwise from +y, as a compass counts)",
-    ),
-    ("left-handed", moved(lambda x, y, yaw: (x, y, yaw + math.pi)), "turned by half a turn"),
-    (
-        "a jump",
-        moved(lambda x, y, yaw: (x + (30.0 if x > 70.0 else 0.0), y, yaw)),
-        "/ot1/odom: jumps by 30.2 m within 0.02 s: one id must be one object",
-    ),
-    (
-        "no speed for a while",
-        for_a_while(twisted(0.0)),
-        "/ot1/odom: states 0.00 m/s from 5.00 s to 6.18 s after its first sample, while its "
-        "positions go at 9.",
-    ),
-    (
-        "a heading turned for a while",
-        for_a_while(moved(lambda x, y, yaw: (x, y, yaw + math.pi))),
-        "/ot1/odom: has headings that lie 180 degrees off its direction of motion from 5.00 s to ",
-    ),
-    (
-        "a clock that steps",
-        of_all(("/vut/odom", "/ot1/odom", "/cam"), lambda t: 800_000_000 if t > 5 * 10**9 else 0),
-        "/vut/odom: moves by 0.2 m within 0.82 s, at 4.98 s after its first sample, where it goes "
-        "at 10.00 m/s: a step of the clock? [clock_step]",
-    ),
-    (
-        "no number",
-        moved(lambda x, y, yaw: (math.nan if x > 70.0 else x, y, yaw)),
-        "/ot1/odom: has a x_m that is no number",
-    ),
-    (
-        "two frames",
-        framed("odom"),
-        "/ot1/odom: its poses are in frame 'odom', the others' in 'map' [frames]; say how its "
-        "frame lies in theirs with --transform ot1=X,Y,YAW_DEG",
-    ),
-    (
-        "no stamps",
-        lambda m: (
-            (*m[:3], replace(m[3], header=header(0, m[3].header.frame_id)))
-            if m[0] == "/ot1/odom"
-            else m
-        ),
-        "/ot1/odom: 501 of 501 messages have the stamp 0 [clocks]; take the times of receipt",
-    ),
-    ("a stamp back", once_back, "/vut/odom: 1 stamps go backwards, the first by 0.480 s"),
-    (
-        "two clocks",
-        restamped(lambda t: 2_000_000_000, "/cam"),
-        "/cam: its stamps lie 2.000 s after those of /vut/odom, by when both were received",
-    ),
-    (
-        "a clock that drifts",
-        restamped(lambda t: -t // 50, "/ot1/odom"),
-        "/ot1/odom: its stamps drift by 0.134 s against those of /vut/odom",
-    ),
-    (
-        "no object",
-        lambda m: None if m[0] == "/ot1/odom" else m,
-        "/ot1/odom: is no topic of this bag [topics]; of these types it has /vut/odom",
-    ),
-    (
-        "an object that isn't there",
-        lambda m: None if m[0] == "/ot1/odom" and m[2] > 1_700_000_000_010_000_000 else m,
-        "/ot1/odom: holds 1 samples within the crop",
-    ),
-]
-
-
-@pytest.mark.parametrize(
-    ("change", "match"), [w[1:] for w in WRONG_BAGS], ids=[w[0] for w in WRONG_BAGS]
-)
-def test_a_bag_that_contradicts_itself_is_refused(
-    day: TrackDay,
-    tmp_path: Path,
-    refused: Callable[..., str],
-    change: Callable[[Message], Message | None],
-    match: str,
-) -> None:
-    source = write_bag(tmp_path / "day", messages_of(day, change))
-    message = refused("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
-    assert f"{source}: " in message
-    assert match in message
-
-
-@pytest.mark.parametrize(
-    ("options", "status", "match"),
-    [
-        (("--camera", "/nowhere"), 1, "bag [topics]; of these types it has /cam"),
-        (("--camera", "/vut/odom"), 1, "/vut/odom: has messages of another type"),
-        (("--camera-info", "/cam"), 1, "/cam: has messages of another type"),
-        (("--start", 11), 1, "/cam: has no frame from 11 s on [crop]; its frames span 10.000 s"),
-        (("--rate", 60), 1, "--rate: has 10 frames per second, fewer than 60"),
-        (("--site", "nowhere"), 1, "no such site (got 'nowhere')"),
-        (("--site", "boulevard", "--block", "side"), 1, "is no block of this map (got 'side')"),
-        (
-            ("--site", "north_track", "--transform", "all=5000,0,0"),
-            1,
-            "no block lies under the VUT's way",
-        ),
-        (
-            ("--event", "cut_in", "--object", "ot2=/ot1/odom:car"),
-            1,
-            "has the objects ot1, ot2, vut, the K* cut_in has ot1, vut",
-        ),
-        (("--event", "cut_in", "--scenario", "a"), 2, "--event gives --scenario"),
-        (("--object", "ot1=/x:car"), 2, "--object names ot1 twice"),
-        (("--object", "ot2=/x:lorry"), 2, "classes are car, truck"),
-        (("--block", "main"), 2, "--block is of no use without --site"),
-        (("--transform", "ot9=0,0,0"), 2, "--transform ot9=…: the objects are vut, ot1"),
-        (("--transform", "ot1=0,0"), 2, "give X,Y,YAW_DEG as numbers"),
-        (("--size", "ot1=4x2"), 2, "give LENGTH,WIDTH,HEIGHT as numbers"),
-        (("--reference", "ot1=roof"), 2, "give rear_axle, centre, front, rear or a number"),
-        (("--mount", "1,0,-1,0"), 2, "Z in (0, 10] m"),
-        (("--datum", "91,0"), 2, "latitude 91 must be from -90 to 90"),
-        (("--log-by", "A"), 2, "what isn't declared is unknown"),
-        (("--place", "x", "--declared-on", "2999-01-01"), 2, "lies in the future"),
-    ],
-)
-def test_wrong_use_is_explained_and_leaves_nothing(
-    bag: Path,
-    tmp_path: Path,
-    refused: Callable[..., str],
-    options: tuple[Any, ...],
-    status: int,
-    match: str,
-) -> None:
-    given = ("import-bag", bag, *OBJECTS, *DECLARED, *options, "--out", tmp_path / "rec")
-    assert match in refused(*given, status=status)
-
-
 def sealed_as(path: Path) -> Seal:
     with BagReader(path) as reader:
         return read_seal(reader)
@@ -508,28 +266,6 @@ def test_a_sealed_bag_that_another_program_converts_is_one_of_others(
     assert main(["bag", "check", str(tmp_path / "rec")]) == 0
     said = capsys.readouterr()
     assert "made of converted, not sealed" in " ".join((said.out + said.err).split())
-
-
-def test_what_is_no_bag_is_one_message(tmp_path: Path, refused: Callable[..., str]) -> None:
-    (tmp_path / "text.mcap").write_text("not a bag")
-    (tmp_path / "old.bag").write_text("#ROSBAG V2.0")
-    (tmp_path / "empty").mkdir()
-    for name, match in (
-        ("text.mcap", "text.mcap: is no MCAP file"),
-        ("old.bag", "old.bag: is a bag of ROS 1"),
-        ("empty", "empty: has no metadata.yaml, so it is no closed bag"),
-        ("none", "none: is not there"),
-    ):
-        assert match in refused("import-bag", tmp_path / name, *OBJECTS, "--domain", "physical")
-
-
-def test_a_domain_is_declared_with_name_date_and_place(
-    bag: Path, tmp_path: Path, refused: Callable[..., str]
-) -> None:
-    given = ("import-bag", bag, *OBJECTS, "--out", tmp_path / "rec")
-    assert "Missing option '--domain'" in refused(*given, status=2)
-    more = ("--domain", "physical", "--declared-by", "A. Engineer")
-    assert "declared by a person with date and place" in refused(*given, *more, status=2)
 
 
 def test_times_of_receipt_are_used_where_that_is_asked(day: TrackDay, tmp_path: Path) -> None:
@@ -629,22 +365,6 @@ def test_frames_and_gaps_are_said(day: TrackDay, tmp_path: Path) -> None:
     assert "camera: 1 gaps of more than 0.3 s, the longest 0.6" in said
 
 
-def test_frames_of_two_sizes_are_refused(
-    day: TrackDay, tmp_path: Path, refused: Callable[..., str]
-) -> None:
-    def cropped(m: Message) -> Message:
-        ns = m[2]
-        return (
-            (*m[:3], jpeg(ns - 3_000_000, picture(1, (128, 48))))
-            if (m[0] == "/cam" and ns > 1_700_000_005 * 10**9)
-            else m
-        )
-
-    source = write_bag(tmp_path / "day", messages_of(day, cropped))
-    message = refused("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
-    assert "/cam: holds a frame at 5.000 s of the clip that can't be used: 128x48 px" in message
-
-
 def test_speeds_in_the_poses_frame_are_turned_into_the_heading(
     day: TrackDay, tmp_path: Path
 ) -> None:
@@ -696,52 +416,6 @@ def test_samples_that_are_repeated_are_left_out_and_said(day: TrackDay, tmp_path
         "ot1: 501 samples that repeat the one before were left out"
         in provenance.imported.states.notes
     )
-
-
-def test_an_orientation_that_is_none_is_named(
-    day: TrackDay, tmp_path: Path, refused: Callable[..., str]
-) -> None:
-    def unset(m: Message) -> Message:
-        if m[0] != "/vut/odom":
-            return m
-        p = m[3].pose.pose
-        none = replace(p, orientation=replace(p.orientation, w=0.0, z=0.0))
-        return (*m[:3], replace(m[3], pose=replace(m[3].pose, pose=none)))
-
-    source = write_bag(tmp_path / "day", messages_of(day, unset))
-    message = refused("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
-    assert "/vut/odom: message 1: the orientation's norm is 0.000, not 1" in message
-
-
-def test_a_place_that_is_no_number_is_named_by_its_time(
-    day: TrackDay, tmp_path: Path, refused: Callable[..., str]
-) -> None:
-    def lost(m: Message) -> Message:
-        if m[0] != "/vut/odom" or m[2] - day.zero_ns < 1_000_000_000:
-            return m
-        p = m[3].pose.pose
-        none = replace(p, position=replace(p.position, x=math.nan))
-        return (*m[:3], replace(m[3], pose=replace(m[3].pose, pose=none)))
-
-    source = write_bag(tmp_path / "day", messages_of(day, lost))
-    message = refused("import-bag", source, *OBJECTS, *DECLARED, "--out", tmp_path / "rec")
-    assert re.search(r"/vut/odom: has a x_m that is no number, 1\.\d+ s after its first", message)
-
-
-@pytest.mark.parametrize(
-    ("info", "match"),
-    [
-        (camera_info(0, 32.0, (128, 48)), "/info: is of frames of 128x48 px, the camera's have"),
-        (camera_info(0, 0.0), "/info.k: says that the camera isn't calibrated"),
-    ],
-)
-def test_a_camera_info_of_another_camera_is_refused(
-    day: TrackDay, tmp_path: Path, refused: Callable[..., str], info: Any, match: str
-) -> None:
-    more: Message = ("/info", INFO, day.zero_ns, info)
-    source = write_bag(tmp_path / "day", [*day.messages(), more])
-    given = (*OBJECTS, *DECLARED, "--camera-info", "/info", "--out", tmp_path / "rec")
-    assert match in refused("import-bag", source, *given)
 
 
 def test_a_camera_whose_place_nobody_says_has_none(day: TrackDay, tmp_path: Path) -> None:
