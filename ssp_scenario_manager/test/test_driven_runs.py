@@ -447,6 +447,9 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
     (reason,) = other["reasons"]
     assert reason.startswith(f"it isn't the run of {again / 'result.json'}: outcome is evaded and")
     assert "states_sha256 is sha256:" in reason
+    done = invoked(str(tmp_path / "other"), "--in-process", "--out", str(tmp_path / "sound"))
+    assert (done.exception, done.return_value) == (None, 0), done.output
+    assert f"{tmp_path / 'other'} has no sound result" in done.stderr
     (again / "result.json").write_text('{"verdict": "valid", "driven": {"chain": {}}}')
     with pytest.raises(InputError, match=r"result\.json: doesn't say what the run was"):
         raised(invoked(str(again), "--in-process", "--out", str(tmp_path / "third")))

@@ -249,7 +249,9 @@ def test_a_run_of_a_campaign_leaves_the_bag_of_the_run_that_its_row_is_of(
     assert [str(driven[key]) for key in ("outcome", "outcome_s", "v_i_mps", "needless")] == [
         row[key] for key in ("outcome", "outcome_s", "v_i_mps", "needless")
     ]
-    kept = json.loads((folder / "answers" / "000004.json").read_text())["event"]
+    answers = folder / "answers" / "000004.json"
+    assert (left / "answers.json").read_bytes() == answers.read_bytes()
+    kept = json.loads(answers.read_text())["event"]
     with BagReader(left / "bag") as bag:
         counts = Counter(message.topic for message in bag.messages())
         responses = [bag.decode(m) for m in bag.messages(["/ssp/vla/mine/response"])]

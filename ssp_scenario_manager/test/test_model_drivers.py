@@ -378,6 +378,7 @@ def test_what_a_card_says_of_a_model_is_what_its_driver_does() -> None:
         "frame_spacing_s": 0.1,
         "history_s": 2.0,
         "timeout_s": 3.0,
+        "sees_route": False,
     }
 
 

@@ -291,6 +291,8 @@ def run(
         kept = kept_answers(spec, drive, Path(what))
         repeats = spec.driven is not None and drive is None and faults_file is None
         before = before_of_folder(Path(what)) if repeats else None
+        if repeats and before is None:
+            console.note(f"{what} has no sound result, against which this run could be held")
         spec = driven_run(spec, draft / TASK_FOLDER / EVENT_FILE, drive, console.note)
         # A driver that sees has its frames drawn whether they are recorded or not.
         seeing = spec.driven is not None and sees_frames(spec.driven.driver)

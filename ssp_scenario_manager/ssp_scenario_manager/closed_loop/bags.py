@@ -16,7 +16,7 @@ from ssp_core.files import make_folder
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_scenario_manager.closed_loop.again import run_of_row
-from ssp_scenario_manager.closed_loop.answers import repeated
+from ssp_scenario_manager.closed_loop.answers import ANSWERS_FILE, repeated, save_answers
 from ssp_scenario_manager.closed_loop.before import Before
 from ssp_scenario_manager.closed_loop.careful import CAREFUL
 from ssp_scenario_manager.closed_loop.outcome import HARNESS, outcome_of, told_of
@@ -106,6 +106,8 @@ def _record(folder: Path, number: int) -> str:
     shutil.rmtree(place, ignore_errors=True)
     make_folder(place)
     shutil.copytree(again.task, place / TASK_FOLDER)
+    if again.kept is not None:
+        save_answers(place / ANSWERS_FILE, again.kept)
     spec = for_one_process(again.run.model_copy(update={"run_id": place.name}), camera=True)
     needless = dict(zip(RUN_COLUMNS, again.row, strict=True))["needless"]
     told = run_one(
