@@ -66,9 +66,9 @@ def lay_out(folder: Path) -> None:
     shutil.copy(ROOT / "tests" / "bench" / "naive_scorer.py", folder / "tests" / "bench")
     # As deep as in the source tree: a test looks for tests/ from there.
     tests = folder / "checks" / "test"
-    tests.mkdir(parents=True)
-    for name in ("score_inputs", *(f"test_score_{name}" for name in TESTS)):
-        shutil.copy(ROOT / "ssp_eval" / "test" / f"{name}.py", tests)
+    (tests / "score").mkdir(parents=True)
+    for name in ("score_inputs", *(f"score/test_score_{name}" for name in TESTS)):
+        shutil.copy(ROOT / "ssp_eval" / "test" / f"{name}.py", tests / f"{name}.py")
     (tests / "conftest.py").write_text(QUICKLY)
     text = CONFIGURATION.format(
         left_out=json.dumps(LEFT_OUT),

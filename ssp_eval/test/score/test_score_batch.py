@@ -22,7 +22,7 @@ from ssp_eval.score.metrics import CellMetrics, exact_sum
 from ssp_eval.score.thresholds import Thresholds
 from ssp_vla_bridge.trajectory import Trajectory
 
-TESTS = Path(__file__).parents[2] / "tests"
+TESTS = Path(__file__).parents[3] / "tests"
 GOLDEN = sorted(path.parent for path in (TESTS / "golden").glob("*/expected.json"))
 EXACT = ("n", "matched", "rsr", "denominators")
 

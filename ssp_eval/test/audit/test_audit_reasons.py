@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from ssp_eval.audit.reasons import TABLE, Finding, explain
 
 CODES = list(TABLE)
-DOCS = Path(__file__).resolve().parents[2] / "docs" / "audit.md"
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "audit.md"
 
 
 def primary(*findings: Finding) -> str:

@@ -15,7 +15,7 @@ from ssp_eval.score import columns as load
 from ssp_eval.score.columns import Columns, load_columns
 from ssp_eval.score.engine import score_columns
 
-TESTS = Path(__file__).parents[2] / "tests"
+TESTS = Path(__file__).parents[3] / "tests"
 GOLDEN = sorted(path.parent for path in (TESTS / "golden").glob("*/expected.json"))
 
 
