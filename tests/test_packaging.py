@@ -211,6 +211,7 @@ WIDE_RECORDS = {
     "Limits",
     "RecordingEntry",
     "RunSpec",
+    "SiteBlock",
     "Task",
 }
 # Classes that may not have more attributes than they have.

@@ -30,6 +30,10 @@ VERBS: dict[str, tuple[str, str]] = {
         "ssp_scenario_manager.cli.spec:spec",
         "Check, draw, compare, extract and review event specifications.",
     ),
+    "maps": (
+        "ssp_scenario_manager.cli.maps:maps",
+        "List junctions of a map or site, routes through them, and where they conflict.",
+    ),
     "compile": (
         "ssp_scenario_manager.cli.compile:compile_event",
         "Compile an event for a simulator or a track.",

@@ -36,6 +36,7 @@ from ssp_scenario_manager.event_spec.log import (
 )
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.routes import with_routes
 from ssp_scenario_manager.maps.site import find_shipped, load_site, site_library
 from ssp_scenario_manager.maps.xml_input import Loading, untold
 
@@ -197,9 +198,12 @@ def compile_task(
         seed=request.seed,
         preferred=validated.values if validated is not None else {},
     )
+    library = area.library
+    if "junction" in event.topology.segment.words:
+        library = with_routes(library)
     chosen = choose_block(
-        area.library,
-        score_blocks(event, area.library),
+        library,
+        score_blocks(event, library),
         partial(realise, order),
         choice=request.choose,
         who=request.who,

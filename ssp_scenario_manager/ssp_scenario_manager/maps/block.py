@@ -48,9 +48,60 @@ class ConflictArea:
     end_s_m: float
 
 
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """The place where another route through the same junction crosses this one, or joins it.
+
+    Args:
+        route: block_id of the other one.
+        kind: ``merge`` where both go on in one lane.
+        s_m: arc length, along this route, of the crossing of the centre lines, or of the place from
+            which they are one.
+        other_s_m: the same place along the other route.
+        angle_rad: heading of the other route there, relative to this one's, + left.
+        start_s_m: of the part of this route on which the lanes of both overlap.
+        end_s_m: of the same part.
+    """
+
+    route: str
+    kind: Literal["merge", "crossing"]
+    s_m: float
+    other_s_m: float
+    angle_rad: float
+    start_s_m: float
+    end_s_m: float
+
+    @property
+    def comes_from(self) -> Literal["left", "right"]:
+        """Return the side from which the other route comes: one that heads left is on the right."""
+        return "right" if self.angle_rad > 0.0 else "left"
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """The part of a route that leads through its junction.
+
+    Args:
+        via: ids of the blocks in the junction that it leads over, at least one.
+        start_s_m: arc length at which it enters the junction.
+        end_s_m: arc length at which it leaves it.
+        turn_rad: heading of the exit's start, relative to that of the approach's end, + left.
+        conflicts: in the order in which they are met.
+    """
+
+    via: tuple[str, ...]
+    start_s_m: float
+    end_s_m: float
+    turn_rad: float
+    conflicts: tuple[Conflict, ...] = ()
+
+
 @dataclass(frozen=True)
 class Block:
     """One stretch of road (METHOD 2.1), driven along +s; a road with two directions is two blocks.
+
+    A route through a junction is one too: along the middle of one lane of its approach, of the
+    connecting road and of the exit, which its reference line follows.
 
     Args:
         block_id: unique in its library, such as ``road 12 forward``.
@@ -73,6 +124,8 @@ class Block:
         scenery: what stands beside the road, in the block's frame.
         left_hand: traffic keeps to the left.
         roads: of the map, that it is made of.
+        junction: that it leads through, None outside of one.
+        passage: of a route, its part in the junction; None for any other block.
     """
 
     block_id: str
@@ -96,6 +149,8 @@ class Block:
     scenery: tuple[SceneryItem, ...] = ()
     left_hand: bool = False
     roads: tuple[str, ...] = ()
+    junction: str | None = None
+    passage: Passage | None = None
 
     @property
     def crossings_s_m(self) -> tuple[float, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -32,8 +33,17 @@ from ssp_core.run_file.values import (
 from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_core.world.scenery import Clearance
-from ssp_scenario_manager.maps.block import Block, BlockLane, Library, conflict_areas, segment_of
+from ssp_scenario_manager.maps.block import (
+    Block,
+    BlockLane,
+    ConflictArea,
+    Library,
+    conflict_areas,
+    segment_of,
+)
 from ssp_scenario_manager.maps.crossings import Crossing
+from ssp_scenario_manager.maps.routes import LANES_MEET_M, lanes_apart_m
+from ssp_scenario_manager.maps.ways import junction_areas
 
 LIBRARY = Path(__file__).resolve().parents[1] / "library"
 
@@ -93,6 +103,7 @@ class SiteBlock(Strict):
         Field(min_length=1),
     ]
     leads_to: list[ObjectId] = []
+    junction: ObjectId | None = Field(None, description="that it leads through")
     crossing_x_m: Finite | None = None
     speed_limit_mps: Positive
     traffic: list[TrafficSpec] = Field([], description="surroundings, for any event")
@@ -100,7 +111,7 @@ class SiteBlock(Strict):
 
     @model_serializer(mode="wrap")
     def _without_empty_scenery(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(dump(self), scenery=[])
+        return without_defaults(dump(self), scenery=[], junction=None)
 
 
 class Site(Strict):
@@ -320,6 +331,7 @@ def _check_block(site: Site, index: int) -> Iterator[InputError]:
         return
     yield from _check_traffic(site, block, line, field)
     yield from _check_scenery(block, line, field)
+    yield from _check_ways_through(site, block, field)
     if block.crossing_x_m is not None and not 0.0 <= block.crossing_x_m <= line.length_m:
         yield InputError(
             "leaves the block",
@@ -329,9 +341,51 @@ def _check_block(site: Site, index: int) -> Iterator[InputError]:
         )
 
 
-def _block(site: Site, index: int) -> Block:
-    block = site.blocks[index]
-    line = site_line(block, f"blocks[{index}]")
+def _check_ways_through(site: Site, block: SiteBlock, field: str) -> Iterator[InputError]:
+    """Check that the blocks of a junction are led to and lead on, lane to lane."""
+    if block.junction is None:
+        return
+    if "crossing" in block.permitted:
+        yield InputError(
+            f"can't be crossed on foot: it is in junction {block.junction}",
+            field=f"{field}.permitted",
+            value="crossing",
+            remedy="leave it out; give crossing to a block that leads to the junction",
+        )
+    before = [other for other in site.blocks if block.id in other.leads_to]
+    if not before:
+        yield InputError(
+            f"is in junction {block.junction}, and no block leads to it",
+            field=f"{field}.leads_to",
+            value=block.id,
+            remedy="name it in leads_to of the block that it continues",
+        )
+    after = [other for other in site.blocks if other.id in block.leads_to]
+    if not after:
+        yield InputError(
+            f"leads out of junction {block.junction} to no block",
+            field=f"{field}.leads_to",
+            remedy="name the block that continues it",
+        )
+    for one, other in [(a, block) for a in before] + [(block, b) for b in after]:
+        with suppress(InputError):  # a line that can't be made is an error of its own
+            apart_m = lanes_apart_m(_unlinked(one, field), _unlinked(other, field))
+            if apart_m > LANES_MEET_M:
+                yield InputError(
+                    f"no lane of {one.id} ends where one of {other.id} begins, in its direction: "
+                    f"{apart_m:.2f} m apart",
+                    field=f"{field}.origin",
+                    remedy=f"move it, or its pieces, so that they meet to {LANES_MEET_M:g} m",
+                )
+
+
+def _unlinked(block: SiteBlock, field: str) -> Block:
+    """Return a block of a site that knows nothing of the others.
+
+    Raises:
+        InputError: its pieces make no line.
+    """
+    line = site_line(block, field)
     named = (
         BlockLane(lane.y_m, lane.width_m, lane.direction == "forward", f"lanes[{i}]")
         for i, lane in enumerate(block.lanes)
@@ -339,24 +393,45 @@ def _block(site: Site, index: int) -> Block:
     lanes = tuple(sorted(named, key=lambda lane: lane.y_m))
     permitted = frozenset[str](block.permitted)
     marked = () if block.crossing_x_m is None else (block.crossing_x_m,)
+    areas: tuple[ConflictArea, ...] = ()
+    if block.junction is None:
+        areas = conflict_areas(line.length_m, lanes, permitted, marked)
     return Block(
         block_id=block.id,
         line=line,
         lanes=lanes,
         road_type=block.road_type,
-        segment=segment_of(line),
+        segment=segment_of(line) if block.junction is None else "junction",
         left_boundary=block.left_boundary,
         right_boundary=block.right_boundary,
         sidewalk_left_m=block.sidewalk_left_m,
         sidewalk_right_m=block.sidewalk_right_m,
         permitted=permitted,
-        entrances=tuple(sorted(o.id for o in site.blocks if block.id in o.leads_to)),
-        exits=tuple(sorted(set(block.leads_to))),
-        conflict_areas=conflict_areas(line.length_m, lanes, permitted, marked),
+        conflict_areas=areas,
         crossings=tuple(map(Crossing, marked)),
         speed_limit_mps=block.speed_limit_mps,
         scenery=tuple(block.scenery),
+        junction=block.junction,
     )
+
+
+def _linked(site: Site) -> list[Block]:
+    """Return the blocks of a site with what leads to what, and the conflicts in its junctions."""
+    blocks = [
+        replace(
+            _unlinked(block, f"blocks[{i}]"),
+            entrances=tuple(sorted(o.id for o in site.blocks if block.id in o.leads_to)),
+            exits=tuple(sorted(set(block.leads_to))),
+        )
+        for i, block in enumerate(site.blocks)
+    ]
+    areas: dict[str, tuple[ConflictArea, ...]] = {}
+    for junction in sorted({block.junction for block in blocks if block.junction is not None}):
+        areas |= junction_areas([block for block in blocks if block.junction == junction])
+    return [
+        replace(block, conflict_areas=areas.get(block.block_id, block.conflict_areas))
+        for block in blocks
+    ]
 
 
 def site_library(site: Site, file: str | Path | None = None) -> Library:
@@ -368,12 +443,11 @@ def site_library(site: Site, file: str | Path | None = None) -> Library:
     errors = list(_contradictions(site))
     if errors:
         raise InputError.of_all(errors, file)
-    blocks = [_block(site, i) for i in range(len(site.blocks))]
     return Library(
         source=site.name,
         sha256=site_version(site),
         kind="site",
-        blocks=tuple(sorted(blocks, key=lambda block: block.block_id)),
+        blocks=tuple(sorted(_linked(site), key=lambda block: block.block_id)),
     )
 
 

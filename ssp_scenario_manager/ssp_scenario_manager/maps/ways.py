@@ -294,7 +294,7 @@ def _stretches(s: FloatArray, hit: FloatArray) -> list[tuple[float, float]]:
     ]
 
 
-def _junction_areas(through: Sequence[Block]) -> dict[str, tuple[ConflictArea, ...]]:
+def junction_areas(through: Sequence[Block]) -> dict[str, tuple[ConflictArea, ...]]:
     """Return areas per block of one junction, by kind and place.
 
     Two ways that come from different blocks conflict where their corridors overlap: as ``merge``
@@ -398,6 +398,7 @@ def _block(way: Way, name: str, entrances: tuple[str, ...], exits: tuple[str, ..
         scenery=scenery,
         left_hand=way.left_hand,
         roads=way.roads,
+        junction=way.junction,
     )
 
 
@@ -507,7 +508,7 @@ def network_blocks(
     areas: dict[str, tuple[ConflictArea, ...]] = {}
     for junction, inside in through.items():
         if len(inside) <= MOST_WAYS:
-            areas |= _junction_areas(inside)
+            areas |= junction_areas(inside)
             continue
         many = f"has {len(inside)} ways through it; their conflict areas weren't looked for"
         rejected.append((f"junction {junction}", many))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -120,3 +121,54 @@ def words() -> Words:
 def made(tmp_path: Path) -> MapText:
     """An empty map, to be filled by the test."""
     return MapText(tmp_path)
+
+
+@pytest.fixture
+def crossroads(made: MapText, words: Words) -> Path:
+    """Four arms of 60 m around a junction of 20 m; ways straight on, and one to the left."""
+    half = 10.0
+    lane_only = words.section("", words.lane(-1))
+    for i, name in enumerate("nwse"):
+        yaw = math.pi / 2 * (i + 1)
+        x, y = half * math.cos(yaw), half * math.sin(yaw)
+        made.road(
+            name,
+            60.0,
+            geometry=words.at(x, y, yaw, 60),
+            links=words.to_junction("predecessor", "9"),
+        )
+    # Straight from south to north, from west to east, from south to west.
+    made.road(
+        "sn",
+        20.0,
+        geometry=words.at(0, -half, math.pi / 2, 20),
+        sections=lane_only,
+        junction="9",
+        links=words.to_road("predecessor", "s", "start") + words.to_road("successor", "n", "start"),
+    )
+    made.road(
+        "we",
+        20.0,
+        geometry=words.at(-half, 0, 0, 20),
+        sections=lane_only,
+        junction="9",
+        links=words.to_road("predecessor", "w", "start") + words.to_road("successor", "e", "start"),
+    )
+    made.road(
+        "sw",
+        math.pi / 2 * half,
+        geometry=words.at(0, -half, math.pi / 2, math.pi / 2 * half, '<arc curvature="0.1"/>'),
+        sections=lane_only,
+        junction="9",
+        links=words.to_road("predecessor", "s", "start") + words.to_road("successor", "w", "start"),
+    )
+    made.add(
+        '<junction id="9">'
+        + "".join(
+            f'<connection id="{i}" incomingRoad="{a}" connectingRoad="{c}" contactPoint="start">'
+            '<laneLink from="1" to="-1"/></connection>'
+            for i, (a, c) in enumerate((("s", "sn"), ("w", "we"), ("s", "sw")))
+        )
+        + "</junction>"
+    )
+    return made.write()

@@ -559,59 +559,8 @@ def test_links_to_nowhere_are_told(made: Made, words: Words) -> None:
 # -- junctions ------------------------------------------------------------------------------------
 
 
-def crossroads(made: Made, words: Words) -> Path:
-    """Four arms of 60 m around a junction of 20 m; ways straight on, and one to the left."""
-    half = 10.0
-    lane_only = words.section("", words.lane(-1))
-    for i, name in enumerate("nwse"):
-        yaw = math.pi / 2 * (i + 1)
-        x, y = half * math.cos(yaw), half * math.sin(yaw)
-        made.road(
-            name,
-            60.0,
-            geometry=words.at(x, y, yaw, 60),
-            links=words.to_junction("predecessor", "9"),
-        )
-    # Straight from south to north, from west to east, from south to west.
-    made.road(
-        "sn",
-        20.0,
-        geometry=words.at(0, -half, math.pi / 2, 20),
-        sections=lane_only,
-        junction="9",
-        links=words.to_road("predecessor", "s", "start") + words.to_road("successor", "n", "start"),
-    )
-    made.road(
-        "we",
-        20.0,
-        geometry=words.at(-half, 0, 0, 20),
-        sections=lane_only,
-        junction="9",
-        links=words.to_road("predecessor", "w", "start") + words.to_road("successor", "e", "start"),
-    )
-    made.road(
-        "sw",
-        math.pi / 2 * half,
-        geometry=words.at(0, -half, math.pi / 2, math.pi / 2 * half, '<arc curvature="0.1"/>'),
-        sections=lane_only,
-        junction="9",
-        links=words.to_road("predecessor", "s", "start") + words.to_road("successor", "w", "start"),
-    )
-    made.add(
-        '<junction id="9">'
-        + "".join(
-            f'<connection id="{i}" incomingRoad="{a}" connectingRoad="{c}" contactPoint="start">'
-            '<laneLink from="1" to="-1"/></connection>'
-            for i, (a, c) in enumerate((("s", "sn"), ("w", "we"), ("s", "sw")))
-        )
-        + "</junction>"
-    )
-    path: Path = made.write()
-    return path
-
-
-def test_a_junction_joins_its_arms(made: Made, words: Words) -> None:
-    library = load_library(crossroads(made, words))
+def test_a_junction_joins_its_arms(crossroads: Path) -> None:
+    library = load_library(crossroads)
     through = only(library, "road sn forward")
     assert through.segment == "junction"
     # The arms lead away from the junction, so that traffic comes in against them.
@@ -623,8 +572,8 @@ def test_a_junction_joins_its_arms(made: Made, words: Words) -> None:
     assert "crossing" not in through.permitted
 
 
-def test_ways_through_a_junction_that_cross(made: Made, words: Words) -> None:
-    library = load_library(crossroads(made, words))
+def test_ways_through_a_junction_that_cross(crossroads: Path) -> None:
+    library = load_library(crossroads)
     areas = {
         name: only(library, f"road {name} forward").conflict_areas for name in ("sn", "we", "sw")
     }

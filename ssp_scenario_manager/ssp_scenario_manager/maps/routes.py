@@ -1,0 +1,354 @@
+"""Routes through the junctions of a map or site, and where they conflict (METHOD 2.1).
+
+A route is a block: one lane of a road that leads to the junction, of the connecting roads and of
+the road that leads on, and the middle of that lane is its reference line. Arc lengths, offsets and
+curvature are therefore those of any block.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from ssp_core.geometry import FloatArray, Pose2, wrap_angle
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_scenario_manager.maps.block import (
+    Block,
+    BlockLane,
+    Conflict,
+    ConflictArea,
+    Library,
+    Passage,
+    conflict_areas,
+)
+from ssp_scenario_manager.maps.reference_line import Unusable, smooth_line
+
+# A lane goes on in another that begins this near to its end, in this direction.
+LANES_MEET_M = 0.3
+_MEET_RAD = 0.4
+# A route keeps so much of the roads that lead to the junction and away from it.
+APPROACH_M = 150.0
+EXIT_M = 100.0
+# Connecting roads that follow one another inside one junction.
+_MOST_VIA = 4
+# Routes of one junction whose conflicts are looked for.
+MOST_ROUTES = 200
+# Along bends the middle of a lane is sampled at this, along straights at the other.
+_BEND_STEP_M = 1.0
+_STRAIGHT_STEP_M = 5.0
+# Conflicts are looked for at this step, as far as this beyond the junction; routes join where their
+# middles are this near.
+_STEP_M = 0.5
+_BEYOND_M = 10.0
+_JOINED_M = 0.2
+# Lines that meet at a smaller angle don't cross.
+_LEAST_ANGLE_RAD = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class _Leg:
+    """A lane of a block, and the part of it that a route takes."""
+
+    block: Block
+    lane: BlockLane
+    start_s_m: float
+    end_s_m: float
+
+    def places(self) -> FloatArray:
+        """Return places along its middle, near enough to each other for its bends."""
+        length = self.end_s_m - self.start_s_m
+        step = _STRAIGHT_STEP_M if self.block.line.is_straight else _BEND_STEP_M
+        s = np.linspace(self.start_s_m, self.end_s_m, max(2, math.ceil(length / step) + 1))
+        return self.block.line.to_map_many(s, self.lane.y_m)
+
+
+def _lane_pose(block: Block, lane: BlockLane, s_m: float) -> Pose2:
+    return Pose2(*block.line.to_map(s_m, lane.y_m), block.line.pose(s_m).yaw_rad)
+
+
+def _pairs(before: Block, after: Block) -> Iterator[tuple[float, BlockLane, BlockLane]]:
+    """Yield lanes that lead the same way at the seam of two blocks, and how far they are apart."""
+    for one in before.forward_lanes:
+        end = _lane_pose(before, one, before.length_m)
+        for other in after.forward_lanes:
+            start = _lane_pose(after, other, 0.0)
+            if abs(wrap_angle(end.yaw_rad - start.yaw_rad)) <= _MEET_RAD:
+                yield math.hypot(end.x_m - start.x_m, end.y_m - start.y_m), one, other
+
+
+def lanes_apart_m(before: Block, after: Block) -> float:
+    """Return the distance of the nearest two lanes that go on in one another, m; inf: none do."""
+    return min((apart for apart, _, _ in _pairs(before, after)), default=math.inf)
+
+
+def _follow(chain: list[tuple[Block, BlockLane]], known: dict[str, Block]) -> Iterator[list[_Leg]]:
+    """Yield the ways on from the end of a chain of lanes, whose first is the approach."""
+    block, lane = chain[-1]
+    for name in block.exits:
+        after = known.get(name)
+        if after is None:
+            continue
+        onward = [b for apart, a, b in _pairs(block, after) if a is lane and apart <= LANES_MEET_M]
+        for other in onward[:1]:
+            if after.junction == block.junction:
+                if len(chain) <= _MOST_VIA:
+                    yield from _follow([*chain, (after, other)], known)
+                continue
+            (first, entry), *inside = chain
+            yield [
+                _Leg(first, entry, max(0.0, first.length_m - APPROACH_M), first.length_m),
+                *(_Leg(one, its, 0.0, one.length_m) for one, its in inside),
+                _Leg(after, other, 0.0, min(after.length_m, EXIT_M)),
+            ]
+
+
+def _chains(blocks: Sequence[Block], junction: str | None) -> Iterator[list[_Leg]]:
+    """Yield the lanes of each route, from the approach to the exit."""
+    known = {block.block_id: block for block in blocks}
+    for block in blocks:
+        if block.junction is None or junction not in (None, block.junction):
+            continue
+        for name in block.entrances:
+            before = known.get(name)
+            if before is None or before.junction == block.junction:
+                continue
+            for apart_m, one, other in _pairs(before, block):
+                if apart_m <= LANES_MEET_M:
+                    yield from _follow([(before, one), (block, other)], known)
+
+
+def _joined_line(legs: Sequence[_Leg]) -> tuple[ReferenceLine, list[float]]:
+    """Return the line along some legs, and the arc lengths at which each of them ends.
+
+    Raises:
+        Unusable: there is no such line.
+    """
+    places = [leg.places()[min(i, 1) :] for i, leg in enumerate(legs)]
+    line = smooth_line([(float(x), float(y)) for x, y in np.concatenate(places)])
+    chords = [float(np.hypot(*np.diff(xy, axis=0).T).sum()) for xy in places]
+    for i in range(1, len(places)):
+        chords[i] += math.dist(places[i - 1][-1], places[i][0])
+    # Corners that are rounded off shorten the line by a few millimetres.
+    ends = np.cumsum(chords)
+    return line, [float(end) for end in ends * (line.length_m / ends[-1])]
+
+
+def _route(legs: Sequence[_Leg]) -> Block:
+    """Return the block of a route, without its conflicts.
+
+    Raises:
+        Unusable: its lanes make no line.
+    """
+    first, *inside, last = legs
+    line, ends = _joined_line(legs)
+    via = " > ".join(f"{leg.block.block_id} {leg.lane.name}" for leg in inside)
+    junction = inside[0].block.junction
+    width_m = min(leg.lane.width_m for leg in legs)
+    limits = [x for leg in legs if (x := leg.block.speed_limit_mps) is not None]
+    return Block(
+        block_id=f"junction {junction}: {first.block.block_id} > {via} > {last.block.block_id}",
+        line=line,
+        lanes=(BlockLane(0.0, width_m, forward=True, name=first.lane.name),),
+        road_type=first.block.road_type,
+        segment="junction",
+        left_boundary="any",
+        right_boundary="any",
+        sidewalk_left_m=0.0,
+        sidewalk_right_m=0.0,
+        permitted=frozenset({"keep_lane", "stop"}),
+        entrances=(first.block.block_id,),
+        exits=(last.block.block_id,),
+        speed_limit_mps=min(limits, default=None),
+        left_hand=first.block.left_hand,
+        roads=tuple(dict.fromkeys(name for leg in legs for name in leg.block.roads)),
+        junction=junction,
+        passage=Passage(
+            via=tuple(leg.block.block_id for leg in inside),
+            start_s_m=ends[0],
+            end_s_m=ends[-2],
+            turn_rad=wrap_angle(
+                last.block.line.pose(0.0).yaw_rad
+                - first.block.line.pose(first.block.length_m).yaw_rad
+            ),
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Track:
+    """A route's middle from the junction's entry to a little beyond its end, sampled."""
+
+    s_m: FloatArray
+    xy_m: FloatArray
+    half_m: float
+
+    @classmethod
+    def of(cls, route: Block) -> _Track:
+        begin, end = 0.0, route.length_m
+        if route.passage is not None:
+            begin = route.passage.start_s_m
+            end = min(end, route.passage.end_s_m + _BEYOND_M)
+        s = np.linspace(begin, end, max(2, math.ceil((end - begin) / _STEP_M) + 1))
+        return cls(s, route.line.to_map_many(s, 0.0), 0.5 * route.lanes[0].width_m)
+
+
+def _run(hit: FloatArray, at: int) -> tuple[int, int]:
+    """Return both ends of the run of samples around one that is hit."""
+    low = high = at
+    while low > 0 and hit[low - 1]:
+        low -= 1
+    while high + 1 < len(hit) and hit[high + 1]:
+        high += 1
+    return low, high
+
+
+def _crossing(a: _Track, b: _Track) -> tuple[float, float] | None:
+    """Return the arc lengths along both at which their middles first cross; None: they don't."""
+    p, d = a.xy_m[:-1, None], np.diff(a.xy_m, axis=0)[:, None]
+    q, e = b.xy_m[None, :-1], np.diff(b.xy_m, axis=0)[None, :]
+    w = q - p
+    det = d[..., 0] * e[..., 1] - d[..., 1] * e[..., 0]
+    norm = np.hypot(d[..., 0], d[..., 1]) * np.hypot(e[..., 0], e[..., 1])
+    steep = np.abs(det) > norm * math.sin(_LEAST_ANGLE_RAD)
+    safe = np.where(steep, det, 1.0)
+    t = (w[..., 0] * e[..., 1] - w[..., 1] * e[..., 0]) / safe
+    u = (w[..., 0] * d[..., 1] - w[..., 1] * d[..., 0]) / safe
+    inside = steep & (t >= 0.0) & (t < 1.0) & (u >= 0.0) & (u < 1.0)
+    if not inside.any():
+        return None
+    i, j = map(int, np.argwhere(inside)[0])
+    return (
+        float(a.s_m[i] + t[i, j] * (a.s_m[i + 1] - a.s_m[i])),
+        float(b.s_m[j] + u[i, j] * (b.s_m[j + 1] - b.s_m[j])),
+    )
+
+
+def _meeting(one: Block, other: Block, a: _Track, b: _Track) -> tuple[Conflict, Conflict] | None:
+    """Return what two routes are to each other: a conflict of each with the other, or none."""
+    apart = np.maximum(
+        a.xy_m.min(axis=0) - b.xy_m.max(axis=0), b.xy_m.min(axis=0) - a.xy_m.max(axis=0)
+    )
+    if apart.max() > a.half_m + b.half_m:
+        return None
+    far = np.hypot(*(a.xy_m[:, None] - b.xy_m[None, :]).transpose(2, 0, 1))
+    near = far < a.half_m + b.half_m
+    joined = far < math.hypot(_JOINED_M, 0.5 * _STEP_M)
+    merging = one.exits == other.exits and bool(joined[-1].any())
+    if merging:
+        i = _run(joined.any(axis=1), len(a.s_m) - 1)[0]
+        at = float(a.s_m[i]), float(b.s_m[int(far[i].argmin())])
+    elif (crossing := _crossing(a, b)) is not None:
+        at = crossing
+    else:
+        return None
+    angle = wrap_angle(other.line.pose(at[1]).yaw_rad - one.line.pose(at[0]).yaw_rad)
+    found = []
+    for mine, track, hit, s, far_s, route, turn in (
+        (one, a, near.any(axis=1), at[0], at[1], other, angle),
+        (other, b, near.any(axis=0), at[1], at[0], one, -angle),
+    ):
+        low, high = _run(hit, int(np.abs(track.s_m - s).argmin()))
+        found.append(
+            Conflict(
+                route=route.block_id,
+                kind="merge" if merging else "crossing",
+                s_m=s,
+                other_s_m=far_s,
+                angle_rad=turn,
+                start_s_m=max(float(track.s_m[0]), float(track.s_m[low]) - 0.5 * _STEP_M),
+                end_s_m=mine.length_m
+                if merging
+                else min(float(track.s_m[-1]), float(track.s_m[high]) + 0.5 * _STEP_M),
+            )
+        )
+    return found[0], found[1]
+
+
+def _with_conflicts(routes: Sequence[Block]) -> list[Block]:
+    """Return the routes of one junction with their conflicts; those of one approach only part."""
+    tracks = [_Track.of(route) for route in routes]
+    found: list[list[Conflict]] = [[] for _ in routes]
+    for i, j in combinations(range(len(routes)), 2):
+        if routes[i].entrances == routes[j].entrances:
+            continue
+        pair = _meeting(routes[i], routes[j], tracks[i], tracks[j])
+        if pair is not None:
+            found[i].append(pair[0])
+            found[j].append(pair[1])
+    made = []
+    for route, conflicts in zip(routes, found, strict=True):
+        if route.passage is None:
+            continue
+        ordered = tuple(sorted(conflicts, key=lambda one: (one.s_m, one.route)))
+        areas = [ConflictArea(one.kind, one.start_s_m, one.end_s_m) for one in ordered]
+        areas += conflict_areas(route.length_m, route.lanes, route.permitted)
+        made.append(
+            replace(
+                route,
+                conflict_areas=tuple(sorted(areas, key=lambda x: (x.kind, x.start_s_m, x.end_s_m))),
+                passage=replace(route.passage, conflicts=ordered),
+            )
+        )
+    return made
+
+
+def routes_of(
+    library: Library, junction: str | None = None
+) -> tuple[list[Block], list[tuple[str, str]]]:
+    """Return routes by id, and blocks of junctions that none leads over, with the reason.
+
+    Args:
+        library: of a map or site, without routes.
+        junction: whose routes are wanted, None for all.
+    """
+    by_junction: dict[str, dict[str, Block]] = {}
+    refused = []
+    for legs in _chains(library.blocks, junction):
+        inner = legs[1].block
+        try:
+            route = _route(legs)
+        except Unusable as error:
+            refused.append((f"route over {inner.block_id} {legs[1].lane.name}", str(error)))
+            continue
+        by_junction.setdefault(inner.junction or "", {})[route.block_id] = route
+    led: set[str] = set()
+    for routes in by_junction.values():
+        led.update(*(route.passage.via for route in routes.values() if route.passage is not None))
+    refused += [
+        (block.block_id, _no_route(block))
+        for block in library.blocks
+        if block.junction is not None
+        and junction in (None, block.junction)
+        and block.block_id not in led
+    ]
+    found: list[Block] = []
+    for name, routes in sorted(by_junction.items()):
+        if len(routes) > MOST_ROUTES:
+            many = f"has {len(routes)} routes, and more than {MOST_ROUTES} aren't looked at"
+            refused.append((f"junction {name}", many))
+            continue
+        found += _with_conflicts([route for _, route in sorted(routes.items())])
+    return found, refused
+
+
+def with_routes(library: Library) -> Library:
+    """Return a library whose blocks include its routes through junctions."""
+    routes, refused = routes_of(library)
+    return replace(
+        library,
+        blocks=tuple(sorted((*library.blocks, *routes), key=lambda block: block.block_id)),
+        rejected=(*library.rejected, *refused),
+    )
+
+
+def _no_route(block: Block) -> str:
+    """Give the reason why no route leads over a block of a junction."""
+    if not block.entrances:
+        return "no block leads to it"
+    if not block.exits:
+        return "it leads to no block"
+    return f"none of its lanes continues one of an approach to {LANES_MEET_M:g} m, and goes on"
