@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.routes import with_routes
 
 SHAPES = (
     "<line/>",
@@ -61,7 +62,39 @@ NET = (
     'speed="13.9" shape="100,6.4 50,7.4 0,6.4" allow="passenger bus"/></edge>'
     '<connection from="ab" to="ba" via=":B_0_0"/><connection from=":B_0" to="ba"/></net>'
 )
-BASES = {"xodr": XODR, "net": NET}
+LANE = '<center><lane id="0"/></center><right><lane id="-1" type="driving"><width a="3.5"/></lane>'
+
+
+def road_in(name: str, x: int, y: int, yaw: float, length: int, junction: int, link: str) -> str:
+    """A road of one lane of a crossroads."""
+    return (
+        f'<road id="{name}" length="{length}" junction="{junction}"><link>{link}</link><planView>'
+        f'<geometry s="0" x="{x}" y="{y}" hdg="{yaw}" length="{length}"><line/></geometry>'
+        f'</planView><lanes><laneSection s="0">{LANE}</right></laneSection></lanes></road>'
+    )
+
+
+def way_over(a: str, c: str, b: str, along: tuple[int, int], yaw: float) -> str:
+    """A road to the junction, one over it, and one away from it."""
+    (x, y), road = along, '<{} elementType="road" elementId="{}" contactPoint="{}"/>'
+    to = '<successor elementType="junction" elementId="9"/>'
+    ends = road.format("predecessor", a, "end") + road.format("successor", b, "start")
+    return (
+        road_in(a, -60 * x, -60 * y, yaw, 50, -1, to)
+        + road_in(c, -10 * x, -10 * y, yaw, 20, 9, ends)
+        + road_in(b, 10 * x, 10 * y, yaw, 50, -1, "")
+    )
+
+
+CROSSROADS = (
+    "<OpenDRIVE>"
+    + way_over("1", "2", "3", (1, 0), 0.0)
+    + way_over("4", "5", "6", (0, 1), 1.5707963267948966)
+    + '<junction id="9"><connection id="0" incomingRoad="1" connectingRoad="2" '
+    'contactPoint="start"/><connection id="1" incomingRoad="4" connectingRoad="5" '
+    'contactPoint="start"/></junction></OpenDRIVE>'
+)
+BASES = {"xodr": XODR, "net": NET, "crossroads": CROSSROADS}
 
 # What a slip of the keyboard, a broken exporter or a joker would put there.
 ODD = st.sampled_from(
@@ -74,7 +107,7 @@ def loads_or_refuses(folder: Path, data: bytes) -> bool:
     path = folder / "map.xml"
     path.write_bytes(data)
     try:
-        library = load_library(path)
+        library = with_routes(load_library(path))
     except InputError as error:
         if error.file != str(path):
             pytest.fail(f"the file isn't named: {error}")
@@ -88,12 +121,21 @@ def loads_or_refuses(folder: Path, data: bytes) -> bool:
             assert 0.0 <= area.start_s_m < area.end_s_m <= block.length_m + 1e-6
         for other in (*block.entrances, *block.exits):
             assert any(b.block_id == other for b in library.blocks)
+        for one in () if block.passage is None else block.passage.conflicts:
+            assert 0.0 <= one.start_s_m <= one.s_m <= one.end_s_m <= block.length_m + 1e-6
     return True
 
 
 @pytest.mark.parametrize("base", sorted(BASES))
 def test_the_maps_themselves_load(tmp_path: Path, base: str) -> None:
     assert loads_or_refuses(tmp_path, BASES[base].encode())
+
+
+def test_the_crossroads_has_routes_that_conflict(tmp_path: Path) -> None:
+    path = tmp_path / "map.xml"
+    path.write_text(CROSSROADS)
+    found = [b.passage for b in with_routes(load_library(path)).blocks if b.passage is not None]
+    assert [len(passage.conflicts) for passage in found] == [1, 1]
 
 
 quick = settings(
