@@ -43,7 +43,7 @@ def test_anything_else_is_refused_by_its_field(field: str, value: str) -> None:
 
 
 def test_the_document_shows_entries_that_are_valid_and_every_kind() -> None:
-    text = (Path(__file__).resolve().parents[2] / "docs" / "log.md").read_text()
+    text = (Path(__file__).resolve().parents[3] / "docs" / "log.md").read_text()
     blocks = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
     entries = [Record.model_validate(json.loads(line)) for b in blocks for line in b.splitlines()]
     assert entries
