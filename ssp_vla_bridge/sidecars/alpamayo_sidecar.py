@@ -59,6 +59,10 @@ def _rotation(yaw_rad: float) -> list[list[float]]:
     return [[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]
 
 
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
 def load_weights(arguments: argparse.Namespace) -> tuple[str, Sample]:
     """Load the real model: NVlabs/alpamayo1.5 f42e594."""
     try:
@@ -79,10 +83,15 @@ def load_weights(arguments: argparse.Namespace) -> tuple[str, Sample]:
     try:
         model = Alpamayo1_5.from_pretrained(weights, dtype=torch.bfloat16, **chosen).to("cuda")
         processor = helper.get_processor(model.tokenizer)
-    except OSError as error:
+    except ImportError as error:
         raise LoadError(
-            f"the weights {weights} can't be loaded ({str(error).splitlines()[0]}); they are "
-            "gated: ask for access on the model's page and run `hf auth login`"
+            f"{_first_line(error)}; start with --attention sdpa where flash-attn isn't installed"
+        ) from error
+    except (OSError, ValueError) as error:
+        raise LoadError(
+            f"the weights {weights} can't be loaded ({_first_line(error)}); name a folder that is "
+            "there, or the hub's, which are gated: ask for access on the model's page and run "
+            "`hf auth login`"
         ) from error
 
     def sample(images: Any, xyz: Any, rot: Any) -> tuple[Any, Any, Json]:

@@ -212,7 +212,9 @@ class Service:
             traceback.print_exc()
             print(f"error: the model can't be loaded: {error}", file=sys.stderr, flush=True)
             return 1
-        self._stop.wait()
+        # A wait without an end isn't left for a signal that another thread took: a model has many.
+        while not self._stop.wait(LOOK_S):
+            pass
         self._end()
         return 0
 

@@ -6,8 +6,11 @@ They run in the sidecar's process, and give arrays of the real models' shapes an
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 import time
+import types
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +69,49 @@ def llavida(arguments):
         )
 
     return generate
+
+
+def struck(arguments):
+    """Any function: its own thread takes a SIGTERM, as one of a model's many may."""
+
+    def answer(request):
+        signal.pthread_kill(threading.get_ident(), signal.SIGTERM)
+        return {"text": "", "decoding": {}}
+
+    return answer
+
+
+def _load_real(arguments, error):
+    """Load the real model by the sidecar's own code, over a package of the real one's names."""
+    import alpamayo_sidecar
+
+    def fail(*_args, **_kwargs):
+        raise error
+
+    torch = types.SimpleNamespace(
+        cuda=types.SimpleNamespace(is_available=lambda: True), bfloat16="bfloat16"
+    )
+    models = types.SimpleNamespace(Alpamayo1_5=types.SimpleNamespace(from_pretrained=fail))
+    sys.modules |= {
+        "torch": torch,
+        "alpamayo1_5": types.SimpleNamespace(helper=None),
+        "alpamayo1_5.models": types.SimpleNamespace(),
+        "alpamayo1_5.models.alpamayo1_5": models,
+    }
+    arguments.weights = "nowhere"
+    return alpamayo_sidecar.load_weights(arguments)
+
+
+def weights_without_flash_attention(arguments):
+    """Fail as transformers 4.57.1 does where flash-attn is asked for and isn't there."""
+    words = "FlashAttention2 has been toggled on, but the package flash_attn isn't installed"
+    return _load_real(arguments, ImportError(words))
+
+
+def weights_elsewhere(arguments):
+    """Fail as the hub's client does for a folder that isn't there."""
+    words = "Repo id must be in the form 'repo_name' or 'namespace/repo_name': 'nowhere'."
+    return _load_real(arguments, ValueError(words))
 
 
 def counting(arguments):

@@ -295,6 +295,12 @@ def test_sigterm_lets_the_answer_in_the_works_go_out(counting):
     assert replies["first"][2]["text"] == "first"
 
 
+def test_a_sigterm_that_another_thread_takes_ends_it(start, drive_request):
+    sidecar = start("sidecar_service.py", "--loader", "sidecar_models:struck").until_ready()
+    assert sidecar.call("POST", "/answer", request_to_json(drive_request))[0] == 200
+    assert sidecar.process.wait(DEADLINE_S) == 0
+
+
 def test_sigterm_ends_what_loads_and_what_is_idle(start, tmp_path, drive_request):
     arguments = ("alpamayo_sidecar.py", "--loader", "sidecar_models:alpamayo", "--stop-s", "600")
     assert start(*arguments, LOADING=str(tmp_path / "never")).stop() == 0
@@ -360,6 +366,13 @@ def test_what_is_no_request_is_refused(start):
     ("script", "arguments", "status", "words"),
     [
         ("alpamayo_sidecar.py", (), 1, "error: alpamayo1_5 can't be imported by "),
+        *(
+            ("alpamayo_sidecar.py", ("--loader", f"sidecar_models:weights_{kind}"), 1, words)
+            for kind, words in (
+                ("without_flash_attention", "isn't installed; start with --attention sdpa"),
+                ("elsewhere", "the weights nowhere can't be loaded (Repo id must be in the form"),
+            )
+        ),
         ("llavida_sidecar.py", ("--weights", "x"), 1, "error: LLaViDA can't be imported by"),
         ("llavida_sidecar.py", (), 1, "--weights must name the folder"),
         ("llavida_sidecar.py", ("--prompt", "nowhere.txt"), 2, "nowhere.txt can't be read"),
