@@ -318,6 +318,9 @@ def _leave(*_: object) -> None:
 
 
 ADDRESS = "RAY_ADDRESS"
+# Its server has 30 s to start unless this says otherwise; a busy machine takes longer.
+_SERVER_START = "RAY_gcs_server_port_wait_time_s"
+_SERVER_START_S = "180"
 _ANSWER_S = 5.0
 _HERE = frozenset({"localhost", "127.0.0.1", "::1"})
 _REMEDY = f"set {ADDRESS} to the address of one, or use --engine processes"
@@ -366,11 +369,17 @@ def _join(ray: Any, workers: int) -> None:
     where: dict[str, Any] = {} if address else {"address": "local", "num_cpus": workers}
     if address not in ("", "auto", "local"):
         look_for(address, ray.util.get_node_ip_address)
+    ours = not address and _SERVER_START not in os.environ
+    if ours:
+        os.environ[_SERVER_START] = _SERVER_START_S
     try:
         ray.init(include_dashboard=False, log_to_driver=False, configure_logging=False, **where)
     except Exception as error:  # it raises whatever it met on its way, also plain Exception
         what = f"no Ray cluster can be joined at {address}" if address else "Ray can't be started"
         raise HostError(f"{what} ({first_line(error)}); {_REMEDY}") from error
+    finally:
+        if ours:
+            del os.environ[_SERVER_START]
 
 
 def look_for(address: str, own_ip: Callable[[], str] = lambda: "") -> None:
