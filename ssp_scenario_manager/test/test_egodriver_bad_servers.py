@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import threading
 from collections.abc import Callable
 from concurrent import futures
@@ -12,6 +14,7 @@ import grpc  # type: ignore[import-untyped] # has no types
 import pytest
 from carla_driver_interface import protocol as proto
 
+from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
@@ -22,10 +25,12 @@ from ssp_scenario_manager.closed_loop.start import Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import run_in_process
+from ssp_vla_bridge.egodriver import exact, wire
 from ssp_vla_bridge.egodriver.client import EgodriverDriver
 from ssp_vla_bridge.egodriver.options import read_options
 from tests.support.egodrivers import SMALL, Straight, question, serving
 from tests.support.self_signed import CERTIFICATE, KEY
+from tests.support.waiting import DEADLINE_S
 
 CALLS = (
     "get_version",
@@ -147,6 +152,18 @@ def _samples(response: Any) -> None:
     response.debug_info.sampled_trajectories.extend([proto.Trajectory()] * 65)
 
 
+def _many_samples(response: Any) -> None:
+    one = proto.Trajectory(poses=[response.trajectory.poses[-1]] * 2000)
+    response.debug_info.sampled_trajectories.extend([one] * 64)
+
+
+def _says(**value: Any) -> Callable[[Any], None]:
+    def say(response: Any) -> None:
+        response.debug_info.unstructured_debug_info = json.dumps(value).encode()
+
+    return say
+
+
 def _in_rig(response: Any) -> None:
     def move(k: int, one: Any) -> None:
         one.pose.vec.x, one.pose.vec.y = 1.0 * k, 0.0
@@ -172,6 +189,7 @@ BAD: dict[str, tuple[Callable[[Any], None], int, str]] = {
     "empty": (lambda response: response.trajectory.Clear(), 1, "not_ready"),
     "1,000,000 points": (_many(1_000_000), 1, "more than 16 MiB"),
     "20,000 points": (_many(20_000), 1, "points, at most 10000"),
+    "too many points in all": (_many_samples, 1, "points in all, at most 87381"),
     "65 samples": (_samples, 1, "65 samples, at most 64"),
     "rig frame": (_in_rig, 9, "begins "),
     "time that goes back": (_backwards, 1, "timestamps"),
@@ -186,6 +204,50 @@ def test_a_bad_answer_is_refused_with_its_reason(kind: str) -> None:
     change, asked, why = BAD[kind]
     with serving(_changed(change)) as url:
         assert why in reason(url, asked)
+
+
+def test_a_policy_that_runs_out_of_memory_has_died() -> None:
+    def exhaust(_good: Any, _request: Any, context: Any) -> Any:
+        context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, "CUDA out of memory")
+
+    with serving(Bad("drive", exhaust)) as url:
+        assert reason(url) == "drive failed: RESOURCE_EXHAUSTED: CUDA out of memory"
+
+
+@pytest.mark.parametrize("text", ["\ud800", "\x1b[31m", "a\x00b"])
+def test_a_text_that_a_bag_or_a_terminal_does_not_take_is_left_out(text: str) -> None:
+    for data in (json.dumps({"text": text}), json.dumps(text)):
+        said = wire.debug_text(data.encode())
+        assert (said.text, said.left_out) == ("", "not text: it has control characters")
+    with serving(_changed(_says(text=text))) as url:
+        assert reason(url) == ""
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan, 1e305])
+@pytest.mark.parametrize("row", [0, 1, 2])
+def test_no_value_of_a_plan_to_the_last_bit_ends_a_run(value: float, row: int) -> None:
+    near = Trajectory((0.0, 1.0), (0.0, 8.0), (0.0, 0.0))
+    rows = [list(near.t_s), list(near.x_m), list(near.y_m)]
+    rows[row][1] = value
+    with pytest.raises(ValueError, match="to the last bit has a value beyond"):
+        exact.plan_in({"plan": rows}, near)
+
+
+def test_a_session_whose_start_is_given_up_is_closed() -> None:
+    closed = threading.Event()
+
+    def lose(good: Any, request: Any, context: Any) -> Any:
+        good(request, context)
+        context.abort(grpc.StatusCode.UNAVAILABLE, "lost on its way")
+
+    class Watched(Bad):
+        def close_session(self, request: Any, context: Any) -> Any:
+            closed.set()
+            return super().close_session(request, context)
+
+    with serving(Watched("start_session", lose)) as url:
+        assert "lost on its way" in reason(url)
+        assert closed.wait(DEADLINE_S)
 
 
 def test_a_revision_that_is_not_spoken_here_is_refused_before_a_run() -> None:

@@ -43,7 +43,7 @@ def pytest_in(folder, *arguments):
 
 
 def test_every_scoring_test_is_taken_but_that_of_imports(run):
-    tests = (run.ROOT / "ssp_eval" / "test").glob("test_score_*.py")
+    tests = (run.ROOT / "ssp_eval" / "test" / "score").glob("test_score_*.py")
     names = {path.stem.removeprefix("test_score_") for path in tests}
     assert names - {"imports"} == set(run.TESTS)
 

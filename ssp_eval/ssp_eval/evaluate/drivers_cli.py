@@ -12,7 +12,7 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.options import WholeNumber
+from ssp_core.options import Number, WholeNumber
 from ssp_core.terminal import on_stop_signals
 from ssp_eval.evaluate.driving import EGODRIVER, bridge_model, driver_options
 from ssp_vla_bridge.backend import BACKENDS, parse_options
@@ -110,19 +110,29 @@ def serve(
 
 @driver.command()
 @click.argument("url", metavar="grpc://HOST:PORT")
-@click.option("--deadline", "deadline_s", type=float, default=DEADLINE_S, help="For each call, s.")
+@click.option(
+    "--deadline", "deadline_s", type=Number(0), default=DEADLINE_S, help="For each call, s."
+)
+@click.option("--revision", type=click.Choice(["1", "2"]), help="Of a server that declares none.")
 @click.option("--camera", default=FORWARD_CAMERA, show_default=True, help="Its declared name.")
 @click.option("--tls", default="", metavar="FILE", help="Certificates (PEM) of the server.")
 @click.option("--drive-insecure", is_flag=True, help="Plain text to a host that isn't loopback.")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def check(
-    url: str, deadline_s: float, camera: str, tls: str, drive_insecure: bool, as_json: bool
+    url: str,
+    deadline_s: float,
+    revision: str | None,
+    camera: str,
+    tls: str,
+    drive_insecure: bool,
+    as_json: bool,
 ) -> int:
     """Check a policy before it drives: each part with what was seen, and how to mend it.
 
     Exit status 1 where a part fails.
     """
     given = {"url": url, "deadline_s": deadline_s, "camera": camera, "tls": tls}
+    given["revision"] = None if revision is None else int(revision)
     options = read_options({**given, "insecure": drive_insecure}, "check")
     # gRPC is loaded where it is used.
     from ssp_vla_bridge.egodriver.check import check_policy

@@ -91,7 +91,7 @@ def _policy_options(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
             field=f"driver {name}.{key}",
             remedy="its time limit is deadline_s; leave the rest out",
         )
-    return {EGODRIVER: read_options(dict(entry["options"]), name).model_dump()}
+    return {EGODRIVER: read_options(dict(entry.get("options") or {}), name).model_dump()}
 
 
 def _entry(name: str, models_file: Path) -> dict[str, Any]:

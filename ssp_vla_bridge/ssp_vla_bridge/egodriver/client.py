@@ -50,14 +50,23 @@ _WORDS = 300
 # What was left out of whose answers, which is said once.
 _TOLD: set[tuple[str, str]] = set()
 _BEFORE_REVISIONS = "-carla-driver-interface-1."
+# gRPC's own words; a policy that runs out of memory has the same code.
+_LARGER_THAN_MAX = "Received message larger than max"
 _ENDED = "it ended the session (terminate_session)"
 
 
 class CallFailedError(PeerError):
-    """A call of the service that failed, with gRPC's code."""
+    """A call of the service that failed.
+
+    Attributes:
+        code: gRPC's.
+        is_too_large: an answer came, and was larger than a message may be.
+    """
 
     def __init__(self, call: str, code: grpc.StatusCode, details: str, deadline_s: float) -> None:
         self.code = code
+        exhausted = code is grpc.StatusCode.RESOURCE_EXHAUSTED
+        self.is_too_large = exhausted and _LARGER_THAN_MAX in (details or "")
         words = " ".join(console.visible(details or "").split())[:_WORDS]
         if code is grpc.StatusCode.DEADLINE_EXCEEDED:
             super().__init__(f"gave no answer to {call} within its deadline_s of {deadline_s:g} s")
@@ -168,7 +177,8 @@ class EgodriverDriver:
             name = self._options.camera
             message = wire.image(self._session, name, frame.stamp_ns, exposure_s, frame.jpeg)
             self._call("submit_image_observation", message)
-        after_us = None if self._last_ns is None else wire.micros(self._last_ns)
+        before_ns = question.stamp_ns - seconds_to_ns(HISTORY_S) - 1
+        after_us = wire.micros(before_ns if self._last_ns is None else self._last_ns)
         motion = wire.egomotion(self._session, question, self._origin, after_us)
         metadata = [(exact.MOTION, exact.pack_motion(question.history))] if self._is_exact else []
         self._call("submit_egomotion_observation", motion, metadata)
@@ -189,13 +199,17 @@ class EgodriverDriver:
         for k in range(_MOST_NAMES):
             name = f"{question.seed} {question.sha256} {k}"
             request.session_uuid = str(uuid.uuid5(_NAMES, name))
+            # Known before the call: a start that is given up may yet leave a session to close.
+            self._session = request.session_uuid
             try:
                 self._call("start_session", request, metadata)
             except CallFailedError as error:
-                if error.code is not grpc.StatusCode.ALREADY_EXISTS or k == _MOST_NAMES - 1:
+                if error.code is not grpc.StatusCode.ALREADY_EXISTS:
+                    raise
+                self._session = ""
+                if k == _MOST_NAMES - 1:
                     raise
                 continue
-            self._session = request.session_uuid
             return
 
     def _drive(self, question: Question) -> tuple[Answer | str, float]:
@@ -209,10 +223,10 @@ class EgodriverDriver:
         try:
             response, _ = self._call("drive", request)
         except CallFailedError as error:
-            # Of the codes only this one is about an answer that did come.
-            if error.code is not grpc.StatusCode.RESOURCE_EXHAUSTED:
+            # That an answer did come, and was too large, is known by gRPC's own words alone.
+            if not error.is_too_large:
                 raise
-            refused = f"an answer that isn't taken, of more than {MOST_BYTES >> 20} MiB? {error}"
+            refused = f"an answer that isn't taken, of more than {MOST_BYTES >> 20} MiB: {error}"
             return Answer(None, "", refused, self._raw()), 0.0
         begin_s = time.perf_counter()
         if response.terminate_session:
@@ -230,6 +244,9 @@ class EgodriverDriver:
         if max(sizes) > wire.MOST_POINTS:
             refused = f"{max(sizes)} points, at most {wire.MOST_POINTS}"
             return Answer(None, "", refused, self._raw())
+        if 3 * sum(sizes) > wire.MOST_NUMBERS:
+            refused = f"{sum(sizes)} points in all, at most {wire.MOST_NUMBERS // 3}"
+            return Answer(None, "", refused, self._raw())
         here = wire.local_pose(self._origin, question.pose)
         now_us = wire.micros(question.stamp_ns)
         plan, refused = wire.trajectory_of(response.trajectory, here, now_us), "not_ready"
@@ -240,7 +257,7 @@ class EgodriverDriver:
                 plan, why = exact.plan_in(said.value, plan)
             except ValueError as error:
                 return Answer(None, "", str(error), self._raw())
-            refused = why or refused
+            refused = console.visible(why) or refused
         raw = self._raw(samples, said.left_out)
         return Answer(plan, text, "" if plan is not None else refused, raw)
 

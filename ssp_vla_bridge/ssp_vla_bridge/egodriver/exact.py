@@ -24,6 +24,8 @@ CAMERA = "ssp-camera-bin"
 SCHEMA = "ssp.egodriver_answer/1"
 # So many samples are carried at most; metadata of 8 KB is what servers take.
 _MOST_SAMPLES = 64
+# No time of a plan (s) and no place (m) is larger.
+_MOST = 1e9
 _SAMPLE = struct.Struct("<6d")
 _CAMERA = struct.Struct("<8d")
 # The contract's float32 lies within this share of a value, or this far from it.
@@ -105,6 +107,8 @@ def plan_in(value: dict[str, object], near: Trajectory | None) -> tuple[Trajecto
         t_s, x_m, y_m = (tuple(float(one) for one in row) for row in rows)
     except (TypeError, OverflowError) as error:
         raise ValueError(f"its plan to the last bit can't be read: {error}") from error
+    if not all(abs(value) <= _MOST for value in (*t_s, *x_m, *y_m)):  # NaN neither
+        raise ValueError(f"its plan to the last bit has a value beyond {_MOST:g}")
     plan = Trajectory(t_s, x_m, y_m)
     given = {t: (x, y) for t, x, y in zip(near.t_s, near.x_m, near.y_m, strict=True)}
     for t, x, y in zip(t_s, x_m, y_m, strict=True):

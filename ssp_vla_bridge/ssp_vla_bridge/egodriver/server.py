@@ -119,15 +119,18 @@ class BridgePolicy(BaseDriver):
         with self._begins:
             self._make_room()
             self._loading += 1
+        seat = None
         try:
             driver = BridgeDriver(self._model)
             if driver.problem:
                 driver.close()
                 raise ValueError(f"the model can't be loaded: {driver.problem}")
-            self._seats[session.uuid] = _Seat(driver, name, geometry, is_exact=sent is not None)
+            seat = _Seat(driver, name, geometry, is_exact=sent is not None)
         finally:
-            with self._begins:
+            with self._begins:  # at once, or another start would count it twice
                 self._loading -= 1
+                if seat is not None:
+                    self._seats[session.uuid] = seat
 
     def _make_room(self) -> None:
         if len(self._seats) + self._loading < self._most:

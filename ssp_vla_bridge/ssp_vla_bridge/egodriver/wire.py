@@ -34,6 +34,8 @@ _LEAST_M, _MOST_M = 3.5, 4.5
 _EVERY = 2
 MOST_POINTS = 10_000
 MOST_SAMPLES = 64
+# Of one answer in all, three to a point; as of a bridge's.
+MOST_NUMBERS = 1 << 18
 MOST_TEXT_BYTES = 64 << 10
 # A principal point counts from the picture's edge there, and from the first pixel's centre here.
 _HALF_PX = 0.5
@@ -287,16 +289,23 @@ def debug_text(data: bytes) -> DebugText:
         text = data.decode()
     except UnicodeDecodeError:
         return DebugText(left_out="not text in UTF-8")
-    if any(unicodedata.category(c) == "Cc" and c not in "\t\r\n" for c in text):
-        return DebugText(left_out="not text: it has control characters")
     try:
         value = json.loads(text)
     except (ValueError, RecursionError):
-        return DebugText(text)
-    if not isinstance(value, dict):
-        return DebugText(value if isinstance(value, str) else text)
-    said = [value[key] for key in _TEXT_KEYS if isinstance(value.get(key), str)]
-    return DebugText(said[0] if said else text, value=value)
+        value = text
+    said = value
+    if isinstance(value, dict):
+        said = next((value[key] for key in _TEXT_KEYS if isinstance(value.get(key), str)), text)
+    told = said if isinstance(said, str) else text
+    kept = value if isinstance(value, dict) else None
+    if not _is_plain(told):
+        return DebugText(left_out="not text: it has control characters", value=kept)
+    return DebugText(told, value=kept)
+
+
+def _is_plain(text: str) -> bool:
+    """Tell whether a text has no control characters but white space, and no lone surrogates."""
+    return not any(unicodedata.category(c) in ("Cc", "Cs") and c not in "\t\r\n" for c in text)
 
 
 def _is_pickle(data: bytes) -> bool:
