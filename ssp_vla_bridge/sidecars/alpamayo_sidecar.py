@@ -20,7 +20,7 @@ from collections.abc import Callable
 from typing import Any
 
 from sidecar_io import decode_jpeg, first_text, jpegs, native_array, past_poses, texts
-from sidecar_service import Answerer, Json, LoadError, parser, serve
+from sidecar_service import Answerer, Json, LoadError, first_line, parser, serve
 
 PORT = 8301
 FRAMES = 4
@@ -59,10 +59,6 @@ def _rotation(yaw_rad: float) -> list[list[float]]:
     return [[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]
 
 
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
-
-
 def load_weights(arguments: argparse.Namespace) -> tuple[str, Sample]:
     """Load the real model: NVlabs/alpamayo1.5 f42e594."""
     try:
@@ -83,15 +79,16 @@ def load_weights(arguments: argparse.Namespace) -> tuple[str, Sample]:
     try:
         model = Alpamayo1_5.from_pretrained(weights, dtype=torch.bfloat16, **chosen).to("cuda")
         processor = helper.get_processor(model.tokenizer)
-    except ImportError as error:
+    except (ImportError, OSError, ValueError) as error:
+        if isinstance(error, ImportError) or "attn_implementation" in str(error):
+            remedy = "start with --attention sdpa where flash-attn isn't installed"
+        else:
+            remedy = (
+                "name a folder that is there, or the hub's weights, which are gated: ask for "
+                "access on the model's page and run `hf auth login`"
+            )
         raise LoadError(
-            f"{_first_line(error)}; start with --attention sdpa where flash-attn isn't installed"
-        ) from error
-    except (OSError, ValueError) as error:
-        raise LoadError(
-            f"the weights {weights} can't be loaded ({_first_line(error)}); name a folder that is "
-            "there, or the hub's, which are gated: ask for access on the model's page and run "
-            "`hf auth login`"
+            f"the weights {weights} can't be loaded ({first_line(error)}); {remedy}"
         ) from error
 
     def sample(images: Any, xyz: Any, rot: Any) -> tuple[Any, Any, Json]:

@@ -23,7 +23,15 @@ from pathlib import Path
 from typing import Any
 
 from sidecar_io import decode_jpeg, jpegs, past_poses
-from sidecar_service import Answerer, Json, LoadError, UnanswerableError, parser, serve
+from sidecar_service import (
+    Answerer,
+    Json,
+    LoadError,
+    UnanswerableError,
+    first_line,
+    parser,
+    serve,
+)
 
 PORT = 8302
 HISTORY = 5  # positions at 2 Hz: the last 2 s and now
@@ -104,11 +112,18 @@ def load_weights(arguments: argparse.Namespace) -> tuple[str, Generate]:
     if not Path(arguments.weights).is_dir():
         raise LoadError(f"there is no folder {arguments.weights} with a checkpoint")
     disable_torch_init()
-    tokenizer, model, image_processor, _ = load_pretrained_model(
-        arguments.weights,
-        load_4bit=arguments.precision == "4bit",
-        attn_implementation=arguments.attention,
-    )
+    try:
+        tokenizer, model, image_processor, _ = load_pretrained_model(
+            arguments.weights,
+            load_4bit=arguments.precision == "4bit",
+            attn_implementation=arguments.attention,
+        )
+    except (ImportError, OSError, ValueError) as error:
+        raise LoadError(
+            f"the checkpoint {arguments.weights} can't be loaded ({first_line(error)}); give "
+            "--attention sdpa where flash-attn isn't installed, and --precision fp16 where 4 bits "
+            "aren't to be had"
+        ) from error
 
     def generate(image: Any, prompt: str) -> str:
         picture = Image.fromarray(image)
@@ -146,8 +161,9 @@ def main() -> int:
     arguments_of.add_argument("--weights", help="folder of the checkpoint")
     arguments_of.add_argument("--prompt", help="file with the prompt's text")
     # The repository's script hands the model's name over where load_4bit stands, so that what it
-    # evaluates is the model in 4 bits.
-    arguments_of.add_argument("--precision", choices=("4bit", "fp16"), default="4bit")
+    # evaluates is the model in 4 bits; its loader asks for them twice, which the transformers that
+    # it pins refuses.
+    arguments_of.add_argument("--precision", choices=("4bit", "fp16"), default="fp16")
     arguments_of.add_argument("--attention", default="flash_attention_2")
     arguments_of.add_argument("--seed", type=int, default=42)
     arguments_of.add_argument("--temperature", type=float, default=0.2)

@@ -264,6 +264,11 @@ class Service:
         os._exit(0)  # a model can't be interrupted; its process can
 
 
+def first_line(error: Exception) -> str:
+    """Return the first line of an error, or its kind where it has none."""
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
 def _no_model(_: Json) -> Json:
     raise UnanswerableError("the model isn't loaded")
 

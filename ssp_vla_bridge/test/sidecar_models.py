@@ -108,6 +108,13 @@ def weights_without_flash_attention(arguments):
     return _load_real(arguments, ImportError(words))
 
 
+def weights_of_another_attention(arguments):
+    """Fail as transformers 4.57.1 does for an attention that it doesn't know."""
+    return _load_real(
+        arguments, ValueError('Specified `attn_implementation="wrong"` is not supported.')
+    )
+
+
 def weights_elsewhere(arguments):
     """Fail as the hub's client does for a folder that isn't there."""
     words = "Repo id must be in the form 'repo_name' or 'namespace/repo_name': 'nowhere'."

@@ -369,7 +369,8 @@ def test_what_is_no_request_is_refused(start):
         *(
             ("alpamayo_sidecar.py", ("--loader", f"sidecar_models:weights_{kind}"), 1, words)
             for kind, words in (
-                ("without_flash_attention", "isn't installed; start with --attention sdpa"),
+                ("without_flash_attention", "isn't installed); start with --attention sdpa"),
+                ("of_another_attention", "is not supported.); start with --attention sdpa"),
                 ("elsewhere", "the weights nowhere can't be loaded (Repo id must be in the form"),
             )
         ),
