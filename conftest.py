@@ -29,6 +29,9 @@ settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("explore", deadline=None)
 settings.load_profile("explore" if os.environ.get("SSP_EXPLORE") else "same")
 
+# As ssp_vla_bridge.egodriver sets it, but before a test loads gRPC by itself.
+os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "0")
+
 for _name in (
     "ssp_msgs",
     "ssp_scenario_manager",

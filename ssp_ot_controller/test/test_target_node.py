@@ -143,7 +143,9 @@ class Peers:
             assert "no heartbeat" in answer.error_msg
             assert time.monotonic() < deadline
         self.beat(SessionPhase.ARMED)
-        assert self.tick() is ControlState.ARMED
+        while self.tick() is not ControlState.ARMED:
+            assert time.monotonic() < deadline, "the object accepted and didn't arm"
+            self.beat(SessionPhase.ARMED)
 
 
 def start(domain: int, **parameters: object) -> subprocess.Popen[str]:
