@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from carla_driver_interface import protocol as proto
 from carla_driver_interface.policies import load_policy
 from carla_driver_interface.service import EgodriverServicer
 
 from ssp_core.errors import InputError
+from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
@@ -19,7 +22,8 @@ from ssp_eval.evaluate.driving import bridge_model
 from ssp_scenario_manager.closed_loop.answers import answers_of
 from ssp_scenario_manager.closed_loop.cards import seal_cards
 from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of
-from ssp_scenario_manager.closed_loop.plan_file import load_plan
+from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, load_plan
+from ssp_scenario_manager.closed_loop.runs import Job, rows_of
 from ssp_scenario_manager.closed_loop.single import next_start, parse_drive
 from ssp_scenario_manager.closed_loop.start import Start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
@@ -111,6 +115,38 @@ def _plans(record: Record) -> list[Any]:
     drives = [one.drive for one in record.reports if one.drive is not None]
     answered = [one.answered for one in drives if one.answered is not None]
     return [(one.stamp_ns, one.answer.trajectory, one.answer.text) for one in answered]
+
+
+def test_repeats_have_seeds_of_their_own_and_runs_have_names_of_their_own(cut_in: Start) -> None:
+    """A policy that samples by its seed shows its spread (METHOD 8.7).
+
+    The event and its event-free twin share a seed: nothing marks either (METHOD 8.2).
+    """
+
+    class Ending(Straight):
+        def answer(self, request: Any) -> Any:
+            return proto.DriveResponse(terminate_session=True)
+
+    servicer = Ending()
+    facts = {"event": "cut_in", "kind": "critical", "run": cut_in.run.model_dump(by_alias=True)}
+    text = json.dumps({**facts, **cut_in.facts(), "hash": cut_in.hash})
+    with serving(servicer) as url:
+        patient = {"backend": "egodriver", "url": url, "deadline_s": 600.0}
+        policy = CampaignDriver(driver="mine", options=driver_options("mine", patient))
+        done = rows_of(Job(text, policy, (Latency(0.2),), repeats=2, seed=SEED))
+    assert len(done.rows) == 2
+    begun = servicer.sent("start_session")
+    seeds = [one.random_seed for one in begun]
+    first, second = (Driven.model_validate(_driven(cut_in, k)).sampling_seed(SEED) for k in (0, 1))
+    assert seeds == [first, first, second, second]
+    assert first != second
+    assert len({one.session_uuid for one in begun}) == 4
+
+
+def _driven(start: Start, repeat: int) -> dict[str, Any]:
+    driven = start.driven_by("mine", {}, Latency(0.2), repeat=repeat).driven
+    assert driven is not None
+    return driven.model_dump(mode="json")
 
 
 def test_a_run_is_driven_again_without_its_server(cut_in: Start) -> None:

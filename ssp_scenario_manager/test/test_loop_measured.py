@@ -175,7 +175,8 @@ def test_answers_are_repeated_by_the_run_that_they_are_of_alone(
     run_file = SimpleNamespace(driven=driven_by_row(measured, 4))
     shutil.copy(measured / "answers" / "000004.json", tmp_path / "answers.json")
     assert kept_answers(run_file, None, tmp_path) is not None  # type: ignore[arg-type]
-    for name, value in (("start", "sha256:1"), ("latency", Latency(0.5)), ("driver", "yours")):
+    others = {"start": "sha256:1", "repeat": 1, "latency": Latency(0.5), "driver": "yours"}
+    for name, value in others.items():
         run_file.driven = driven_by_row(measured, 4).model_copy(update={name: value})
         with pytest.raises(InputError, match=rf"answers\.json: asked\.{name}: .*give --drive"):
             kept_answers(run_file, None, tmp_path)  # type: ignore[arg-type]

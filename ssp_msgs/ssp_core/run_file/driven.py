@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
+from ssp_core.hashing import sha256_json
 from ssp_core.run_file.latency import ZERO_LATENCY, LatencyField
 from ssp_core.run_file.values import NonNegative, Positive, Strict
 
@@ -36,6 +37,24 @@ class Driven(Strict):
         None, description="T_obs, for privileged drivers alone; null: it isn't known"
     )
     start: str = Field("", description="hash of the start; empty: of none")
+    repeat: Annotated[int, Field(ge=0)] = Field(
+        0, description="of the start under this driver, from 0; each has a seed of its own"
+    )
+
+    def sampling_seed(self, run_seed: int) -> int:
+        """Return the seed of a driver that samples (METHOD 8.7).
+
+        Repeats of a start have different ones. A run and its event-free twin share one, as do all
+        drivers and latencies on a start: such runs differ by nothing that was drawn.
+
+        Args:
+            run_seed: of the run.
+
+        Returns:
+            Below 2^31, which every generator of random numbers takes.
+        """
+        digest = sha256_json([run_seed, self.start, self.repeat]).rpartition(":")[2]
+        return int(digest[:8], 16) >> 1
 
     @model_validator(mode="after")
     def _instants_rise(self) -> Driven:

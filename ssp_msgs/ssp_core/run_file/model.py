@@ -18,6 +18,7 @@ from pydantic import (
 )
 
 from ssp_core.files import load_model
+from ssp_core.hashing import sha256_json
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.participants import Driver, ParticipantSpec, TrafficSpec, TriggerSpec
 from ssp_core.run_file.participation import participants
@@ -399,6 +400,14 @@ class RunSpec(Strict):
     def has_driver_node(self) -> bool:
         """Tell whether another node drives the VUT of a session of several processes."""
         return self.driver.external or self.driven is not None
+
+    @property
+    def driven_hash(self) -> str:
+        """Hash of a driven run, whatever drives it and whatever the run is called."""
+        run = self.model_dump(mode="json", by_alias=True, exclude={"run_id", "session_token"})
+        driven = {} if self.driven is None else self.driven.model_dump(mode="json")
+        nameless = {key: value for key, value in driven.items() if key not in ("driver", "options")}
+        return sha256_json({**run, "driven": nameless})
 
     @property
     def live_problem(self) -> str | None:

@@ -84,7 +84,9 @@ class Question:
         camera: of the frames; None for a driver that sees none.
         pose: of the VUT at the stamp in the map frame, for interfaces with a frame of their own; no
             model is shown it as it is.
-        seed: of the run, for drivers that sample.
+        seed: for drivers that sample, ``Driven.sampling_seed``.
+        run: hash of the driven run, for interfaces whose sessions have names; no model is shown it
+            as it is.
     """
 
     number: int
@@ -96,6 +98,7 @@ class Question:
     camera: Camera | None = None
     pose: Pose2 = _NOWHERE
     seed: int = 0
+    run: str = ""
 
     @property
     def speed_mps(self) -> float:

@@ -70,6 +70,7 @@ class Questions:
     ) -> None:
         self.ended = ""
         self._run = run
+        self._seed, self._run_hash = driven.sampling_seed(run.seed), run.driven_hash
         self._observable_s = driven.observable_s
         self._driver = driver
         # None: it is measured.
@@ -128,7 +129,8 @@ class Questions:
             frames=frames,
             camera=self._run.camera if frames else None,
             pose=vut.pose,
-            seed=self._run.seed,
+            seed=self._seed,
+            run=self._run_hash,
         )
         driver = self._driver
         if isinstance(driver, SeeingDriver):

@@ -72,9 +72,9 @@ def run_of_row(folder: Path, number: int) -> RowRun:
                 value=number,
             )
         task = folder / TASKS_FOLDER / str(plan.events.index(wanted[left][0])) / TASK_FOLDER
-        latency = job.latencies[left // job.repeats]
+        latency, repeat = job.latencies[left // job.repeats], left % job.repeats
         start = drivable(job.start)
-        run = start.driven_by(job.driver.driver, job.driver.options, latency)
+        run = start.driven_by(job.driver.driver, job.driver.options, latency, repeat=repeat)
         row = rows[number - 1]
         before = before_of_row(folder / RUNS_FILE, number, row)
         is_model = job.driver.is_model

@@ -35,18 +35,20 @@ class Asked:
         options: hash of its options.
         latency: L, as a run file has it.
         start: hash of the start.
+        repeat: of the start under this driver, from 0.
     """
 
     driver: str
     options: str
     latency: str
     start: str
+    repeat: int = 0
 
     @classmethod
     def of(cls, driven: Driven) -> Asked:
         """Return what a run file says of it."""
         options = sha256_json(driven.options)
-        return cls(driven.driver, options, str(driven.latency), driven.start)
+        return cls(driven.driver, options, str(driven.latency), driven.start, driven.repeat)
 
 
 @dataclass(frozen=True, slots=True)

@@ -176,14 +176,16 @@ def _both(
     path = row_file(job.folder, row) if job.folder is not None and keeps else None
     kept = failed = None
     if path is not None and path.is_file():
-        wanted = start.driven_by(job.driver.driver, job.driver.options, latency).driven
+        wanted = start.driven_by(
+            job.driver.driver, job.driver.options, latency, repeat=repeat
+        ).driven
         kept = load_answers(path, f"remove it, and the model is asked again in row {row}", wanted)
     elif job.folder is not None and keeps:
         failed = tries_file(job.folder, row)
     tries = Tries() if failed is None else load_tries(failed)
     drives = {}
     for event in order:
-        drove = _run(job, start, latency, tries, failed, event=event, kept=kept)
+        drove = _run(job, start, latency, repeat, tries, failed, event=event, kept=kept)
         if isinstance(drove, Failure):
             return _lost(drove)
         drives[event] = drove
@@ -262,6 +264,7 @@ def _run(
     job: Job,
     start: Start,
     latency: Latency,
+    repeat: int,
     tries: Tries,
     failed: Path | None,
     *,
@@ -274,6 +277,7 @@ def _run(
         job: names the driver.
         start: with its twin.
         latency: L.
+        repeat: of the start under this driver, from 0.
         tries: failed ones of the row, which takes those that fail here.
         failed: file of them; None: they aren't kept.
         event: False: the event-free twin.
@@ -281,7 +285,7 @@ def _run(
     """
     answers = repeated(kept, event=event)
     while (lost := tries.lost(event=event)) is None:
-        drove = drive_start(start, job.driver, latency, event=event, answers=answers)
+        drove = drive_start(start, job.driver, latency, event=event, repeat=repeat, answers=answers)
         if drove.outcome.kind != HARNESS:
             return drove
         tries.fail(drove.outcome, failed, event=event)
@@ -294,6 +298,7 @@ def drive_start(
     latency: Latency,
     *,
     event: bool = True,
+    repeat: int = 0,
     answers: Answers = None,
 ) -> Drove:
     """Drive one driver on a start once.
@@ -303,9 +308,10 @@ def drive_start(
         driver: of the campaign.
         latency: L.
         event: False: the event-free twin.
+        repeat: of the start under this driver, from 0.
         answers: that a model gave before, and repeats; None: it is asked.
     """
-    run = start.driven_by(driver.driver, driver.options, latency, event=event)
+    run = start.driven_by(driver.driver, driver.options, latency, event=event, repeat=repeat)
     if run.driven is None:
         raise ValueError("a driven run is driven by somebody")
     result, record = run_in_process(run, answers=answers)

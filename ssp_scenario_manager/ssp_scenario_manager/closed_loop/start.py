@@ -99,6 +99,7 @@ class Start:
         latency: Latency,
         *,
         event: bool = True,
+        repeat: int = 0,
     ) -> RunSpec:
         """Return the run of one driver.
 
@@ -107,6 +108,7 @@ class Start:
             options: of it.
             latency: L.
             event: False: the event-free twin, in which no trigger fires (METHOD 8.6).
+            repeat: of the start under this driver, from 0.
         """
         driven = Driven(
             driver=driver,
@@ -118,6 +120,7 @@ class Start:
             frame_period_s=self.frame_period_s,
             observable_s=self.observable_s if event else None,
             start=self.hash,
+            repeat=repeat,
         )
         run = self.run if event else without_event(self.run, self.end_s)
         camera = self.camera if sees_frames(driver) else None

@@ -17,6 +17,8 @@ HISTORY_S = 1.7
 # The forward camera of AlpaSim's own rigs, by which policies look for it.
 FORWARD_CAMERA = "camera_front_wide_120fov"
 DEADLINE_S = 10.0
+# Options that say how a policy is reached, and nothing of how it is asked.
+CONNECTION = {"url", "deadline_s", "tls", "insecure"}
 
 
 class EgodriverOptions(Strict):

@@ -6,6 +6,7 @@ import json
 import math
 import pickle
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 from unittest.mock import Mock
 
@@ -98,6 +99,22 @@ def test_the_same_questions_send_the_same_bytes() -> None:
         return [(name, m.SerializeToString(), more) for name, m, more in servicer.calls]
 
     assert sent() == sent()
+
+
+def test_runs_that_begin_alike_have_names_of_their_own() -> None:
+    """As an event and its twin do; a policy may serve both at once, whatever it does with names."""
+
+    def names(servicer: Any, **given: Any) -> list[str]:
+        with serving(servicer) as url:
+            for run in ("sha256:1", "sha256:2"):
+                one = driver(url, **given)
+                one.give(replace(question(), run=run))
+                one.close()
+        return [one.session_uuid for one in servicer.sent("start_session")]
+
+    first, again, other = names(Straight()), names(Straight()), names(Straight(), camera="front")
+    assert first == again
+    assert len({*first, *other}) == 4
 
 
 def test_the_begin_of_a_session_is_no_part_of_the_latency(
