@@ -25,7 +25,7 @@ from ssp_scenario_manager.closed_loop.start import Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import run_in_process
-from ssp_vla_bridge.egodriver import exact, wire
+from ssp_vla_bridge.egodriver import client, exact, wire
 from ssp_vla_bridge.egodriver.client import EgodriverDriver
 from ssp_vla_bridge.egodriver.options import read_options
 from tests.support.egodrivers import SMALL, Straight, question, serving
@@ -88,8 +88,8 @@ def test_a_server_that_hangs_is_waited_for_up_to_the_deadline(
     own, release = EgodriverDriver._call, threading.Event()
 
     def hurried(self: EgodriverDriver, name: str, *rest: Any) -> Any:
-        limit_s = 0.05 if name == call else PATIENT_S
-        self._options = self._options.model_copy(update={"deadline_s": limit_s})
+        if name == call:
+            self._budget = client._Budget(0.05)
         return own(self, name, *rest)
 
     def hang(good: Any, request: Any, context: Any) -> Any:

@@ -111,7 +111,12 @@ def serve(
 @driver.command()
 @click.argument("url", metavar="grpc://HOST:PORT")
 @click.option(
-    "--deadline", "deadline_s", type=Number(0), default=DEADLINE_S, help="For each call, s."
+    "--deadline",
+    "deadline_s",
+    type=Number(0),
+    default=DEADLINE_S,
+    show_default=True,
+    help="For each question with all of its calls, s.",
 )
 @click.option("--revision", type=click.Choice(["1", "2"]), help="Of a server that declares none.")
 @click.option("--camera", default=FORWARD_CAMERA, show_default=True, help="Its declared name.")

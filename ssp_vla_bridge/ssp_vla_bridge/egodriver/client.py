@@ -65,15 +65,46 @@ class CallFailedError(PeerError):
         is_too_large: an answer came, and was larger than a message may be.
     """
 
-    def __init__(self, call: str, code: grpc.StatusCode, details: str, deadline_s: float) -> None:
+    def __init__(self, call: str, code: grpc.StatusCode, details: str, within: str) -> None:
         self.code = code
         exhausted = code is grpc.StatusCode.RESOURCE_EXHAUSTED
         self.is_too_large = exhausted and _LARGER_THAN_MAX in (details or "")
         words = " ".join(console.visible(details or "").split())[:_WORDS]
         if code is grpc.StatusCode.DEADLINE_EXCEEDED:
-            super().__init__(f"gave no answer to {call} within its deadline_s of {deadline_s:g} s")
+            super().__init__(f"gave no answer to {call} within {within}")
         else:
             super().__init__(f"{call} failed: {code.name}: {words}")
+
+
+class _Budget:
+    """The wall time that calls have together.
+
+    Args:
+        limit_s: of all of them.
+        what: they are, for messages; empty: there is one alone.
+    """
+
+    def __init__(self, limit_s: float, what: str = "") -> None:
+        self._limit_s, self._what = limit_s, what
+        self._begin_s = time.perf_counter()
+        self._took_s: dict[str, float] = {}
+
+    @property
+    def left_s(self) -> float:
+        """What is left of it; not positive where it is used up."""
+        return self._limit_s - (time.perf_counter() - self._begin_s)
+
+    def took(self, call: str, took_s: float) -> None:
+        """Count the time that a call took."""
+        self._took_s[call] = self._took_s.get(call, 0.0) + took_s
+
+    def exceeded(self, call: str) -> str:
+        """Return what a call exceeded, and which other one took the most of it."""
+        text = f"its deadline_s of {self._limit_s:g} s{self._what}"
+        for name, took_s in self._took_s.items():
+            if name != call and took_s > self._limit_s / 2:
+                text += f", most of which {name} took"
+        return text
 
 
 class EgodriverDriver:
@@ -107,6 +138,7 @@ class EgodriverDriver:
         self._origin = Pose2(0.0, 0.0, 0.0)
         self._last_ns: int | None = None
         self._is_exact = False
+        self._budget = _Budget(options.deadline_s)
         if recorded is not None:
             return
         try:
@@ -157,6 +189,7 @@ class EgodriverDriver:
         if self.problem:
             return GivenAnswer(None, ended=f"it can't be loaded: {self.problem}")
         begin_s = time.perf_counter()
+        self._budget = _Budget(self._options.deadline_s, " for the whole question")
         try:
             if not self._session:
                 self._start(question)
@@ -280,14 +313,20 @@ class EgodriverDriver:
         """Return the answer to a call, and the metadata that came before it.
 
         Raises:
-            CallFailedError: it failed, or took longer than the deadline.
+            CallFailedError: it failed, or took longer than what is left of the deadline.
         """
         method: Any = getattr(self._stub, call)
-        limit_s = self._options.deadline_s
+        budget, begin_s = self._budget, time.perf_counter()
+        left_s = budget.left_s
+        if left_s <= 0.0:
+            late = grpc.StatusCode.DEADLINE_EXCEEDED
+            raise CallFailedError(call, late, "", budget.exceeded(call))
         try:
-            answer, done = method.with_call(message, timeout=limit_s, metadata=list(metadata))
+            answer, done = method.with_call(message, timeout=left_s, metadata=list(metadata))
         except grpc.RpcError as error:
-            raise CallFailedError(call, error.code(), error.details(), limit_s) from error
+            exceeded = budget.exceeded(call)
+            raise CallFailedError(call, error.code(), error.details(), exceeded) from error
+        budget.took(call, time.perf_counter() - begin_s)
         return answer, done.initial_metadata() or ()
 
     def close(self) -> None:
@@ -296,6 +335,7 @@ class EgodriverDriver:
         self._channel, self._session = None, ""
         if channel is None:
             return
+        self._budget = _Budget(self._options.deadline_s)
         try:
             if session:
                 self._call("close_session", proto.DriveSessionCloseRequest(session_uuid=session))

@@ -26,7 +26,9 @@ class EgodriverOptions(Strict):
 
     url: str = Field(description="grpc://HOST:PORT")
     deadline_s: Annotated[float, Field(ge=0.05, le=3600.0)] = Field(
-        DEADLINE_S, description="wall time for each call, 0.05 to 3600 s"
+        DEADLINE_S,
+        description="wall time for one question with all of its calls, 0.05 to 3600 s; the first "
+        "one begins the session",
     )
     tls: str = Field("", description="file of the certificates (PEM) that the server is checked by")
     insecure: bool = Field(False, description="plain text to a host that isn't loopback")

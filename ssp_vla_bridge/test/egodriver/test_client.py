@@ -44,9 +44,11 @@ def driver(url: str, **given: Any) -> EgodriverDriver:
     return EgodriverDriver("mine", read_options({"url": url, "deadline_s": 60.0, **given}, "mine"))
 
 
-def drive(servicer: Any, count: int = 1, **given: Any) -> list[GivenAnswer]:
+def drive(
+    servicer: Any, count: int = 1, deadline_s: float = 60.0, **given: Any
+) -> list[GivenAnswer]:
     with serving(servicer) as url:
-        one = driver(url)
+        one = driver(url, deadline_s=deadline_s)
         assert not one.problem
         got = [one.give(question(k + 1, **given)) for k in range(count)]
         one.close()
@@ -131,6 +133,44 @@ def test_the_begin_of_a_session_is_no_part_of_the_latency(
     (got,) = drive(Straight())
     assert clock == [100.0]
     assert got.latency.total_ns == 0
+
+
+@pytest.mark.parametrize(
+    ("took_s", "why"),
+    [
+        ({"start_session": 3000.0, "submit_route": 200.0, "drive": 100.0}, ""),
+        (
+            {"start_session": 3000.0, "submit_route": 700.0},
+            "gave no answer to drive within its deadline_s of 3600 s for the whole question, "
+            "most of which start_session took",
+        ),
+        (
+            {"start_session": 1500.0, "submit_image_observation": 1500.0, "submit_route": 700.0},
+            "gave no answer to drive within its deadline_s of 3600 s for the whole question",
+        ),
+        (
+            {"start_session": 3700.0},
+            "gave no answer to submit_image_observation within its deadline_s of 3600 s for the "
+            "whole question, most of which start_session took",
+        ),
+    ],
+)
+def test_all_calls_of_a_question_have_one_deadline(
+    took_s: dict[str, float], why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+
+    class Slow(Straight):
+        def took(self, call: str, message: Any, context: Any) -> None:
+            super().took(call, message, context)
+            clock[0] += took_s.get(call, 0.0)
+
+    monkeypatch.setattr(client, "time", Mock(perf_counter=lambda: clock[0]))
+    servicer = Slow()
+    (got,) = drive(servicer, deadline_s=3600.0)
+    assert got.ended == why
+    # It is told at once that it is over.
+    assert servicer.sent("close_session")
 
 
 @pytest.mark.parametrize(
