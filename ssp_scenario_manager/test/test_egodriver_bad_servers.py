@@ -288,7 +288,7 @@ def test_tls_and_plain_text_do_not_meet(tmp_path: Path) -> None:
     missing = reason(url, tls=str(tmp_path / "none.pem"))
     assert "No such file" in missing
     (tmp_path / "none.pem").write_text("no certificate")
-    assert "holds no PEM" in reason(url, tls=str(tmp_path / "none.pem"))
+    assert "holds no certificate that can be read" in reason(url, tls=str(tmp_path / "none.pem"))
 
 
 @pytest.fixture(scope="module")

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import grpc  # type: ignore[import-untyped] # has no types
 
-from ssp_core.errors import InputError
 from ssp_vla_bridge.egodriver.options import EgodriverOptions, target_of
+from ssp_vla_bridge.egodriver.tls import read_certificates
 
 # Of one message, in either direction.
 MOST_BYTES = 16 << 20
@@ -29,7 +27,7 @@ def open_channel(options: EgodriverOptions) -> grpc.Channel:
     ]
     if not options.tls:
         return grpc.insecure_channel(target, options=settings)
-    credentials = grpc.ssl_channel_credentials(read_pem(options.tls, "tls"))
+    credentials = grpc.ssl_channel_credentials(read_certificates(options.tls, "tls"))
     return grpc.secure_channel(target, credentials, options=settings)
 
 
@@ -39,24 +37,3 @@ def limits() -> list[tuple[str, int]]:
         ("grpc.max_send_message_length", MOST_BYTES),
         ("grpc.max_receive_message_length", MOST_BYTES),
     ]
-
-
-def read_pem(file: str, field: str) -> bytes:
-    """Return a file of keys or certificates.
-
-    Args:
-        file: its path.
-        field: option that names it, for messages.
-
-    Raises:
-        InputError: it can't be read, or holds none.
-    """
-    try:
-        data = Path(file).read_bytes()
-    except OSError as error:
-        raise InputError(
-            f"can't be read: {error.strerror}", field=field, value=file, remedy="name a PEM file"
-        ) from error
-    if b"-----BEGIN " not in data:
-        raise InputError("holds no PEM", field=field, value=file, remedy="name a PEM file")
-    return data

@@ -6,7 +6,9 @@ ones. A session has a model's process of its own, which ends with it.
 
 from __future__ import annotations
 
+import errno
 import math
+import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -35,8 +37,9 @@ from ssp_core.errors import HostError, InputError
 from ssp_core.world.driver import Answer
 from ssp_vla_bridge.driving.driver import BridgeDriver, DriverModel, history_by
 from ssp_vla_bridge.egodriver import exact, wire
-from ssp_vla_bridge.egodriver.channel import limits, read_pem
+from ssp_vla_bridge.egodriver.channel import limits
 from ssp_vla_bridge.egodriver.options import FORWARD_CAMERA, is_loopback
+from ssp_vla_bridge.egodriver.tls import read_pair
 from ssp_vla_bridge.messages import CameraGeometry, EgoSample, Frame, Request
 from ssp_vla_bridge.window import choose
 
@@ -340,7 +343,7 @@ def serving(policy: BridgePolicy, mode: ServiceMode, at: Listening) -> Iterator[
 
     Raises:
         InputError: the host isn't loopback, or a file can't be read.
-        HostError: the port is taken.
+        HostError: the host isn't this machine's, or the port is taken.
     """
     if not (at.certificate or at.insecure or is_loopback(at.host)):
         raise InputError(
@@ -359,7 +362,7 @@ def serving(policy: BridgePolicy, mode: ServiceMode, at: Listening) -> Iterator[
     try:
         port = _bound(server, f"{place}:{at.port}", at)
     except RuntimeError as error:
-        raise HostError(f"can't listen on {place}:{at.port}; give another --port") from error
+        raise HostError(f"can't listen on {place}:{at.port}: {_not_bound(at)}") from error
     server.start()
     try:
         yield f"grpc://{place}:{port}"
@@ -371,5 +374,21 @@ def serving(policy: BridgePolicy, mode: ServiceMode, at: Listening) -> Iterator[
 def _bound(server: grpc.Server, address: str, at: Listening) -> int:
     if not at.certificate:
         return int(server.add_insecure_port(address))
-    pair = (read_pem(at.key, "--tls-key"), read_pem(at.certificate, "--tls-certificate"))
+    pair = read_pair(at.certificate, at.key)
     return int(server.add_secure_port(address, grpc.ssl_server_credentials([pair])))
+
+
+def _not_bound(at: Listening) -> str:
+    """Return why a place can't be listened on, with the remedy: gRPC doesn't say it."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(
+            at.host, at.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        with socket.socket(family, kind, protocol) as tried:
+            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            tried.bind(address)
+            tried.listen()
+    except OSError as error:
+        is_port = error.errno in (errno.EADDRINUSE, errno.EACCES)
+        return f"{error.strerror}; give another {'--port' if is_port else '--host'}"
+    return "gRPC gives no reason; give another --port or --host"

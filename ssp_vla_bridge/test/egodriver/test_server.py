@@ -27,7 +27,7 @@ from ssp_vla_bridge.egodriver.options import read_options
 from ssp_vla_bridge.egodriver.server import BridgePolicy, Listening, serving
 from ssp_vla_bridge.window import find_interface
 from tests.support.egodrivers import question
-from tests.support.self_signed import CERTIFICATE, KEY
+from tests.support.self_signed import CERTIFICATE, ENCRYPTED_KEY, KEY, OTHER_KEY
 
 MODEL = '''
 import os
@@ -209,8 +209,47 @@ def test_a_port_that_another_server_has_is_not_shared() -> None:
     with served(model("constant_velocity")) as url:
         taken = Listening(port=int(url.rpartition(":")[2]))
         policy = BridgePolicy(model("constant_velocity"))
-        with pytest.raises(HostError, match="another --port"), serving(policy, "alpasim", taken):
+        why = "Address already in use; give another --port"
+        with pytest.raises(HostError, match=why), serving(policy, "alpasim", taken):
             pass
+
+
+def test_a_host_of_another_machine_is_told_as_such() -> None:
+    policy = BridgePolicy(model("constant_velocity"))
+    there = Listening(host="192.0.2.1", port=0, insecure=True)
+    with (
+        pytest.raises(HostError, match="Cannot assign requested address; give another --host"),
+        serving(policy, "alpasim", there),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("certificate", "key", "why"),
+    [
+        ("none", KEY, r"--tls-certificate: can't be read: No such file .*none\.pem"),
+        (CERTIFICATE, "none", r"--tls-key: can't be read: No such file .*none\.pem"),
+        (KEY, KEY, "--tls-certificate: holds no certificate that can be read"),
+        (CERTIFICATE.replace("A", "B"), KEY, "--tls-certificate: holds no certificate"),
+        (CERTIFICATE, CERTIFICATE, "--tls-key: holds no key that can be read .*; name the file"),
+        (CERTIFICATE, OTHER_KEY, r"--tls-key: isn't the key of .*certificate\.pem"),
+        (CERTIFICATE, ENCRYPTED_KEY, "--tls-key: is encrypted .*; store it without a passphrase"),
+    ],
+)
+def test_a_wrong_certificate_or_key_is_named(
+    certificate: str, key: str, why: str, tmp_path: Path
+) -> None:
+    paths = []
+    for name, text in (("certificate", certificate), ("key", key)):
+        paths.append(tmp_path / f"{'none' if text == 'none' else name}.pem")
+        if text != "none":
+            paths[-1].write_text(text)
+    at = Listening(port=0, certificate=str(paths[0]), key=str(paths[1]))
+    with (
+        pytest.raises(InputError, match=why),
+        serving(BridgePolicy(model("constant_velocity")), "alpasim", at),
+    ):
+        pass
 
 
 @pytest.mark.parametrize(
