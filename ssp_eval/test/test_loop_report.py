@@ -53,6 +53,7 @@ from ssp_eval.statistics.table import texts
 from ssp_scenario_manager.closed_loop.bags import bag_folder
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES
 from ssp_scenario_manager.closed_loop.rates import RunRow, rates_of
+from ssp_scenario_manager.closed_loop.seal import STARTS_SCHEMA
 from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS
 from tests.support.runs import cut_in_run
 
@@ -241,7 +242,8 @@ def folder(tmp_path: Path) -> Path:
         {"event": "cut_in", "kind": "critical", "seed": k, "hash": f"s{k}", "run": cut_in_run()}
         for k in range(4)
     ]
-    (place / "starts.json").write_text(json.dumps({"starts": starts, "hash": sha256_json(starts)}))
+    kept = {"starts": starts, "schema": STARTS_SCHEMA, "hash": sha256_json(starts)}
+    (place / "starts.json").write_text(json.dumps(kept))
     cards = [card(name) for name in (*BASELINES, MINE)]
     (place / "cards.json").write_text(json.dumps({"cards": cards}))
     each = itertools.product(range(4), (*BASELINES, MINE), LATENCIES)

@@ -488,7 +488,7 @@ def test_an_operator_does_nothing_in_a_twin(compiled: RunSpec, start: Start) -> 
 
 
 @pytest.mark.parametrize(
-    ("at_s", "kind", "decided_s"), [(11.0, "fence", 11.0), (13.0, "collision", 12.68)]
+    ("at_s", "kind", "decided_s"), [(11.0, "fence", 11.0), (13.0, "collision", 12.84)]
 )
 def test_an_operators_abort_is_the_last_fact_of_a_recorded_session(
     start: Start, tmp_path: Path, at_s: float, kind: str, decided_s: float

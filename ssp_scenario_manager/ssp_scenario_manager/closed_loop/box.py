@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
 from ssp_core.files import parse_model
 from ssp_core.run_file.model import RunSpec
-from ssp_scenario_manager.event_spec.fields import Span
-from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.closed_loop.places import GapDraw, placed_run, span_of
+from ssp_scenario_manager.event_spec.model import Event
 
 # Fields of a manoeuvre by K*'s names of its quantities.
 _OF_MANOEUVRE = {
@@ -29,10 +28,11 @@ _OF_KIND = {
 
 
 def drawn_run(run: RunSpec, event: Event, seed: int) -> tuple[RunSpec, dict[str, float]]:
-    """Return the run with values drawn from K*'s box, and these by field of the run file.
+    """Return the run with values drawn from K*'s box, and these by field of run file or K*.
 
     Each quantity that K* gives an interval is drawn uniformly from it, in an order of its own, so
-    that a seed gives the same values everywhere. Other values stay as they were compiled.
+    that a seed gives the same values everywhere. Other values stay as they were compiled. Gaps at
+    the start are drawn by ``gap_draw``: how small they may be depends on all else.
 
     Args:
         run: as it was compiled.
@@ -47,7 +47,7 @@ def drawn_run(run: RunSpec, event: Event, seed: int) -> tuple[RunSpec, dict[str,
     drawn: dict[str, float] = {}
 
     def draw(quantity: object, *fields: str) -> None:
-        span = _span(quantity)
+        span = span_of(quantity)
         if span is None or not all(_holds(data, field) for field in fields):
             return
         value = round(float(random.uniform(span.low, span.high)), 3)
@@ -67,19 +67,26 @@ def drawn_run(run: RunSpec, event: Event, seed: int) -> tuple[RunSpec, dict[str,
     for name in sorted(needs.manoeuvre.keys() & names.keys()):
         draw(needs.manoeuvre[name], f"triggers.0.{within}.{names[name]}")
     data["seed"] = seed
-    return parse_model(RunSpec, data, f"the start of seed {seed}"), drawn
+    parsed = parse_model(RunSpec, data, f"the start of seed {seed}")
+    placed, lengths = placed_run(parsed, event, np.random.default_rng([seed, 9]).uniform)
+    return placed, drawn | lengths
+
+
+def gap_draw(run: RunSpec, event: Event, seed: int) -> GapDraw:
+    """Return the draw of the gaps at the start of a run that ``drawn_run`` gave.
+
+    Args:
+        run: with all else drawn.
+        event: K*.
+        seed: of the start.
+    """
+    random = np.random.default_rng([seed, 10])
+    shares = {target.id: float(random.uniform()) for target in run.targets}
+    return GapDraw(run, event, shares)
 
 
 def _approach(speeds: Any, object_id: str) -> object:
     return speeds.get(object_id, {}).get("approach")
-
-
-def _span(quantity: object) -> Span | None:
-    """Return a closed interval that leaves something to draw; None where K* gives none."""
-    if not isinstance(quantity, Interval):
-        return None
-    span = quantity.si
-    return span if math.isfinite(span.low) and math.isfinite(span.high) else None
 
 
 def _holds(data: dict[str, Any], field: str) -> bool:

@@ -27,7 +27,7 @@ from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.sweep import ordered_map
 
 PLAN_FILE, TASKS_FOLDER, STARTS_FILE = "plan.json", "tasks", "starts.json"
-STARTS_SCHEMA = "ssp.loop_starts/1"
+STARTS_SCHEMA = "ssp.loop_starts/2"
 # Their sources decide how a run goes and what it is rated.
 _PACKAGES = (
     "ssp_core",
@@ -78,10 +78,20 @@ def sealed_starts(folder: Path) -> list[dict[str, Any]]:
     """Return the starts of a campaign as they were sealed.
 
     Raises:
-        InputError: there are none, or they were changed since.
+        InputError: there are none, they were changed since, or they are of another schema, by which
+            other things of a start were drawn.
     """
     path = folder / STARTS_FILE
     there = _sealed(path)
+    if there.get("schema") != STARTS_SCHEMA:
+        raise InputError(
+            f"must be {STARTS_SCHEMA}",
+            file=path,
+            field="schema",
+            value=there.get("schema"),
+            remedy="use the version of this software that drew these starts, or drive the campaign "
+            "anew",
+        )
     if there.get("hash") != sha256_json(there.get("starts")):
         raise InputError(
             "was changed after it was sealed", file=path, remedy="name a new folder with --out"

@@ -20,11 +20,12 @@ from ssp_core.run_file.participants import ElapsedTime, Hold, ParticipantSpec, T
 from ssp_core.vocabulary import Phase
 from ssp_core.world.driver import BUILT_IN, NO_RESPONSE, sees_frames
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_scenario_manager.closed_loop.box import drawn_run
+from ssp_scenario_manager.closed_loop.box import drawn_run, gap_draw
 from ssp_scenario_manager.closed_loop.contact import Contact, first_contact
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
+from ssp_scenario_manager.scenarios.crossing import is_hidden
 
 # How long the search for the first trigger, and then the twin, may take in session time.
 _SCOUT_S = 40.0
@@ -43,7 +44,7 @@ class Start:
 
     Args:
         run: without a driver, with the times of the triggers instead of their conditions.
-        values: drawn from K*'s box, by field of the run file.
+        values: drawn from K*'s box, by field of the run file or of K*.
         hand_over_s: t_h.
         first_request_s: of a driver, whatever its latency up to the campaign's largest.
         observable_s: T_obs.
@@ -149,10 +150,17 @@ def make_start(
         InputError: the values make no run.
     """
     frame_s = _frame_period_s(run)
-    drawn, values = drawn_run(prepared(run), event, seed)
-    bare = without_operator(drawn)
     history_s = max(history_s, LIMITS.history_s)
-    hand_over_s, fires_s = _hand_over_s(bare, latency_max_s, frame_s, history_s)
+    drawn, values = drawn_run(prepared(run), event, seed)
+    gaps = gap_draw(drawn, event, seed)
+    if (bounds := gaps.bounds_m) is not None:
+        widest, _ = gaps.with_gap(bounds.high)
+        run_up = _run_up(without_operator(widest), latency_max_s, frame_s, history_s)
+        drawn, drawn_gaps = gaps.with_gap(gaps.drawn_m(run_up.room_m))
+        values |= drawn_gaps
+    bare = without_operator(drawn)
+    run_up = _run_up(bare, latency_max_s, frame_s, history_s)
+    hand_over_s, fires_s = run_up.hand_over_s, run_up.fires_s
     first_s = _floor(hand_over_s - latency_max_s - frame_s, frame_s)
     twin = bare.model_copy(
         update={
@@ -169,7 +177,7 @@ def make_start(
     contact = first_contact(record.reports, run.vut.id)
     fixed = drawn.model_copy(update={"triggers": _at_their_times(twin, result)})
     observable_s = result.phase_s(Phase.TRIGGER)
-    if problem := _off_spec(twin, result, contact):
+    if problem := _off_spec(twin, result, contact) or _shown_early(run, event, result, record):
         raise OffSpec(problem)
     if observable_s is None or observable_s < hand_over_s:
         raise OffSpec("the event is observable before the hand-over")
@@ -295,10 +303,23 @@ def _frame_period_s(run: RunSpec) -> float:
     return round(max(1, round(wanted_s / run.step_s)) * run.step_s, 9)
 
 
-def _hand_over_s(
-    run: RunSpec, latency_max_s: float, frame_s: float, history_s: float
-) -> tuple[float, float]:
-    """Return t_h, and when the first trigger fires while the VUT keeps to its approach.
+@dataclass(frozen=True, slots=True)
+class _RunUp:
+    """The way of a VUT that keeps to its approach, up to the first trigger.
+
+    Args:
+        hand_over_s: t_h.
+        fires_s: session time of the first trigger.
+        room_m: by which the gap to the trigger's object may be smaller without a later t_h.
+    """
+
+    hand_over_s: float
+    fires_s: float
+    room_m: float
+
+
+def _run_up(run: RunSpec, latency_max_s: float, frame_s: float, history_s: float) -> _RunUp:
+    """Return what precedes the first trigger while the VUT keeps to its approach.
 
     No frame that a driver is asked about lies before the VUT holds its speed: its plan would be of
     another speed than the one at the hand-over.
@@ -330,7 +351,30 @@ def _hand_over_s(
             f"the run-up is too short: the hand-over would be at {hand_over_s:g} s, the first "
             f"trigger fires at {fires_s:g} s"
         )
-    return hand_over_s, fires_s
+    room_s = fires_s - LIMITS.before_trigger_s - hand_over_s - frame_s
+    nearing_mps = _nearing_mps(run, record, fires_ns)
+    return _RunUp(hand_over_s, fires_s, max(room_s * nearing_mps, 0.0))
+
+
+def _nearing_mps(run: RunSpec, record: Record, at_ns: int) -> float:
+    """Return the speed by which the VUT nears the initiator along its own heading."""
+    at = {i: record.truths(i) for i in (run.vut.id, run.initiator_id)}
+    vut, other = (next(s for s in at[i] if s.stamp_ns >= at_ns) for i in at)
+    return vut.speed_mps - other.speed_mps * math.cos(other.yaw_rad - vut.yaw_rad)
+
+
+def _shown_early(run: RunSpec, event: Event, result: InProcessResult, record: Record) -> str:
+    """Say that K*'s occluder doesn't hide the initiator when it moves; empty: it does."""
+    occluder = event.interaction.occluder
+    if occluder is None or not result.triggers:
+        return ""
+    at_ns = result.triggers[0].stamp_ns
+    who = (run.vut.id, run.initiator_id, occluder)
+    vut, subject, hiding = (next(s for s in record.truths(i) if s.stamp_ns >= at_ns) for i in who)
+    eye_m = (run.camera or Camera()).forward_m
+    if is_hidden(vut, subject, hiding, eye_m):
+        return ""
+    return f"{occluder} doesn't hide {subject.object_id} from the VUT when the trigger fires"
 
 
 def _at_their_times(run: RunSpec, result: InProcessResult) -> list[TriggerSpec]:
