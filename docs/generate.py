@@ -33,6 +33,7 @@ from ssp_ot_controller.bodies.iso22133 import states as iso
 from ssp_ot_controller.bodies.iso22133.probe.clauses import CLAUSES
 from ssp_ot_controller.objects import state_machine
 from ssp_ot_controller.ros import parameters as ot_controller_params
+from ssp_ot_controller.sil import patience
 from ssp_scenario_manager.ros import parameters as scenario_manager_params
 from ssp_scenario_manager.session import limits as supervisor
 from ssp_scenario_manager.session import local_stops, supervision
@@ -408,8 +409,12 @@ def times() -> str:
         ("runner", "ends an aborted run without a result after", _constant(follow, "RESULT_S")),
         ("object", "stops without ticks or readings after", _constant(target, "TICK_SILENCE_S")),
         ("object", "gives a lockstep world for a step", _constant(target, "WORLD_HANG_S")),
-        ("world", "drops a participant in lockstep after", _constant(world, "HANG_LIMIT_S")),
-        ("world", "drops the camera in lockstep after", _constant(world, "CAMERA_HANG_LIMIT_S")),
+        ("world", "drops a participant in lockstep after", patience.HANG_LIMIT_S),
+        (
+            "world",
+            "drops a participant that a busy machine may keep waiting, and the camera, after",
+            patience.BUSY_LIMIT_S,
+        ),
         ("world", "says that it fell behind in realtime after", _constant(world, "OVERRUN_S")),
         (
             "simulated body",

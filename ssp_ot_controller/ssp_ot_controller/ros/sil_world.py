@@ -43,18 +43,13 @@ from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.ros.parameters import SIL_WORLD
 from ssp_ot_controller.sil.carla_bodies import CarlaBodies
 from ssp_ot_controller.sil.disturbance import Channel, FaultChange
+from ssp_ot_controller.sil.patience import Patience, idle_s
 from ssp_ot_controller.sil.plant import BodyPlant, OwnBodies
 from ssp_ot_controller.sil.sumo_world import SumoWorld
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
 from ssp_ot_controller.sil.world import OVER, StepBarrier, World
 
 HOLD_PERIOD_S = 0.1
-# Lockstep: a participant that keeps the world waiting this long on the steady clock is dropped.
-HANG_LIMIT_S = 3.0
-# Drawing takes long on a busy machine, and nobody's safety hangs on a picture.
-CAMERA_HANG_LIMIT_S = 10.0
-# A world that didn't look for so long stood still itself, and blames nobody for that time.
-OWN_PAUSE_S = 0.5
 # An external driver that is heard while the world holds is one that may drive.
 DRIVER_FRESH_S = 1.0
 CLOSE_LIMIT_S = 4.0
@@ -104,7 +99,7 @@ class SilWorld(Node):
         self._vut_states_sent = 0
         self._running = False
         self._over = False
-        self._waiting_since_ns = self._looked_ns = time.monotonic_ns()
+        self._patience = Patience(time.monotonic_ns())
         self._started_ns = 0
         self._overrun_told = False
         self._driver_told = False
@@ -182,7 +177,8 @@ class SilWorld(Node):
         self._session = session
         if session is SessionPhase.RUNNING and not self._running and not self._over:
             self._running = True
-            self._started_ns = self._waiting_since_ns = time.monotonic_ns()
+            self._started_ns = time.monotonic_ns()
+            self._patience.begin(self._started_ns)
 
     # -- stepping ------------------------------------------------------------------------------
 
@@ -198,7 +194,7 @@ class SilWorld(Node):
         drive_vut = self._session is SessionPhase.RUNNING and not manager_lost
         before_ns = self._world.now_ns
         self._world.advance(self._commands, drive_vut)
-        self._waiting_since_ns = time.monotonic_ns()
+        self._patience.begin(time.monotonic_ns())
         self._report_driver(before_ns)
         over = manager_lost or self._session in OVER
         if over and self._world.all_stand():
@@ -267,33 +263,33 @@ class SilWorld(Node):
 
     def _on_hold_timer(self) -> None:
         """Repeat the present state while holding; watch for the silent while stepping."""
-        now_ns, looked_ns = time.monotonic_ns(), self._looked_ns
-        self._looked_ns = now_ns
+        self._patience.look(time.monotonic_ns(), idle_s())
         if not self._running:
             if self._may_start():
                 self._report_vut(running=False)
             self._publish_tick()
             return
-        if (now_ns - looked_ns) / NS_PER_S > OWN_PAUSE_S:
-            self._waiting_since_ns = now_ns
-        waited_s = (now_ns - self._waiting_since_ns) / NS_PER_S
-        if self._lockstep and waited_s > HANG_LIMIT_S:
-            lost = self._barrier.lost(self._world.step_index)
-            overdue = [one for one in lost if waited_s > _hang_limit_s(one)]
-            for participant in overdue:
-                limit_s = _hang_limit_s(participant)
-                self._barrier.drop(participant)
-                self._driver_told = self._driver_told or participant == names.VUT_DRIVER
-                if participant == names.MONITOR:
-                    # The manager watches the recorder by itself, and knows more of it.
-                    continue
-                self._announce(SafetyCode.PARTICIPANT_LOST, participant, waited_s, limit_s)
-            if overdue or not lost:
-                self._waiting_since_ns = time.monotonic_ns()
+        if self._lockstep and self._patience.may_end:
+            self._drop_the_lost()
         if self._lockstep and self._barrier.dropped:
             # Those that were dropped send nothing that would make the world go on.
             for _ in range(round(HOLD_PERIOD_S / self._run.step_s)):
                 self._go_on()
+
+    def _drop_the_lost(self) -> None:
+        lost = self._barrier.lost(self._world.step_index)
+        passed = {one: self._patience.passed_limit_s(one == names.FRONT_CAMERA) for one in lost}
+        overdue = {one: limit_s for one, limit_s in passed.items() if limit_s is not None}
+        waited_s = self._patience.waited_s
+        for participant, limit_s in overdue.items():
+            self._barrier.drop(participant)
+            self._driver_told = self._driver_told or participant == names.VUT_DRIVER
+            if participant == names.MONITOR:
+                # The manager watches the recorder by itself, and knows more of it.
+                continue
+            self._announce(SafetyCode.PARTICIPANT_LOST, participant, waited_s, limit_s)
+        if overdue or not lost:
+            self._patience.begin(time.monotonic_ns())
 
     # -- sending -------------------------------------------------------------------------------
 
@@ -324,10 +320,6 @@ class SilWorld(Node):
             self.get_logger().error(line)
         self._sumo.__exit__(None, None, None)
         self._work_dir.cleanup()
-
-
-def _hang_limit_s(participant: str) -> float:
-    return CAMERA_HANG_LIMIT_S if participant == names.FRONT_CAMERA else HANG_LIMIT_S
 
 
 def _session_of(message: SessionState) -> SessionPhase:

@@ -1,0 +1,86 @@
+"""The time that a lockstep world waits for an answer before it drops its participant."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from ssp_core.clock import ns_to_seconds
+
+# A participant is dropped after so long in which the machine had a processor to spare for it.
+HANG_LIMIT_S = 3.0
+# The longest that the world waits, however busy the machine is. Less than objects and manager give
+# the world for a step. Drawing takes long on a busy machine, and no limit rests on a picture: the
+# camera has this limit in any case.
+BUSY_LIMIT_S = 10.0
+# A world that didn't look for so long stood still itself, and blames nobody for that time.
+OWN_PAUSE_S = 0.5
+
+_IDLE_FIELD = 4
+
+
+class Patience:
+    """Counts the wait of a step, and of it the time in which a participant could have answered.
+
+    A participant that is runnable on a saturated machine may get no processor for seconds. One that
+    died or hangs leaves its processor idle. Simulated time stands still in both cases.
+    """
+
+    def __init__(self, steady_ns: int) -> None:
+        self._looked_ns = steady_ns
+        self._idle_s: float | None = None
+        self.begin(steady_ns)
+
+    def begin(self, steady_ns: int) -> None:
+        """Begin a new wait."""
+        self._since_ns = steady_ns
+        self.waited_s = 0.0
+        self._spare_s = 0.0
+
+    def look(self, steady_ns: int, idle_s: float | None) -> None:
+        """Count the time since the last look. Called often, also while nobody is waited for.
+
+        Args:
+            steady_ns: the steady clock, ns.
+            idle_s: processor time that the machine has had to spare since its start, s, summed over
+                its processors; None where the kernel doesn't say, then all time counts.
+        """
+        passed_s = ns_to_seconds(steady_ns - max(self._looked_ns, self._since_ns))
+        if ns_to_seconds(steady_ns - self._looked_ns) > OWN_PAUSE_S:
+            self.begin(steady_ns)
+        else:
+            self.waited_s += passed_s
+            if idle_s is None or self._idle_s is None:
+                self._spare_s += passed_s
+            else:
+                self._spare_s += min(passed_s, max(0.0, idle_s - self._idle_s))
+        self._looked_ns, self._idle_s = steady_ns, idle_s
+
+    @property
+    def may_end(self) -> bool:
+        """Whether a limit of any participant is passed."""
+        return self.passed_limit_s() is not None
+
+    def passed_limit_s(self, draws: bool = False) -> float | None:
+        """Return the limit that this wait passed, s; None where it passed none.
+
+        Args:
+            draws: the participant is the camera.
+        """
+        if self.waited_s > BUSY_LIMIT_S:
+            return BUSY_LIMIT_S
+        return HANG_LIMIT_S if self._spare_s > HANG_LIMIT_S and not draws else None
+
+
+def idle_s(stat: Path = Path("/proc/stat")) -> float | None:
+    """Read the idle time of all processors since the machine's start, s; None where it is unknown.
+
+    Time in which a processor waits for a disk isn't idle here: what it waits for may be the program
+    text of the participant.
+    """
+    try:
+        with stat.open() as lines:
+            fields = lines.readline().split()
+        return int(fields[_IDLE_FIELD]) / os.sysconf("SC_CLK_TCK")
+    except (OSError, IndexError, ValueError):
+        return None
