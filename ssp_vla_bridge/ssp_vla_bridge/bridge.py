@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import insort
 from collections import Counter, deque
 from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.motion.state import ObjectState
@@ -87,6 +88,47 @@ class RequestQueue:
             del self._open[ticket.number]
         self._waiting = deque(t for t in self._waiting if t.number in self._open)
         return late
+
+
+# Answers without a listener are kept up to this number.
+MOST_HELD = 256
+A = TypeVar("A")
+
+
+class HeldAnswers(Generic[A]):
+    """Answers in their order, each until somebody can hear it.
+
+    Discovery isn't symmetric: a client that already reaches the bridge may not be reached yet, on a
+    busy machine for seconds, and what is published meanwhile is lost.
+
+    Args:
+        worth_ns: how long an answer is worth something to the client that asked, ns.
+    """
+
+    def __init__(self, worth_ns: int) -> None:
+        self._worth_ns = worth_ns
+        self._held: deque[tuple[int, A]] = deque(maxlen=MOST_HELD)
+
+    def hold(self, answer: A, now_ns: int) -> bool:
+        """Take an answer; return True when the oldest one gave way to it."""
+        full = len(self._held) == MOST_HELD
+        self._held.append((now_ns + self._worth_ns, answer))
+        return full
+
+    def release(self, heard: bool, now_ns: int) -> list[A]:
+        """Return the answers to publish now, and forget those that are worth nothing any more.
+
+        Args:
+            heard: the publisher has a listener.
+            now_ns: the steady clock, ns.
+        """
+        while self._held and self._held[0][0] < now_ns:
+            self._held.popleft()
+        if not heard:
+            return []
+        answers = [answer for _, answer in self._held]
+        self._held.clear()
+        return answers
 
 
 # Latencies and errors of this many answers are looked at; an error counts for this long.

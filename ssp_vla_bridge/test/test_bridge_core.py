@@ -12,9 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_vla_bridge.backend import BACKENDS, check_options, make_backend, parse_options, respond
-from ssp_vla_bridge.bridge import RequestQueue
+from ssp_vla_bridge.bridge import MOST_HELD, HeldAnswers, RequestQueue
 from ssp_vla_bridge.messages import (
     Answer,
     EgoSample,
@@ -182,6 +183,25 @@ def test_the_queue_answers_each_request_once(make_request):
     fresh = queue.offer(make_request("a"), 200)
     assert queue.finish(fresh)
     assert not queue.finish(fresh)
+
+
+def test_answers_wait_for_a_listener_as_long_as_they_are_worth_something():
+    held = HeldAnswers[str](60 * NS_PER_S)
+    assert not held.hold("a", 0)
+    assert not held.hold("b", 30 * NS_PER_S)
+    assert held.release(False, 60 * NS_PER_S) == []
+    assert held.release(True, 60 * NS_PER_S) == ["a", "b"]
+    assert held.release(True, 60 * NS_PER_S) == []
+    held.hold("c", 0)
+    held.hold("d", 1)
+    assert held.release(True, 60 * NS_PER_S + 1) == ["d"]
+
+
+def test_answers_that_nobody_hears_are_bounded():
+    held = HeldAnswers[int](NS_PER_S)
+    assert not any(held.hold(k, 0) for k in range(MOST_HELD))
+    assert held.hold(MOST_HELD, 0)
+    assert held.release(True, 0) == list(range(1, MOST_HELD + 1))
 
 
 @pytest.mark.parametrize(("limit", "timeout_ns"), [(0, 1), (1, 0)])

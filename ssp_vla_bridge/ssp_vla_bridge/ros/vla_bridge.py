@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -37,7 +36,7 @@ from ssp_core.ros import (
 from ssp_core.world.camera import Mounting
 from ssp_msgs.msg import ObjectState, VlaRequest, VlaResponse
 from ssp_vla_bridge.backend import BackendResult, failure, make_backend, respond
-from ssp_vla_bridge.bridge import BridgeHealth, RequestQueue, ShadowRequests, Ticket
+from ssp_vla_bridge.bridge import BridgeHealth, HeldAnswers, RequestQueue, ShadowRequests, Ticket
 from ssp_vla_bridge.messages import ErrorCode, Frame, Request, Response
 from ssp_vla_bridge.ros.conversions import request_from_msg, response_to_msg
 from ssp_vla_bridge.ros.parameters import BRIDGE, BridgeParams, bridge_params
@@ -88,9 +87,6 @@ _DEADLINE_CHECK_S = 0.05
 _DIAGNOSTICS_S = 1.0
 # A worker that is inside a model can't be interrupted; it is a daemon and dies with the process.
 _JOIN_S = 0.5
-# Discovery is not symmetric: a client that already reaches this node may not be reached yet, and
-# what is published meanwhile is lost.
-_LISTENER_WAIT_S = 2.0
 
 
 class VlaBridge(Node):
@@ -106,8 +102,7 @@ class VlaBridge(Node):
         self._health = BridgeHealth(params.model, self._backend.model_id, params.timeout_s)
         self._changed = threading.Condition()
         self._stopping = False
-        # Answers that nobody may hear yet, each with when it leaves nevertheless.
-        self._held: deque[tuple[float, VlaResponse]] = deque()
+        self._held = HeldAnswers[VlaResponse](seconds_to_ns(params.timeout_s))
         self._publisher = self.create_publisher(VlaResponse, vla_response_topic(params.model), VLA)
         self.create_subscription(VlaRequest, vla_request_topic(params.model), self._on_request, VLA)
         self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS, STATE)
@@ -239,15 +234,14 @@ class VlaBridge(Node):
             reason = f"the answer fits no message: {type(error).__name__}: {error}"
             self.get_logger().error(f"request {response.request_id!r}: {reason}")
             msg = response_to_msg(failure(response, ErrorCode.BACKEND, reason))
-        self._held.append((time.monotonic() + _LISTENER_WAIT_S, msg))
+        if self._held.hold(msg, time.monotonic_ns()):
+            self.get_logger().warning("too many answers without a listener: the oldest one is lost")
         self._release()
 
     def _release(self) -> None:
-        """Publish in order what has a listener, or has waited for one long enough."""
-        while self._held and (
-            self._publisher.get_subscription_count() or time.monotonic() > self._held[0][0]
-        ):
-            self._publisher.publish(self._held.popleft()[1])
+        heard = self._publisher.get_subscription_count() > 0
+        for msg in self._held.release(heard, time.monotonic_ns()):
+            self._publisher.publish(msg)
 
 
 def _answerable_ns(stamp: Any) -> int:
