@@ -69,13 +69,15 @@ def recorder(talker):
 
 
 def wait_heard(node: Node, publisher: Any, readers: int = 1) -> None:
+    """Await a reader of a publisher's.
+
+    The recorder makes a reader when it knows a publisher of the topic, and matches it with all
+    publishers that it knows before it announces it. Those of one node become known in their order.
+    """
     deadline = time.monotonic() + DEADLINE_S
     while publisher.get_subscription_count() < readers:
         assert time.monotonic() < deadline, f"nobody listens to {publisher.topic_name}"
         time.sleep(0.02)
-    # This side knows first; nothing tells it when the other one does, and what is sent between is
-    # nobody's loss.
-    time.sleep(0.3)
 
 
 def qos(reliability: ReliabilityPolicy, durability: DurabilityPolicy) -> QoSProfile:
@@ -111,13 +113,15 @@ def test_topics_are_found_late_and_heard_as_their_publishers_offer_them(talker, 
     )
     for publisher in (early, *mixed):
         wait_heard(talker, publisher)
+    # Its reader shows that the recorder knows the second publisher of ``mixed`` too.
     late = talker.create_publisher(String, "/lab/late", qos(BEST, VOLATILE))
     wait_heard(talker, late)
     for k in range(20):
-        for publisher in (early, *mixed, late):
+        for publisher in (*mixed, late, early):
             publisher.publish(String(data=f"{k}"))
-            time.sleep(0.001)
-    time.sleep(0.3)  # best effort: nothing says when it has arrived
+    # One thread of the recorder's receives all that this node sends, in order: with what is
+    # acknowledged, what was sent before it as best effort has arrived.
+    assert early.wait_for_all_acked(Duration(seconds=DEADLINE_S))
     result, _ = ended(process)
     assert (process.returncode, result["ok"], result["lost"]) == (0, True, 0)
     assert check_bag(tmp_path / "bag").problems == ()
