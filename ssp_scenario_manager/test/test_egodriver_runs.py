@@ -29,7 +29,8 @@ from ssp_scenario_manager.closed_loop.start import Start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
-from ssp_vla_bridge.egodriver.server import BridgePolicy, Listening
+from ssp_vla_bridge.egodriver.policy import BridgePolicy
+from ssp_vla_bridge.egodriver.server import Listening
 from ssp_vla_bridge.egodriver.server import serving as serving_bridge
 from tests.support.egodrivers import SMALL, Straight, nobody, serving
 

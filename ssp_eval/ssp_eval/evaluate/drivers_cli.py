@@ -88,7 +88,8 @@ def serve(
     if bool(tls_certificate) != bool(tls_key):
         raise click.UsageError("--tls-certificate and --tls-key go together")
     # gRPC is loaded where it is used.
-    from ssp_vla_bridge.egodriver.server import BridgePolicy, Listening, serving
+    from ssp_vla_bridge.egodriver.policy import BridgePolicy
+    from ssp_vla_bridge.egodriver.server import Listening, serving
 
     name, _, given = bridge.partition("=")
     options = driver_options(name, parse_options(given, name), models_file, sorted(BACKENDS))

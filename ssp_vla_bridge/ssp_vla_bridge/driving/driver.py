@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, replace
 from typing import Any
 
@@ -78,12 +78,16 @@ class BridgeDriver:
     Args:
         model: as it is to drive.
         recorded: answers of a run before, which it repeats without being loaded; None: it is asked.
+        is_wanted: tells, while it loads, whether it is still waited for.
     """
 
     privileged = False
 
     def __init__(
-        self, model: DriverModel, recorded: Sequence[core.RecordedAnswer] | None = None
+        self,
+        model: DriverModel,
+        recorded: Sequence[core.RecordedAnswer] | None = None,
+        is_wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         self._model = model
         self._recorded = recorded
@@ -96,7 +100,9 @@ class BridgeDriver:
         if model.backend in OPTION_TIMEOUT:
             options["timeout_s"] = model.limit_s
         try:
-            self._process = ModelProcess(model.name, model.backend, options, model.adapter)
+            self._process = ModelProcess(
+                model.name, model.backend, options, model.adapter, is_wanted=is_wanted
+            )
         except SspError as error:
             self.problem = str(error)
 
@@ -147,6 +153,11 @@ class BridgeDriver:
         if self._model.interface.carries_previous:
             self._previous = None if response.error_code else response
         return core.GivenAnswer(answer_of(measured), latency)
+
+    def interrupt(self) -> None:
+        """End the model's process while another thread asks it; ``close`` follows."""
+        if self._process is not None:
+            self._process.interrupt()
 
     def close(self) -> None:
         """End the model's process."""

@@ -15,7 +15,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
@@ -36,6 +36,8 @@ START_S = 600.0
 # A backend that keeps its own time limit says so itself within this time behind it.
 _GRACE_S = 1.0
 _END_S = 2.0
+# Between two looks at whether a model that loads is still wanted.
+_LOOK_S = 0.2
 _MOST_CHARACTERS = 1 << 20
 _MOST_NUMBERS = 1 << 18
 _MOST_NAME = 400
@@ -173,10 +175,11 @@ class ModelProcess:
         options: of the backend.
         adapter: that reads its answers.
         start_s: it must have loaded within this time.
+        is_wanted: tells, while it loads, whether it is still waited for.
 
     Raises:
         InputError: the backend can't be made, for the reason that it gives.
-        PeerError: its process ended, or didn't get ready in time.
+        PeerError: its process ended, didn't get ready in time, or was given up.
     """
 
     def __init__(
@@ -186,6 +189,7 @@ class ModelProcess:
         options: Mapping[str, Any],
         adapter: str,
         start_s: float = START_S,
+        is_wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         context = _context()
         self._connection, theirs = context.Pipe()
@@ -194,14 +198,18 @@ class ModelProcess:
         self._process.start()
         theirs.close()
         try:
-            self._await_ready(start_s)
+            self._await_ready(start_s, is_wanted)
         except BaseException:
             self.close()
             raise
 
-    def _await_ready(self, start_s: float) -> None:
-        if not self._connection.poll(start_s):
-            raise PeerError(f"it isn't ready within {start_s:g} s")
+    def _await_ready(self, start_s: float, is_wanted: Callable[[], bool]) -> None:
+        end_s = time.monotonic() + start_s
+        while not self._connection.poll(_LOOK_S):
+            if not is_wanted():
+                raise PeerError("it was given up while it was loaded")
+            if time.monotonic() >= end_s:
+                raise PeerError(f"it isn't ready within {start_s:g} s")
         try:
             word, reason = self._connection.recv()
         except (EOFError, OSError):
@@ -259,13 +267,17 @@ class ModelProcess:
         return f"its process ended with exit status {code}"
 
     def _kill(self) -> None:
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self.pid, signal.SIGKILL)
+        self.interrupt()
         self._process.kill()
         self._process.join()
 
+    def interrupt(self) -> None:
+        """End the process while another thread asks it, which gets that as its ending."""
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.pid, signal.SIGKILL)
+
     def close(self) -> None:
-        """End the process."""
+        """End the process; no thread asks it any more."""
         self._connection.close()
         self._kill()
         self._process.close()

@@ -89,7 +89,8 @@ def geometry_of_camera(camera: proto.AvailableCamera) -> CameraGeometry:
     """Return the geometry of a declared camera of the present revision.
 
     Raises:
-        ValueError: it is no pinhole camera without distortion, with what it is.
+        ValueError: it is no pinhole camera without distortion, with what it is, or has values that
+            no camera has.
     """
     spec = camera.intrinsics
     kind = spec.WhichOneof("camera_param")
@@ -101,7 +102,17 @@ def geometry_of_camera(camera: proto.AvailableCamera) -> CameraGeometry:
     distortions = (lens.radial_coeffs, lens.tangential_coeffs, lens.thin_prism_coeffs)
     if any(value != 0.0 for values in distortions for value in values):
         raise ValueError("is distorted, and a pinhole without distortion alone is read")
-    mount = mounting_of_camera(camera)
+    positive = (lens.focal_length_x, lens.focal_length_y, spec.resolution_w, spec.resolution_h)
+    if not all(0.0 < value < math.inf for value in positive):
+        raise ValueError("has a focal length or a size that isn't positive")
+    if not all(map(math.isfinite, (lens.principal_point_x, lens.principal_point_y))):
+        raise ValueError("has a principal point that is no number")
+    try:
+        mount = mounting_of_camera(camera)
+    except ValueError as error:
+        raise ValueError(f"has a rig_to_camera that is no pose: {error}") from error
+    if not all(map(math.isfinite, (mount.height_m, mount.pitch_down_rad))):
+        raise ValueError("has a rig_to_camera that is no pose")
     return CameraGeometry(
         fx_px=lens.focal_length_x,
         fy_px=lens.focal_length_y,

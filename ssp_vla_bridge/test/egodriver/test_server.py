@@ -24,7 +24,8 @@ from ssp_vla_bridge.driving.driver import BridgeDriver, DriverModel
 from ssp_vla_bridge.egodriver import exact
 from ssp_vla_bridge.egodriver.client import EgodriverDriver
 from ssp_vla_bridge.egodriver.options import read_options
-from ssp_vla_bridge.egodriver.server import BridgePolicy, Listening, serving
+from ssp_vla_bridge.egodriver.policy import BridgePolicy
+from ssp_vla_bridge.egodriver.server import Listening, serving
 from ssp_vla_bridge.window import find_interface
 from tests.support.egodrivers import question
 from tests.support.self_signed import CERTIFICATE, ENCRYPTED_KEY, KEY, OTHER_KEY
@@ -118,6 +119,7 @@ def test_a_camera_is_read_by_the_revision_that_its_client_speaks(
         assert _declare(url, declared, fake.available_camera(sent)) == ""
         seat = policy.seat("one")
         assert seat is not None
+        assert seat.geometry is not None
         pitch_rad, height_m = seat.geometry.pitch_down_rad, seat.geometry.height_m
     assert (pitch_rad, height_m) == pytest.approx((0.122173, 1.6), abs=1e-5)
 
