@@ -14,6 +14,7 @@ import pytest
 from ssp_core.errors import PeerError
 from ssp_eval.demo import AT_ONCE, Progress, follow
 from ssp_eval.demo_plan import Step
+from tests.support.waiting import DEADLINE_S
 
 
 class Script(Step):
@@ -143,7 +144,7 @@ def end(*_):
     sys.exit(0)
 signal.signal(signal.SIGINT, end)
 pathlib.Path({ready!r}).write_text('')
-time.sleep(60)
+time.sleep(600)
 """
 
 
@@ -159,7 +160,7 @@ def test_an_interrupt_lets_every_step_end_in_order(
     ]
 
     def interrupt() -> None:
-        deadline = time.monotonic() + 120
+        deadline = time.monotonic() + DEADLINE_S
         while time.monotonic() < deadline and not all(Path(r).exists() for _, r in paths.values()):
             time.sleep(0.02)
         os.kill(os.getpid(), number)
@@ -181,11 +182,11 @@ def test_a_step_that_does_not_end_is_killed(
     ready = tmp_path / "ready"
     stubborn = (
         "import signal, time, pathlib\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-        f"pathlib.Path({str(ready)!r}).write_text('')\ntime.sleep(60)"
+        f"pathlib.Path({str(ready)!r}).write_text('')\ntime.sleep(600)"
     )
 
     def interrupt() -> None:
-        deadline = time.monotonic() + 120
+        deadline = time.monotonic() + DEADLINE_S
         while time.monotonic() < deadline and not ready.exists():
             time.sleep(0.02)
         os.kill(os.getpid(), signal.SIGINT)

@@ -47,7 +47,7 @@ class Hands:
 def child(tmp_path: Path) -> Iterator[NodeProcess]:
     """A process that stands for a node."""
     process = subprocess.Popen(
-        [sys.executable, "-c", "import time; print(flush=True); time.sleep(60)"],
+        [sys.executable, "-c", "import time; print(flush=True); time.sleep(600)"],
         stdout=subprocess.PIPE,
     )
     if process.stdout is not None:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import pytest
 
 from ssp_scenario_manager.run.word import PASTE_S, TypedWords, Word, word_of
+from tests.support.waiting import DEADLINE_S
 
 S = 1_000_000_000
 LATER = int(PASTE_S * S) + 1
@@ -63,9 +64,9 @@ class Hand:
 
     def awaits(self) -> Word:
         """The next word; a terminal passes on in its own time."""
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + DEADLINE_S
         while (word := self.hears()) is None:
-            assert time.monotonic() < deadline, "no word was heard within 20 s"
+            assert time.monotonic() < deadline, "no word was heard"
             select.select([self.fd], [], [], 0.01)
         return word
 

@@ -270,13 +270,11 @@ def test_sigterm_stops_it_while_the_backend_works(bridge, asker, make_request):
     client.connect()
     client.ask(make_request("fine"))
     client.answered("fine")
-    client.ask(make_request("sleep-60"))
+    client.ask(make_request(f"sleep-{2 * DEADLINE_S:g}"))
     client.executor.spin_once(timeout_sec=0.3)
-    began = time.monotonic()
     process.send_signal(signal.SIGTERM)
     output, _ = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 0
-    assert time.monotonic() - began < 5.0
     assert "Traceback" not in output
 
 

@@ -30,6 +30,7 @@ from ssp_core.bag.repair import recover
 from ssp_core.bag.split import Split
 from ssp_core.bag.writer import BagWriter
 from ssp_core.errors import HostError, InputError
+from tests.support.waiting import DEADLINE_S
 
 STRING = "std_msgs/msg/String"
 
@@ -255,7 +256,7 @@ def test_a_disk_that_stands_still_holds_up_a_flush_for_a_while_only(
 
 def flush_on(writer: BagWriter) -> None:
     """Flushes until that fails: the thread notes its error right after it happened."""
-    until = time.monotonic() + 30
+    until = time.monotonic() + DEADLINE_S
     while time.monotonic() < until:
         writer.flush()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import time
+from contextlib import suppress
 
 import pytest
 
@@ -12,6 +13,9 @@ from ssp_core.chat_transport import Failed, Failure, Received, exchange, retry_a
 
 MIB = 1 << 20
 REQUEST = {"model": "m", "messages": [{"role": "user", "content": [{"type": "text", "text": ""}]}]}
+
+# The first one that is long enough on this machine.
+TIMES_S = (0.4, 4.0, 40.0, 400.0)
 
 
 def ask(service, talk, max_bytes=1000):
@@ -122,7 +126,14 @@ def test_nothing_is_asked_once_the_time_is_over(service, deadline_s):
 
 
 def test_a_lost_answer_is_asked_for_again_where_that_is_wanted(service):
-    service.queue = [hang]
-    reply = chat(service, timeout_s=1.5, retry_lost=True).request(REQUEST["messages"], {})
-    assert reply.tries == 2
-    assert b"Answer 2." in reply.body
+    for timeout_s in TIMES_S:
+        asked = len(service.asked)
+        service.queue = [hang]
+        # A busy machine's second answer may take longer than the first one is waited for.
+        with suppress(NoAnswer):
+            reply = chat(service, timeout_s=timeout_s, retry_lost=True).request(
+                REQUEST["messages"], {}
+            )
+            break
+    assert reply.tries == 2 == len(service.asked) - asked
+    assert f"Answer {len(service.asked)}.".encode() in reply.body

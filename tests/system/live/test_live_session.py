@@ -104,8 +104,8 @@ node = rclpy.create_node("page_of_somebody", namespace=names.NAMESPACE)
 token = load_run(sys.argv[1]).session_token
 for command in sys.argv[2:]:
     client = node.create_client(SessionCommand, command)
-    client.wait_for_service(20.0)
-    until = time.monotonic() + 40.0
+    client.wait_for_service(300.0)
+    until = time.monotonic() + 300.0
     answer = None
     while time.monotonic() < until and (answer is None or not answer.accepted):
         # An answer may be lost when two ends have just found each other.
