@@ -11,6 +11,7 @@ import yaml
 from carla_driver_interface import protocol as proto
 from carla_driver_interface.policies import load_policy
 from carla_driver_interface.service import EgodriverServicer
+from click.testing import CliRunner
 
 from ssp_core.errors import InputError
 from ssp_core.run_file.driven import Driven
@@ -19,12 +20,13 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.driver import driver_options, try_driver
 from ssp_eval.evaluate.driving import bridge_model
+from ssp_scenario_manager.cli.loop import loop
 from ssp_scenario_manager.closed_loop.answers import answers_of
 from ssp_scenario_manager.closed_loop.cards import seal_cards
 from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of
 from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, load_plan
 from ssp_scenario_manager.closed_loop.runs import Job, rows_of
-from ssp_scenario_manager.closed_loop.single import next_start, parse_drive
+from ssp_scenario_manager.closed_loop.single import named_driver, next_start, parse_drive
 from ssp_scenario_manager.closed_loop.start import Start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
@@ -118,7 +120,9 @@ def _plans(record: Record) -> list[Any]:
     return [(one.stamp_ns, one.answer.trajectory, one.answer.text) for one in answered]
 
 
-def test_repeats_have_seeds_of_their_own_and_runs_have_names_of_their_own(cut_in: Start) -> None:
+def test_repeats_have_seeds_of_their_own_and_runs_have_names_of_their_own(
+    cut_in: Start, tmp_path: Path
+) -> None:
     """A policy that samples by its seed shows its spread (METHOD 8.7).
 
     The event and its event-free twin share a seed: nothing marks either (METHOD 8.2).
@@ -134,7 +138,10 @@ def test_repeats_have_seeds_of_their_own_and_runs_have_names_of_their_own(cut_in
     with serving(servicer) as url:
         patient = {"backend": "egodriver", "url": url, "deadline_s": 600.0}
         policy = CampaignDriver(driver="mine", options=driver_options("mine", patient))
-        done = rows_of(Job(text, policy, (Latency(0.2),), repeats=2, seed=SEED))
+        job = Job(text, policy, (Latency(0.2),), repeats=2, seed=SEED, folder=tmp_path)
+        done = rows_of(job)
+        # A campaign that goes on asks nothing again.
+        assert rows_of(job) == done
     assert len(done.rows) == 2
     begun = servicer.sent("start_session")
     seeds = [one.random_seed for one in begun]
@@ -175,6 +182,26 @@ def test_an_address_alone_names_a_driver_and_its_connection_is_asked_for_by_name
             try_driver(unheard.driver, unheard.options)
     with pytest.raises(InputError, match="deadline_s"):
         driver_options("m", {"backend": "egodriver", "url": url, "timeout_s": 1.0})
+
+
+def test_a_campaign_takes_a_policy_by_its_address(tmp_path: Path) -> None:
+    """``ssp loop --drive`` names it as ``ssp run --drive`` does, and refuses what it refuses."""
+    (tmp_path / "plan.yaml").write_text("{schema: ssp.loop/1, events: [cut_in]}")
+    with serving(Straight()) as url:
+        named = [CampaignDriver(driver=n, options=o) for n, o in [named_driver(url)]]
+        (one,) = load_plan(tmp_path / "plan.yaml", named).drivers
+        assert (one.driver, one.options) == ("egodriver", parse_drive(url, "zero").options)
+        with pytest.raises(InputError, match=r"--drive: stands twice.*give it another name"):
+            load_plan(tmp_path / "plan.yaml", named * 2)
+    begun = [str(tmp_path / "plan.yaml"), "--out", str(tmp_path / "out")]
+    with nobody() as silent:
+        said = CliRunner().invoke(loop, [*begun, "--drive", silent])
+        assert "can't be loaded: get_version failed: UNAVAILABLE" in str(said.exception)
+    said = CliRunner().invoke(loop, [*begun, "--drive", "grpc://192.0.2.1:50051"])
+    assert "isn't loopback" in str(said.exception)
+    assert not (tmp_path / "out").exists()
+    assert CliRunner().invoke(loop, [*begun, "--drive-insecure"]).exit_code == 2
+    assert CliRunner().invoke(loop, [*begun, "--again", "1", "--drive", "aeb"]).exit_code == 2
 
 
 def test_the_card_of_a_policy_says_that_it_sees_the_route(cut_in: Start, tmp_path: Path) -> None:

@@ -21,9 +21,10 @@ from ssp_scenario_manager.closed_loop.again import run_of_row
 from ssp_scenario_manager.closed_loop.answers import repeated
 from ssp_scenario_manager.closed_loop.bags import Bags, bag_rows, write_bags
 from ssp_scenario_manager.closed_loop.campaign import run_campaign
-from ssp_scenario_manager.closed_loop.plan_file import load_plan, try_drivers
+from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, load_plan, try_drivers
 from ssp_scenario_manager.closed_loop.rates import Rates
 from ssp_scenario_manager.closed_loop.seal import check_sources
+from ssp_scenario_manager.closed_loop.single import named_driver
 from ssp_scenario_manager.closed_loop.tables import RUNS_FILE, TABLE_FILE, rows_there
 from ssp_scenario_manager.closed_loop.top_view import told_with_view
 from ssp_scenario_manager.compile.task import TASK_FOLDER
@@ -57,9 +58,30 @@ AGAIN_FOLDER = "again"
     "the first start of each event. A finished campaign is given what it has not.  "
     "[default: failed]",
 )
+@click.option(
+    "--drive",
+    "drive_texts",
+    multiple=True,
+    metavar="NAME[=JSON]",
+    help="A further driver of the campaign, as with `ssp run`: also grpc://HOST:PORT, a policy "
+    "written for AlpaSim (docs/drivers.md); may be repeated. A campaign that goes on needs it "
+    "again.",
+)
+@click.option(
+    "--drive-insecure",
+    is_flag=True,
+    help="With --drive grpc://…: plain text to a host that isn't loopback.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the table as JSON.")
 def loop(
-    plan_file: Path, out: Path | None, jobs: int, again: int | None, bags: Bags, as_json: bool
+    plan_file: Path,
+    out: Path | None,
+    jobs: int,
+    again: int | None,
+    bags: Bags,
+    drive_texts: tuple[str, ...],
+    drive_insecure: bool,
+    as_json: bool,
 ) -> int:
     """Run the campaign of PLAN_FILE: events × drivers × latencies × starts × repeats.
 
@@ -72,14 +94,21 @@ def loop(
     \b
     For example:
       ssp loop plan.yaml --out out/loop --jobs 2
+      ssp loop plan.yaml --out out/policy --drive grpc://127.0.0.1:50051
       ssp report out/loop
       ssp loop out/loop --again 17
     """
+    if drive_insecure and not drive_texts:
+        raise click.UsageError("--drive-insecure is of a driver's connection: it needs --drive")
     if again is not None:
+        if drive_texts:
+            raise click.UsageError("--again drives a row again, with the driver that it has")
         return _again(plan_file, again, out, as_json)
     if out is None:
         raise click.UsageError("give the folder of the campaign with --out")
-    plan = load_plan(plan_file)
+    named = [named_driver(text, insecure=drive_insecure) for text in drive_texts]
+    further = [CampaignDriver(driver=name, options=options) for name, options in named]
+    plan = load_plan(plan_file, further)
     # Models that are loaded, starts and bags would disturb what another command measures, too.
     alone = measuring_alone(console.note) if plan.is_measured else nullcontext()
     click.get_current_context().with_resource(alone)

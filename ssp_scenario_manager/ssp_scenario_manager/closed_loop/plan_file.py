@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -114,25 +115,35 @@ def _resolved(one: CampaignDriver, models: Path | None) -> CampaignDriver:
     return one.model_copy(update={"options": options})
 
 
-def load_plan(path: str | Path) -> LoopPlan:
+def load_plan(path: str | Path, further: Sequence[CampaignDriver] = ()) -> LoopPlan:
     """Read a campaign's file. No driver is made for it, see ``try_drivers``.
+
+    Args:
+        path: of the file.
+        further: drivers of the campaign that don't stand in the file.
 
     Raises:
         InputError: it isn't valid, names no driver, or one twice.
     """
     plan = load_model(LoopPlan, path)
     models = None if plan.models is None else Path(path).parent / plan.models
-    plan = plan.model_copy(update={"drivers": [_resolved(one, models) for one in plan.drivers]})
+    named = len(plan.drivers)
+    drivers = [_resolved(one, models) for one in (*plan.drivers, *further)]
+    plan = plan.model_copy(update={"drivers": drivers})
     shown = [one.shown for one in plan.everybody]
     for i, one in enumerate(plan.drivers):
-        if shown.count(one.shown) > 1:
-            raise InputError(
-                "stands twice, or is the name of a baseline",
-                file=path,
-                field=f"drivers[{i}]",
-                value=one.shown,
-                remedy="give it a label of its own",
-            )
+        if shown.count(one.shown) == 1:
+            continue
+        is_listed = i < named
+        raise InputError(
+            "stands twice, or is the name of a baseline",
+            file=path if is_listed else None,
+            field=f"drivers[{i}]" if is_listed else "--drive",
+            value=one.shown,
+            remedy="give it a label of its own"
+            if is_listed
+            else 'give it another name, such as mine={"backend": …}',
+        )
     return plan
 
 

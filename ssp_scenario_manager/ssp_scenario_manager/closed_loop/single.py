@@ -65,21 +65,15 @@ class Drive:
     latency: Latency
 
 
-def parse_drive(
-    text: str, latency: str, models_file: Path | None = None, *, insecure: bool = False
-) -> Drive:
-    """Read ``NAME``, ``NAME={…options}`` or ``grpc://HOST:PORT``, and a latency.
-
-    The driver isn't made for it, see ``ssp_core.world.driver.try_driver``.
+def named_driver(text: str, *, insecure: bool = False) -> tuple[str, dict[str, Any]]:
+    """Return the name and the options of ``NAME``, ``NAME={…options}`` or ``grpc://HOST:PORT``.
 
     Args:
-        text: as it was typed.
-        latency: likewise.
-        models_file: of ssp.models/1, whose models may be named; None: none is given.
+        text: as it was typed behind --drive.
         insecure: the driver's connection may be plain text to another host.
 
     Raises:
-        InputError: no such driver, option or latency.
+        InputError: it is no name, or the options are no JSON object.
     """
     name, _, given = text.partition("=")
     if text.startswith(_POLICY_SCHEME):
@@ -99,6 +93,26 @@ def parse_drive(
         )
     if insecure:
         options = {**options, "insecure": True}
+    return name, options
+
+
+def parse_drive(
+    text: str, latency: str, models_file: Path | None = None, *, insecure: bool = False
+) -> Drive:
+    """Read ``NAME``, ``NAME={…options}`` or ``grpc://HOST:PORT``, and a latency.
+
+    The driver isn't made for it, see ``ssp_core.world.driver.try_driver``.
+
+    Args:
+        text: as it was typed.
+        latency: likewise.
+        models_file: of ssp.models/1, whose models may be named; None: none is given.
+        insecure: the driver's connection may be plain text to another host.
+
+    Raises:
+        InputError: no such driver, option or latency.
+    """
+    name, options = named_driver(text, insecure=insecure)
     return Drive(name, driver_options(name, options, models_file), parse_latency(latency))
 
 
