@@ -17,7 +17,7 @@ from PIL import Image
 
 from ssp_core.cli import main
 from ssp_core.vocabulary import DOMAINS
-from ssp_eval.evaluate.models import BEST_CONSTANT
+from ssp_eval.evaluate.clients.models import BEST_CONSTANT
 
 IMAGES = Path(__file__).resolve().parent / "images"
 SKILLS = {"model_a": 0.36, "model_b": 0.5, "model_c": 0.44, BEST_CONSTANT: 0.3}

@@ -20,7 +20,8 @@ from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.data.labels import load_labels
 from ssp_eval.data.records import load_records
-from ssp_eval.evaluate.cell_file import (
+from ssp_eval.evaluate.clients.models import CONDITIONS
+from ssp_eval.evaluate.store.cell_file import (
     CELL_FILE,
     CELLS,
     FRAMES,
@@ -31,7 +32,6 @@ from ssp_eval.evaluate.cell_file import (
     SCORE_FILE,
     sealed,
 )
-from ssp_eval.evaluate.models import CONDITIONS
 from ssp_eval.score.cell import score_cell
 from ssp_eval.statistics.tables import condition_of
 

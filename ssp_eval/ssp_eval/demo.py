@@ -27,7 +27,7 @@ from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_core.processes import die_with_parent
 from ssp_core.terminal import on_stop_signals
 from ssp_eval.demo_plan import DEFAULT_SCENARIOS, SCENARIOS, Step, package_folder, plan_steps
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.store.results import load_cells
 
 MARKER = ".ssp-demo.json"
 SCHEMA = "ssp.demo/1"

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.model_client import InProcessClients, ModelClient
-from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.evaluate.clients.model_client import InProcessClients, ModelClient
+from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.extract.combined.extractor import Extractor
 
 

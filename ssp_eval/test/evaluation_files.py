@@ -13,7 +13,7 @@ from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.data.audit import FIELDS, Audit
 from ssp_eval.data.provenance import Provenance, read_provenance
-from ssp_eval.evaluate.cell_file import CELL_FILE, HASHED, sealed
+from ssp_eval.evaluate.store.cell_file import CELL_FILE, HASHED, sealed
 
 CROP = {"start_s": 0.0, "end_s": 9.0, "chosen_by": "METHOD 4.1"}
 

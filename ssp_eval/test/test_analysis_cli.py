@@ -14,10 +14,10 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import BEST_CONSTANT, bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import BEST_CONSTANT, bridge_spec
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.statistics.rows import rows_from_campaign, rows_from_csv
 from ssp_eval.statistics.statistics import Options, compute, steps_of
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from ssp_core.chat import Reply
-from ssp_eval.evaluate.answer_records import record_of
+from ssp_eval.evaluate.store.answer_records import record_of
 from ssp_vla_bridge.backend import make_backend, respond
 from ssp_vla_bridge.messages import EgoSample, Frame, Request
 from ssp_vla_bridge.trajectory import interpolate

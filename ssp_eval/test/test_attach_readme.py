@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from ssp_core.processes import free_domain, session_environment
-from ssp_eval.evaluate.bridges import PROFILE
+from ssp_eval.evaluate.clients.bridges import PROFILE
 from tests.support.waiting import DEADLINE_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

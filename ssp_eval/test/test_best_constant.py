@@ -14,7 +14,7 @@ from ssp_core.errors import InputError
 from ssp_core.vocabulary import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
 from ssp_eval.data.labels import Label, Labels
 from ssp_eval.data.records import SLOT_NAMES
-from ssp_eval.evaluate.models import BEST_CONSTANT, bridge_spec
+from ssp_eval.evaluate.clients.models import BEST_CONSTANT, bridge_spec
 from ssp_eval.extract.engine import extract
 from ssp_eval.figures.scores import Scores
 from ssp_eval.score.engine import score_cells

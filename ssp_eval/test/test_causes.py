@@ -16,7 +16,7 @@ from ssp_eval.causes.effects import TRAJECTORY, Effect, Verdict, effects_of
 from ssp_eval.causes.findings import Moved, Word, compared, moved_by
 from ssp_eval.causes.forest import forests
 from ssp_eval.causes.tables import PATHS, SLOTS, moved_tables
-from ssp_eval.evaluate.results import CellData
+from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.report.render import render
 from ssp_eval.statistics.table import to_csv
 from ssp_vla_bridge.trajectory import Trajectory

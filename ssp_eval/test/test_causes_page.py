@@ -13,10 +13,10 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import ModelClient
+from ssp_eval.evaluate.clients.model_replies import ModelReply
+from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import ModelClient
-from ssp_eval.evaluate.model_replies import ModelReply
-from ssp_eval.evaluate.models import ModelSpec
 from ssp_eval.twins.files import bag_of
 from ssp_vla_bridge.messages import Request, Response
 from support.answering import Answering

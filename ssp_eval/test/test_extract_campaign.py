@@ -13,10 +13,10 @@ import pytest
 from ssp_core.cli import main
 from ssp_eval.data.records import load_records
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients, ModelClient
+from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers, ModelReply
+from ssp_eval.evaluate.clients.models import ModelSpec, bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients, ModelClient
-from ssp_eval.evaluate.model_replies import IgnoredAnswers, ModelReply
-from ssp_eval.evaluate.models import ModelSpec, bridge_spec
 from ssp_eval.extract import extractor_hash
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.extract.reader.reader import reader_hash

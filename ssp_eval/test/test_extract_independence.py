@@ -11,7 +11,7 @@ from pathlib import Path
 
 import ssp_eval.extract
 from ssp_eval.data.records import Slots
-from ssp_eval.evaluate import answer_records
+from ssp_eval.evaluate.store import answer_records
 from ssp_eval.extract import extract
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.extract.measure import measure, parse_corpus

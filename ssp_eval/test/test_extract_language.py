@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from ssp_core.cli import main
-from ssp_eval.evaluate.answer_records import record_of
+from ssp_eval.evaluate.store.answer_records import record_of
 from ssp_eval.extract.language import foreign_language
 from ssp_eval.extract.measure import load_corpus
 from ssp_vla_bridge.messages import Response

@@ -10,10 +10,10 @@ import pytest
 
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.figures.moments import CellMoments, cell_moments
 from ssp_eval.figures.phases import MOST_CELLS, phase_frames, write_phase_frames
 from ssp_eval.figures.style import drawing

@@ -22,13 +22,13 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import DOMAINS, ControlState
 from ssp_eval.data.labels import compare_labels, counts_text, load_labels, phase_counts
-from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.results import load_cells
 from ssp_eval.evaluate.run import result_to_json
+from ssp_eval.evaluate.store.admission import load_admissions
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.review import is_unreviewed, write_proposal
 from ssp_eval.labels.truth import truth_from_bag

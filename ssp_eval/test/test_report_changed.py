@@ -14,12 +14,12 @@ from evaluation_files import audit_file, resealed
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
-from ssp_eval.evaluate.admission import kept_audits, load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.store.admission import kept_audits, load_admissions
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.report.page import write_report
 
 Value = dict[str, Any]

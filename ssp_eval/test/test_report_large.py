@@ -13,10 +13,10 @@ from evaluation_files import resealed
 
 from ssp_core.hashing import sha256_bytes, sha256_file
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.report.page import write_report
 from tests.large_campaign import clone_campaign
 from tests.system.browser import Browser

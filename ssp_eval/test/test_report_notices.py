@@ -13,11 +13,11 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.run_file.participation import CAMERA, Participation
 from ssp_eval.data.provenance import OUR_RENDERER, ImportRecord, read_provenance
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.results import load_cells
 from ssp_eval.evaluate.run import show
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.extract.combined.extractor import Extracted, Extractor
 from ssp_eval.report.page import write_report
 from ssp_eval.score.thresholds import Thresholds

@@ -21,11 +21,11 @@ from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import Verdict
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.model_replies import Loss, ModelReply
+from ssp_eval.evaluate.clients.models import ModelFacts, ModelSpec, bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.model_replies import Loss, ModelReply
-from ssp_eval.evaluate.models import ModelFacts, ModelSpec, bridge_spec
-from ssp_eval.evaluate.results import load_cells, request_lines
+from ssp_eval.evaluate.store.results import load_cells, request_lines
 from ssp_eval.figures.projection import overlay, project, top_view
 from ssp_eval.report.cell_view import segments
 from ssp_eval.report.page import write_report

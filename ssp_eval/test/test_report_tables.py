@@ -14,12 +14,12 @@ import pytest
 from evaluation_files import audit_file, resealed
 
 from ssp_core.cli import main
-from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec, with_controls
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec, with_controls
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.store.admission import load_admissions
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.report.render import common_notes, grid, seeing_plot
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.statistics.constants import constant_rows, constant_table, constants_of_cells

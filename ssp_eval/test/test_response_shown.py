@@ -15,11 +15,11 @@ from ssp_core.files import load_model, write_json
 from ssp_eval.audit.cli import response_lines
 from ssp_eval.data.audit import Audit, load_audit
 from ssp_eval.data.response import CurveEntry
-from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.store.admission import load_admissions
 from ssp_eval.package.verify import _compare
 from ssp_eval.report.page import write_report
 from ssp_eval.response.compare import load_limits, respond

@@ -15,10 +15,10 @@ from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.run_file.shortlist import Limits, Listed, Shortlist, load_candidate
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.score.engine import cell_terms
 from ssp_eval.statistics.bootstrap import SEED, bootstrap_records
 from ssp_eval.statistics.rows import rows_from_cells

@@ -96,7 +96,7 @@ A = TypeVar("A")
 
 
 class HeldAnswers(Generic[A]):
-    """Answers in their order, each until somebody can hear it.
+    """Answers in their order, each until a listener can receive it.
 
     Discovery isn't symmetric: a client that already reaches the bridge may not be reached yet, on a
     busy machine for seconds, and what is published meanwhile is lost.

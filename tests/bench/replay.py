@@ -20,9 +20,9 @@ from ssp_core.cdr.states import encode_state
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import ModelSpec
 from support.bags import picture
 from support.states import object_state
 

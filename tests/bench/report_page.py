@@ -22,9 +22,9 @@ from measure import LONG, report
 from replay import make_bag
 
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.report.page import write_report
 from tests.large_campaign import clone_campaign
 from tests.system.browser import Browser

@@ -20,7 +20,7 @@ import pytest
 
 from ssp_core.chat import OpenAIChat, Policy
 from ssp_eval.data.records import SLOT_NAMES
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.extract import extract
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.extract.measure import load_corpus, measure

@@ -11,10 +11,16 @@ from pathlib import Path
 
 from ssp_eval.data.labels import Label, Labels
 from ssp_eval.data.records import BehaviourRecord, Slot, Slots
-from ssp_eval.evaluate.design import stages_of
-from ssp_eval.evaluate.models import ModelSpec
-from ssp_eval.evaluate.requests import request_to_json
-from ssp_eval.evaluate.results import AnswerFacts, CellData, CellFacts, ClipFacts, IgnoredFacts
+from ssp_eval.evaluate.clients.models import ModelSpec
+from ssp_eval.evaluate.conditions.design import stages_of
+from ssp_eval.evaluate.store.requests import request_to_json
+from ssp_eval.evaluate.store.results import (
+    AnswerFacts,
+    CellData,
+    CellFacts,
+    ClipFacts,
+    IgnoredFacts,
+)
 from ssp_eval.score.cell import score_cell
 from ssp_vla_bridge.messages import EgoSample, Request
 from ssp_vla_bridge.trajectory import Trajectory

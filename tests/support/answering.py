@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ssp_eval.evaluate.model_client import InProcessClients, ModelClient
-from ssp_eval.evaluate.model_replies import IgnoredAnswers, ModelReply
-from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.evaluate.clients.model_client import InProcessClients, ModelClient
+from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers, ModelReply
+from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_vla_bridge.messages import Request
 
 Reply = Callable[[int, Request], ModelReply]

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord
-from ssp_eval.evaluate.models import CONDITIONS, REPEAT
-from ssp_eval.evaluate.results import CellData
+from ssp_eval.evaluate.clients.models import CONDITIONS, REPEAT
+from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.score.cell import Judgement
 from ssp_vla_bridge.trajectory import Trajectory
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ssp_eval.causes.answers import REASONING, Answer, Asked, Cause, cause_of
 from ssp_eval.data.records import SLOT_NAMES
-from ssp_eval.evaluate.models import REPEAT
+from ssp_eval.evaluate.clients.models import REPEAT
 from ssp_eval.statistics.comparisons import step_down
 from ssp_eval.statistics.paired import (
     Shares,

@@ -22,7 +22,7 @@ from ssp_eval.causes.effects import (
     effects_of,
     largest,
 )
-from ssp_eval.evaluate.results import CellData
+from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.statistics.table import counted, some
 
 # A turned text that moves the trajectory by less than this share of what the object does isn't the

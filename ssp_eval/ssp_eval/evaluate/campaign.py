@@ -15,13 +15,9 @@ from ssp_core.files import make_folder, taken_folder
 from ssp_core.hashing import sha256_file
 from ssp_eval.data.labels import Labels, compare_by_scenario, load_labels
 from ssp_eval.data.provenance import SAFE_NAME, bag_folder, beside_bag, find_labels
-from ssp_eval.evaluate.admission import NO_AUDIT, Admission, keep_audits
 from ssp_eval.evaluate.cell import evaluate_again
-from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers
-from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.design import series_of
-from ssp_eval.evaluate.model_client import ModelClients
-from ssp_eval.evaluate.models import (
+from ssp_eval.evaluate.clients.model_client import ModelClients
+from ssp_eval.evaluate.clients.models import (
     BLIND,
     CONDITIONS,
     REASONING,
@@ -31,7 +27,11 @@ from ssp_eval.evaluate.models import (
     with_repeats,
     with_twin_conditions,
 )
-from ssp_eval.evaluate.twin_clips import with_twins
+from ssp_eval.evaluate.conditions.design import series_of
+from ssp_eval.evaluate.conditions.twin_clips import with_twins
+from ssp_eval.evaluate.conversation import CellOptions
+from ssp_eval.evaluate.store.admission import NO_AUDIT, Admission, keep_audits
+from ssp_eval.evaluate.store.cell_file import CellResult, LabelledClip, holds_answers
 from ssp_eval.labels.propose import propose_by_plan
 from ssp_eval.labels.review import is_unreviewed, write_proposal
 from ssp_eval.labels.truth import Truth, truth_from_bag

@@ -17,8 +17,13 @@ from ssp_core.files import make_folder, write_json, write_text
 from ssp_core.hashing import sha256_file
 from ssp_eval.data.labels import Labels, labels_to_json
 from ssp_eval.data.records import record_to_json
-from ssp_eval.evaluate.answer_records import records_of
-from ssp_eval.evaluate.cell_file import (
+from ssp_eval.evaluate.clients.model_client import ModelClients
+from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers
+from ssp_eval.evaluate.clients.models import ModelSpec
+from ssp_eval.evaluate.conditions.design import stages_of
+from ssp_eval.evaluate.conversation import CellOptions, ask_all
+from ssp_eval.evaluate.store.answer_records import records_of
+from ssp_eval.evaluate.store.cell_file import (
     CELL_FILE,
     CELLS,
     LABELS_FILE,
@@ -29,13 +34,8 @@ from ssp_eval.evaluate.cell_file import (
     LabelledClip,
     write_cell,
 )
-from ssp_eval.evaluate.conversation import CellOptions, ask_all
-from ssp_eval.evaluate.design import stages_of
-from ssp_eval.evaluate.model_client import ModelClients
-from ssp_eval.evaluate.model_replies import IgnoredAnswers
-from ssp_eval.evaluate.models import ModelSpec
-from ssp_eval.evaluate.raw_store import check_unchanged
-from ssp_eval.evaluate.requests import Asked
+from ssp_eval.evaluate.store.raw_store import check_unchanged
+from ssp_eval.evaluate.store.requests import Asked
 from ssp_eval.score.cell import score_cell
 
 

@@ -14,11 +14,7 @@ import click
 
 from ssp_core import console
 from ssp_core.options import Number, WholeNumber
-from ssp_eval.evaluate.admission import load_admissions
-from ssp_eval.evaluate.cell_file import CELL_FILE, CELLS
-from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.executors import Settings
-from ssp_eval.evaluate.models import (
+from ssp_eval.evaluate.clients.models import (
     ANSWERERS,
     PICTURES,
     ModelSpec,
@@ -32,6 +28,9 @@ from ssp_eval.evaluate.models import (
     with_pictures,
     with_reasoning,
 )
+from ssp_eval.evaluate.clients.topic_client import CONNECT_S
+from ssp_eval.evaluate.conversation import CellOptions
+from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.run import (
     ENGINES,
     asking,
@@ -41,7 +40,8 @@ from ssp_eval.evaluate.run import (
     run_parallel,
     show,
 )
-from ssp_eval.evaluate.topic_client import CONNECT_S
+from ssp_eval.evaluate.store.admission import load_admissions
+from ssp_eval.evaluate.store.cell_file import CELL_FILE, CELLS
 from ssp_eval.extract.combined.options import extractor_of, llm_options
 from ssp_eval.score.thresholds import OTHER_THRESHOLDS, changes, load_thresholds, thresholds_option
 

@@ -11,12 +11,12 @@ from ssp_core.errors import PeerError
 from ssp_core.files import write_bytes
 from ssp_core.hashing import sha256_json
 from ssp_eval.data.labels import labels_to_json
-from ssp_eval.evaluate.cell_file import LABELS_FILE, CellPlace, frame_path
-from ssp_eval.evaluate.conditions import question_under
-from ssp_eval.evaluate.model_client import ModelClient, ModelClients
-from ssp_eval.evaluate.model_replies import PASSING, IgnoredAnswers, Loss, loss_of
-from ssp_eval.evaluate.raw_store import RawStore
-from ssp_eval.evaluate.requests import AnswerKeys, Asked, new_request_id
+from ssp_eval.evaluate.clients.model_client import ModelClient, ModelClients
+from ssp_eval.evaluate.clients.model_replies import PASSING, IgnoredAnswers, Loss, loss_of
+from ssp_eval.evaluate.conditions.conditions import question_under
+from ssp_eval.evaluate.store.cell_file import LABELS_FILE, CellPlace, frame_path
+from ssp_eval.evaluate.store.raw_store import RawStore
+from ssp_eval.evaluate.store.requests import AnswerKeys, Asked, new_request_id
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import NoQuestion, Question
 from ssp_eval.score.thresholds import DEFAULT, Thresholds

@@ -12,7 +12,7 @@ from typing import Any
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping
 from ssp_core.world.driver import RecordedAnswer, SeeingDriver
-from ssp_eval.evaluate.models import (
+from ssp_eval.evaluate.clients.models import (
     CONTROLS,
     ModelSpec,
     beside_options,

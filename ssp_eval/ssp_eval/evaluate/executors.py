@@ -23,16 +23,16 @@ from ssp_core.files import Closing
 from ssp_core.processes import die_with_parent
 from ssp_core.terminal import ignore_stop_signals
 from ssp_eval.data.labels import labels_version
-from ssp_eval.evaluate.admission import NO_AUDIT, Admission
-from ssp_eval.evaluate.bridges import TopicClients
 from ssp_eval.evaluate.campaign import labelled_clip
 from ssp_eval.evaluate.cell import evaluate_again
-from ssp_eval.evaluate.cell_file import CellResult, LabelledClip
+from ssp_eval.evaluate.clients.bridges import TopicClients
+from ssp_eval.evaluate.clients.model_client import ClientsWithAnswerers, ModelClients
+from ssp_eval.evaluate.clients.models import ModelSpec
+from ssp_eval.evaluate.clients.topic_client import CONNECT_S
+from ssp_eval.evaluate.conditions.twin_clips import with_twins
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import ClientsWithAnswerers, ModelClients
-from ssp_eval.evaluate.models import ModelSpec
-from ssp_eval.evaluate.topic_client import CONNECT_S
-from ssp_eval.evaluate.twin_clips import with_twins
+from ssp_eval.evaluate.store.admission import NO_AUDIT, Admission
+from ssp_eval.evaluate.store.cell_file import CellResult, LabelledClip
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.twins.files import SET_FILE, twins_folder

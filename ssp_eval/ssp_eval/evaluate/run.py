@@ -15,8 +15,6 @@ from ssp_core.files import taken_folder
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import labels_version
 from ssp_eval.data.provenance import find_labels
-from ssp_eval.evaluate.admission import ADMITTED, REFUSED, UNAUDITED, Admission, keep_audits
-from ssp_eval.evaluate.bridges import TopicClients
 from ssp_eval.evaluate.campaign import (
     NO_CONTROLS,
     Plan,
@@ -26,11 +24,13 @@ from ssp_eval.evaluate.campaign import (
     run_campaign,
 )
 from ssp_eval.evaluate.cell import fail_cell
-from ssp_eval.evaluate.cell_file import CellResult, LabelledClip, holds_answers, losses_text
-from ssp_eval.evaluate.design import series_of
+from ssp_eval.evaluate.clients.bridges import TopicClients
+from ssp_eval.evaluate.clients.model_client import ClientsWithAnswerers
+from ssp_eval.evaluate.clients.models import ModelSpec
+from ssp_eval.evaluate.conditions.design import series_of
 from ssp_eval.evaluate.executors import Job, Settings, import_ray, run_pool, run_ray
-from ssp_eval.evaluate.model_client import ClientsWithAnswerers
-from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.evaluate.store.admission import ADMITTED, REFUSED, UNAUDITED, Admission, keep_audits
+from ssp_eval.evaluate.store.cell_file import CellResult, LabelledClip, holds_answers, losses_text
 from ssp_eval.score.cli import format_response
 from ssp_eval.score.metrics import COMPONENTS, METRIC_LABELS
 

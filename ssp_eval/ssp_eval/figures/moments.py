@@ -16,8 +16,8 @@ from ssp_core.errors import InputError
 from ssp_eval.data.ego_path import NS, EgoPath, recorded_paths
 from ssp_eval.data.labels import Label
 from ssp_eval.data.records import BehaviourRecord
-from ssp_eval.evaluate.cell_file import frame_path
-from ssp_eval.evaluate.results import CellData
+from ssp_eval.evaluate.store.cell_file import frame_path
+from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.figures.projection import Ribbon, ribbon
 from ssp_eval.score.cell import Judgement
 from ssp_eval.score.cli import NULL

@@ -11,7 +11,7 @@ from matplotlib.patches import Polygon
 
 from ssp_core.files import make_folder
 from ssp_core.vocabulary import DOMAINS, PHASES
-from ssp_eval.evaluate.results import CellData
+from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.figures.moments import RIGHT, WRONG, CellMoments, Moment, cell_moments
 from ssp_eval.figures.scores import words
 from ssp_eval.figures.style import (

@@ -16,9 +16,10 @@ from ssp_eval.data.audit import Audit, RecordingEntry
 from ssp_eval.data.labels import Labels, parse_labels
 from ssp_eval.data.provenance import IMPORT_ATTACHMENT, RUN_ATTACHMENT
 from ssp_eval.data.records import BehaviourRecord, parse_records, record_to_json
-from ssp_eval.evaluate.admission import said_of
-from ssp_eval.evaluate.answer_records import record_of
-from ssp_eval.evaluate.cell_file import (
+from ssp_eval.evaluate.clients.models import BLIND, REASONING, REPEAT
+from ssp_eval.evaluate.store.admission import said_of
+from ssp_eval.evaluate.store.answer_records import record_of
+from ssp_eval.evaluate.store.cell_file import (
     CELL_SCHEMA,
     LABELS_FILE,
     RECORDS_FILE,
@@ -26,8 +27,7 @@ from ssp_eval.evaluate.cell_file import (
     SEAL,
     sealed,
 )
-from ssp_eval.evaluate.models import BLIND, REASONING, REPEAT
-from ssp_eval.evaluate.requests import RAW_FILE, REQUESTS_FILE, asked_again
+from ssp_eval.evaluate.store.requests import RAW_FILE, REQUESTS_FILE, asked_again
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.observations.files import check_seal
 from ssp_eval.observations.model import Observation

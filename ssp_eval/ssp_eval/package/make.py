@@ -20,8 +20,8 @@ from ssp_core.files import MAX_TEXT_BYTES, make_folder, parse_mapping, write_byt
 from ssp_core.hashing import sha256_bytes
 from ssp_eval.data.audit import SCHEMA as AUDIT_SCHEMA
 from ssp_eval.data.labels import SCHEMA as LABELS_SCHEMA
-from ssp_eval.evaluate.cell_file import CELL_FILE, RECORDS_FILE, SCORE_FILE
-from ssp_eval.evaluate.requests import RAW_FILE, REQUESTS_FILE
+from ssp_eval.evaluate.store.cell_file import CELL_FILE, RECORDS_FILE, SCORE_FILE
+from ssp_eval.evaluate.store.requests import RAW_FILE, REQUESTS_FILE
 from ssp_eval.observations.model import SCHEMA as OBSERVATION_SCHEMA
 from ssp_eval.package.contents import Contents, Problem
 from ssp_eval.package.log import merged_log

@@ -13,7 +13,7 @@ import numpy as np
 
 from ssp_core import __version__
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.cell_file import CELL_FILE, CELLS
+from ssp_eval.evaluate.store.cell_file import CELL_FILE, CELLS
 from ssp_eval.package.contents import Contents, Problem
 from ssp_eval.package.model import FileEntry
 from ssp_eval.report.making import Making, make_again, making_of

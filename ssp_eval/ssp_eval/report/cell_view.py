@@ -14,9 +14,9 @@ from pydantic import BaseModel
 from ssp_core.hashing import sha256_bytes, sha256_file
 from ssp_eval.data.labels import Label
 from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord, parse_line
-from ssp_eval.evaluate.cell_file import CELLS, RECORDS_FILE, SCORE_FILE, frame_path
-from ssp_eval.evaluate.requests import RAW_FILE, REQUESTS_FILE
-from ssp_eval.evaluate.results import CellData
+from ssp_eval.evaluate.store.cell_file import CELLS, RECORDS_FILE, SCORE_FILE, frame_path
+from ssp_eval.evaluate.store.requests import RAW_FILE, REQUESTS_FILE
+from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.figures.projection import overlay, top_view
 from ssp_eval.score.cell import Judgement, SlotScore
 from ssp_eval.score.cli import NULL

@@ -17,7 +17,7 @@ from ssp_eval.causes.answers import Asked
 from ssp_eval.causes.findings import answers_in, moved_by
 from ssp_eval.causes.tables import moved_tables
 from ssp_eval.data.loop import is_loop_campaign
-from ssp_eval.evaluate.results import CellData, cell_files
+from ssp_eval.evaluate.store.results import CellData, cell_files
 from ssp_eval.figures.write import GROUPS, Written, write_figures
 from ssp_eval.report.making import MOST_ANALYSED, Making, runs_of, statistics_of
 from ssp_eval.report.page import write_report

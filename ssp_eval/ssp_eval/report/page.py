@@ -14,9 +14,9 @@ from ssp_core.hashing import sha256_file
 from ssp_eval.causes.answers import Asked, asked, wanted_cells
 from ssp_eval.causes.findings import answers_in, compared
 from ssp_eval.data.audit import PAGE_FILE as AUDIT_PAGE
-from ssp_eval.evaluate.admission import kept_audits
-from ssp_eval.evaluate.cell_file import frame_path
-from ssp_eval.evaluate.results import (
+from ssp_eval.evaluate.store.admission import kept_audits
+from ssp_eval.evaluate.store.cell_file import frame_path
+from ssp_eval.evaluate.store.results import (
     CellData,
     CellFacts,
     cell_files,

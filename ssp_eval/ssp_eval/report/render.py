@@ -21,9 +21,9 @@ from ssp_eval.causes.forest import forests
 from ssp_eval.causes.tables import FINDINGS, moved_tables
 from ssp_eval.data.audit import Audit
 from ssp_eval.data.records import SLOT_NAMES
-from ssp_eval.evaluate.admission import UNAUDITED, UNPAIRED
-from ssp_eval.evaluate.models import BEST_CONSTANT, BLIND, condition_of
-from ssp_eval.evaluate.results import CellData, KeptAudits, read_cells
+from ssp_eval.evaluate.clients.models import BEST_CONSTANT, BLIND, condition_of
+from ssp_eval.evaluate.store.admission import UNAUDITED, UNPAIRED
+from ssp_eval.evaluate.store.results import CellData, KeptAudits, read_cells
 from ssp_eval.pages import number
 from ssp_eval.report.cell_view import RecordView, tolerated
 from ssp_eval.score.aggregate import Mean

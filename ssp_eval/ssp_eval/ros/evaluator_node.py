@@ -12,15 +12,15 @@ from ssp_core.console import report_error
 from ssp_core.errors import SspError
 from ssp_core.ros import declare, init, make_node
 from ssp_eval.evaluate.cli import driving_before
-from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.executors import Settings
-from ssp_eval.evaluate.models import (
+from ssp_eval.evaluate.clients.models import (
     as_attached,
     attached_spec,
     load_models,
     with_controls,
     with_pictures,
 )
+from ssp_eval.evaluate.conversation import CellOptions
+from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.run import evaluate_bags
 from ssp_eval.ros.model_node import NAME
 from ssp_eval.ros.parameters import EVALUATOR

@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from ssp_core.names import vla_request_topic, vla_response_topic
 from ssp_core.ros import VLA, init, make_executor, make_node
-from ssp_eval.evaluate.topic_client import RequestTracker
+from ssp_eval.evaluate.clients.topic_client import RequestTracker
 from ssp_msgs.msg import VlaRequest, VlaResponse
 from ssp_vla_bridge.backends.recorded import response_of_message
 from ssp_vla_bridge.messages import Request

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ssp_core.node_interface import Parameter
-from ssp_eval.evaluate.topic_client import CONNECT_S
+from ssp_eval.evaluate.clients.topic_client import CONNECT_S
 
 EVALUATOR = (
     Parameter("bags", [""], "recordings to evaluate", text="a list of bag directories"),

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ssp_eval.data.labels import Labels
-from ssp_eval.evaluate.models import BEST_CONSTANT
-from ssp_eval.evaluate.results import CellData
+from ssp_eval.evaluate.clients.models import BEST_CONSTANT
+from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.score.aggregate import EQUAL, Cell, Mean, mean, means
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
 from ssp_eval.statistics.best_constant import Constant, best_constant

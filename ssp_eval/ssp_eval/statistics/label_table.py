@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from ssp_eval.data.audit import HARDLY_VISIBLE_PX, Audit, LabelCount, LabelSize
-from ssp_eval.evaluate.results import CellData
+from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.statistics.table import Column, Table, Value
 
 LABELS_TABLE = "labels"

@@ -6,7 +6,7 @@ import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 
-from ssp_eval.evaluate.models import ANSWERERS, BEST_CONSTANT, CONTROLS, is_control_name
+from ssp_eval.evaluate.clients.models import ANSWERERS, BEST_CONSTANT, CONTROLS, is_control_name
 from ssp_eval.statistics.table import some
 
 # All that may stand between the parts of a name: spaces, underscores, dashes of any length.

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 from ssp_core import RULES_VERSION
 from ssp_core.vocabulary import DOMAINS, PHASES
-from ssp_eval.evaluate.admission import ADMITTED
-from ssp_eval.evaluate.cell_file import outages
-from ssp_eval.evaluate.models import (
+from ssp_eval.evaluate.clients.models import (
     ANSWERERS,
     BEST_CONSTANT,
     BLIND,
@@ -18,7 +16,9 @@ from ssp_eval.evaluate.models import (
     TWIN,
     condition_of,
 )
-from ssp_eval.evaluate.results import CellData, CellFacts
+from ssp_eval.evaluate.store.admission import ADMITTED
+from ssp_eval.evaluate.store.cell_file import outages
+from ssp_eval.evaluate.store.results import CellData, CellFacts
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.score.aggregate import domain_order
 from ssp_eval.statistics.rows import (

@@ -12,8 +12,8 @@ from pathlib import Path
 from ssp_core.errors import InputError
 from ssp_eval.data.audit import Audit, load_audit
 from ssp_eval.data.response import PairEntry
-from ssp_eval.evaluate.admission import kept_audits
-from ssp_eval.evaluate.results import CellFacts
+from ssp_eval.evaluate.store.admission import kept_audits
+from ssp_eval.evaluate.store.results import CellFacts
 from ssp_eval.statistics.table import Column, Table, Value
 
 _PARTS = ("overall", "corridor", "phase", "magnitude", "slope")

@@ -17,10 +17,10 @@ from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_text
 from ssp_core.vocabulary import DOMAINS_READ, read_domain
 from ssp_eval.data.labels import LabelComparison, compare_by_scenario
-from ssp_eval.evaluate.admission import ADMITTED
-from ssp_eval.evaluate.cell_file import losses_text, outages
-from ssp_eval.evaluate.models import is_control_name
-from ssp_eval.evaluate.results import CellData, load_cells
+from ssp_eval.evaluate.clients.models import is_control_name
+from ssp_eval.evaluate.store.admission import ADMITTED
+from ssp_eval.evaluate.store.cell_file import losses_text, outages
+from ssp_eval.evaluate.store.results import CellData, load_cells
 from ssp_eval.score.aggregate import Cell, mean
 from ssp_eval.score.cli import NULL
 from ssp_eval.score.metrics import COMPONENTS, METRIC_NAMES, METRICS, ivcs

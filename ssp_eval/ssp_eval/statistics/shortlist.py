@@ -16,8 +16,8 @@ from ssp_core.hashing import sha256_file
 from ssp_core.options import Number, WholeNumber
 from ssp_core.run_file.shortlist import LeftOut, Limits, Listed, Shortlist
 from ssp_core.vocabulary import DomainWord
-from ssp_eval.evaluate.cell_file import CELL_FILE, losses_text, outages
-from ssp_eval.evaluate.results import CellData, load_cells
+from ssp_eval.evaluate.store.cell_file import CELL_FILE, losses_text, outages
+from ssp_eval.evaluate.store.results import CellData, load_cells
 from ssp_eval.score.aggregate import EQUAL, mean, ranks
 from ssp_eval.score.cell import STAGES
 from ssp_eval.score.engine import cell_terms

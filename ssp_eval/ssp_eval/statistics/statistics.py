@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ssp_eval.evaluate.results import CellData
+from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.score.aggregate import (
     BY_DOMAIN,
     BY_MODEL,

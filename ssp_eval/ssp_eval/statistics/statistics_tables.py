@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ssp_core import __version__
 from ssp_core.files import make_folder, write_json
-from ssp_eval.evaluate.results import CellData
+from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.score.cell import STAGES
 from ssp_eval.score.cli import DISCLAIMER
 from ssp_eval.score.metrics import IVCS_FIRST, ivcs_weights

@@ -8,7 +8,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.models import BLIND, CONDITIONS, condition_of
+from ssp_eval.evaluate.clients.models import BLIND, CONDITIONS, condition_of
 from ssp_eval.score.aggregate import (
     BY_DOMAIN,
     BY_MODEL,

@@ -17,13 +17,13 @@ from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_eval.data.provenance import find_labels
-from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.evaluate.run import show
+from ssp_eval.evaluate.store.admission import load_admissions
+from ssp_eval.evaluate.store.cell_file import CellResult
 from ssp_eval.recordings.clip import Clip, NoQuestion, Question
 from ssp_eval.recordings.event import Crop
 from ssp_eval.report.page import write_report

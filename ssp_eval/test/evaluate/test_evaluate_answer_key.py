@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from ssp_core.hashing import sha256_bytes
-from ssp_eval.evaluate.models import BLACK, SHUFFLED, ModelFacts, ModelSpec, bridge_spec
-from ssp_eval.evaluate.requests import AnswerKeys, key_of, model_facts, new_request_id
+from ssp_eval.evaluate.clients.models import BLACK, SHUFFLED, ModelFacts, ModelSpec, bridge_spec
+from ssp_eval.evaluate.store.requests import AnswerKeys, key_of, model_facts, new_request_id
 from ssp_vla_bridge import prompts
 from ssp_vla_bridge.messages import CameraGeometry, EgoSample, Frame, Request, Response
 from ssp_vla_bridge.prompts import PROMPTS

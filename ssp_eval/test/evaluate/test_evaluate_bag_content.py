@@ -13,9 +13,9 @@ from ssp_core.bag.reader import BagReader, content_sha256
 from ssp_core.errors import InputError
 from ssp_core.hashing import BLOCK_BYTES, sha256_file
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_replies import ModelReply
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_replies import ModelReply
-from ssp_eval.evaluate.models import bridge_spec
 from ssp_eval.recordings import clip as bag_content
 from ssp_eval.recordings.clip import BagContent
 from ssp_vla_bridge.messages import Request

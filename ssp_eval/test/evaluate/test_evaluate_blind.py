@@ -13,10 +13,9 @@ import pytest
 from ssp_core.cli import main
 from ssp_eval.evaluate.campaign import Plan, run_campaign
 from ssp_eval.evaluate.cli import blinded, model_specs, reasoned
-from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.model_replies import ModelReply
-from ssp_eval.evaluate.models import (
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.model_replies import ModelReply
+from ssp_eval.evaluate.clients.models import (
     BLIND,
     as_attached,
     attached_spec,
@@ -26,7 +25,8 @@ from ssp_eval.evaluate.models import (
     with_pictures,
     with_twin_conditions,
 )
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.conversation import CellOptions
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.notices import notices
 from ssp_eval.statistics.rows import entering, rows_from_cells

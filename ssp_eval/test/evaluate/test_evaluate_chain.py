@@ -17,13 +17,13 @@ from ssp_eval.data.labels import load_labels
 from ssp_eval.data.records import load_records
 from ssp_eval.demo import imperfect_controls
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.clients.model_client import InProcessClients, ModelClient, ModelClients
+from ssp_eval.evaluate.clients.model_replies import Loss, ModelReply
+from ssp_eval.evaluate.clients.models import ModelSpec, bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Settings
-from ssp_eval.evaluate.model_client import InProcessClients, ModelClient, ModelClients
-from ssp_eval.evaluate.model_replies import Loss, ModelReply
-from ssp_eval.evaluate.models import ModelSpec, bridge_spec
 from ssp_eval.evaluate.run import asking, show
+from ssp_eval.evaluate.store.cell_file import CellResult
 from ssp_eval.report.page import write_report
 from ssp_eval.score.cell import score_cell
 from ssp_vla_bridge.backends import phrases

@@ -15,17 +15,9 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.conditions import (
-    blackened,
-    derangement,
-    other_label_time,
-    shuffled,
-    under,
-)
-from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import ClientsWithAnswerers
-from ssp_eval.evaluate.model_replies import ModelReply
-from ssp_eval.evaluate.models import (
+from ssp_eval.evaluate.clients.model_client import ClientsWithAnswerers
+from ssp_eval.evaluate.clients.model_replies import ModelReply
+from ssp_eval.evaluate.clients.models import (
     ANSWERERS,
     BLACK,
     CONDITION_SEED,
@@ -35,7 +27,15 @@ from ssp_eval.evaluate.models import (
     bridge_spec,
     with_controls,
 )
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.conditions.conditions import (
+    blackened,
+    derangement,
+    other_label_time,
+    shuffled,
+    under,
+)
+from ssp_eval.evaluate.conversation import CellOptions
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.recordings.clip import NoQuestion, Question
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.rows import entering, rows_from_cells

@@ -12,19 +12,8 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.conditions import under, with_lost_frames
-from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.corruptions import (
-    EFFECTS,
-    Picture,
-    corrupted,
-    corrupted_jpeg,
-    encoded_again,
-    is_lost,
-    plain_like,
-)
-from ssp_eval.evaluate.model_replies import ModelReply
-from ssp_eval.evaluate.models import (
+from ssp_eval.evaluate.clients.model_replies import ModelReply
+from ssp_eval.evaluate.clients.models import (
     CORRUPTIONS,
     DROPPED,
     PICTURES,
@@ -36,7 +25,18 @@ from ssp_eval.evaluate.models import (
     with_controls,
     with_pictures,
 )
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.conditions.conditions import under, with_lost_frames
+from ssp_eval.evaluate.conditions.corruptions import (
+    EFFECTS,
+    Picture,
+    corrupted,
+    corrupted_jpeg,
+    encoded_again,
+    is_lost,
+    plain_like,
+)
+from ssp_eval.evaluate.conversation import CellOptions
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.recordings.clip import Clip, NoQuestion, Question
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.rows import entering, rows_from_cells

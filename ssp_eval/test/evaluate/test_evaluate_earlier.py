@@ -12,12 +12,12 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.clients.model_replies import ModelReply
+from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_replies import ModelReply
-from ssp_eval.evaluate.models import ModelSpec
-from ssp_eval.evaluate.raw_store import EARLIER_FILE, RawStore
-from ssp_eval.evaluate.requests import RAW_FILE
+from ssp_eval.evaluate.store.cell_file import CellResult
+from ssp_eval.evaluate.store.raw_store import EARLIER_FILE, RawStore
+from ssp_eval.evaluate.store.requests import RAW_FILE
 from ssp_vla_bridge.messages import ErrorCode, Request, Response
 from support.answering import Answering
 

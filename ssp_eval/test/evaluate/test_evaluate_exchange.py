@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.model_replies import MOST_CHARACTERS, MOST_NUMBERS, Loss
-from ssp_eval.evaluate.raw_store import RawStore
-from ssp_eval.evaluate.topic_client import RequestTracker
+from ssp_eval.evaluate.clients.model_replies import MOST_CHARACTERS, MOST_NUMBERS, Loss
+from ssp_eval.evaluate.clients.topic_client import RequestTracker
+from ssp_eval.evaluate.store.raw_store import RawStore
 from ssp_vla_bridge.messages import Frame, NativeArray, Request, Response
 
 REQUEST = Request("r1", 5_000, (Frame(5_000, b"jpeg"),))

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from ssp_core.processes import ProcessGroup, free_domain, session_environment
-from ssp_eval.evaluate.bridges import PROFILE
+from ssp_eval.evaluate.clients.bridges import PROFILE
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 

@@ -11,10 +11,10 @@ import pytest
 
 from ssp_core.files import read_mapping
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell_file import CellResult, decodings, short_list
+from ssp_eval.evaluate.clients.model_replies import MOST_REASON, Loss, ModelReply, unusable
+from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_replies import MOST_REASON, Loss, ModelReply, unusable
-from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.evaluate.store.cell_file import CellResult, decodings, short_list
 from ssp_vla_bridge.messages import Request, Response
 from support.answering import Answering
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from ssp_core.bag.reader import BagReader
 from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
 
 BagMaker = Callable[..., Path]
 SHORT_S, LONG_S = 10.0, 100.0

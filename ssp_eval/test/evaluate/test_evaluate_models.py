@@ -19,9 +19,8 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cli import model_specs
-from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import (
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import (
     ModelSpec,
     as_attached,
     attached_spec,
@@ -29,6 +28,7 @@ from ssp_eval.evaluate.models import (
     load_models,
     refuse_secrets,
 )
+from ssp_eval.evaluate.conversation import CellOptions
 from ssp_vla_bridge.window import INTERFACES, Preprocessing
 
 BagMaker = Callable[..., Path]

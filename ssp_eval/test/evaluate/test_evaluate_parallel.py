@@ -23,10 +23,10 @@ from ssp_eval.data.labels import labels_version, load_labels
 from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cli import evaluate
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import ModelSpec, attached_spec, bridge_spec, with_controls
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Job, JobRunner, Settings, import_ray
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import ModelSpec, attached_spec, bridge_spec, with_controls
 from ssp_eval.evaluate.run import run_parallel
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import Clip
@@ -269,9 +269,9 @@ def _there(group: int) -> bool:
 SLOW = """
 import signal, sys, time
 from pathlib import Path
-from ssp_eval.evaluate.model_client import (InProcessClients)
+from ssp_eval.evaluate.clients.model_client import (InProcessClients)
 from ssp_eval.evaluate.executors import Settings
-from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.run import run_parallel
 from ssp_eval.evaluate.executors import ADDRESS, import_ray, joined, look_for
 from ssp_eval.extract.combined.extractor import Extractor

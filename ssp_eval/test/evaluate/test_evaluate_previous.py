@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from ssp_eval.data.records import load_records, record_to_json
-from ssp_eval.evaluate.answer_records import record_of
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.clients.model_replies import Loss, ModelReply
+from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_replies import Loss, ModelReply
-from ssp_eval.evaluate.models import ModelSpec
-from ssp_eval.evaluate.requests import answer_sha256, asked_again
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.store.answer_records import record_of
+from ssp_eval.evaluate.store.cell_file import CellResult
+from ssp_eval.evaluate.store.requests import answer_sha256, asked_again
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.statistics.notices import OUTAGE, notices
 from ssp_eval.statistics.rows import rows_from_cells
 from ssp_vla_bridge.messages import ErrorCode, Request, Response, response_from_json

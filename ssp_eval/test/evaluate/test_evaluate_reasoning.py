@@ -12,9 +12,8 @@ import pytest
 from ssp_core.cli import main
 from ssp_eval.evaluate.campaign import Plan, run_campaign
 from ssp_eval.evaluate.cli import reasoned
-from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_replies import ModelReply
-from ssp_eval.evaluate.models import (
+from ssp_eval.evaluate.clients.model_replies import ModelReply
+from ssp_eval.evaluate.clients.models import (
     ModelSpec,
     attached_spec,
     condition_of,
@@ -23,7 +22,8 @@ from ssp_eval.evaluate.models import (
     with_reasoning,
     with_twin_conditions,
 )
-from ssp_eval.evaluate.results import load_cells
+from ssp_eval.evaluate.conversation import CellOptions
+from ssp_eval.evaluate.store.results import load_cells
 from ssp_vla_bridge.backends.given_back import FACTS
 from ssp_vla_bridge.messages import Request, Response
 from support.answering import Answering

@@ -13,7 +13,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_eval.data.provenance import read_provenance
 from ssp_eval.evaluate.cli import model_specs
-from ssp_eval.evaluate.models import CONTROLS, bridge_spec
+from ssp_eval.evaluate.clients.models import CONTROLS, bridge_spec
 from ssp_vla_bridge.backend import BACKENDS
 
 BagMaker = Callable[..., Path]

@@ -16,12 +16,12 @@ from typing import Any
 import pytest
 
 from ssp_core.processes import free_domain, session_environment
-from ssp_eval.evaluate.bridges import PROFILE, TopicClients
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.clients.bridges import PROFILE, TopicClients
+from ssp_eval.evaluate.clients.model_client import ModelClient
+from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import ModelClient
-from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.evaluate.store.cell_file import CellResult
 from support.waiting import until
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

@@ -16,15 +16,15 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_core.processes import ProcessGroup, free_domain, session_environment
-from ssp_eval.evaluate.bridges import BRIDGE_MODULE, PROFILE, TopicClients, _in_time
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cli import evaluate as evaluate_command
 from ssp_eval.evaluate.cli import model_specs
+from ssp_eval.evaluate.clients.bridges import BRIDGE_MODULE, PROFILE, TopicClients, _in_time
+from ssp_eval.evaluate.clients.model_client import ModelClient
+from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers, ModelReply
+from ssp_eval.evaluate.clients.models import PICTURES, ModelSpec, bridge_spec
+from ssp_eval.evaluate.clients.topic_client import Timeouts, TopicClient
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import ModelClient
-from ssp_eval.evaluate.model_replies import IgnoredAnswers, ModelReply
-from ssp_eval.evaluate.models import PICTURES, ModelSpec, bridge_spec
-from ssp_eval.evaluate.topic_client import Timeouts, TopicClient
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.review import write_proposal
 from ssp_eval.labels.truth import truth_from_bag

@@ -19,15 +19,15 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_eval.causes.findings import Word, moved_by
 from ssp_eval.evaluate.campaign import Plan, run_campaign
-from ssp_eval.evaluate.cell_file import CellResult
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.model_replies import ModelReply
+from ssp_eval.evaluate.clients.models import ModelSpec, bridge_spec, with_controls
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Job, JobRunner, Settings
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.model_replies import ModelReply
-from ssp_eval.evaluate.models import ModelSpec, bridge_spec, with_controls
-from ssp_eval.evaluate.requests import key_of
-from ssp_eval.evaluate.results import load_cells, load_facts
 from ssp_eval.evaluate.run import ENGINES, run_parallel
+from ssp_eval.evaluate.store.cell_file import CellResult
+from ssp_eval.evaluate.store.requests import key_of
+from ssp_eval.evaluate.store.results import load_cells, load_facts
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.rows import entering, rows_from_cells
 from ssp_eval.twins.files import SET_FILE, bag_of, twins_folder

@@ -19,11 +19,11 @@ from ssp_eval.audit.page import Drawn
 from ssp_eval.data.audit import Audit
 from ssp_eval.data.labels import labels_to_json
 from ssp_eval.data.response import ResponseLimits
-from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.store.admission import load_admissions
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.truth import truth_from_bag
 from ssp_eval.package.make import make_package

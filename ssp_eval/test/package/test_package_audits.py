@@ -14,7 +14,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_bytes
-from ssp_eval.evaluate.cell_file import sealed as sealed_cell
+from ssp_eval.evaluate.store.cell_file import sealed as sealed_cell
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import Package, load_table, object_path, sealed, table_bytes
 from ssp_eval.package.verify import Finding, verify_package

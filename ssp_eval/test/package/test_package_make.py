@@ -16,10 +16,10 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.campaign import run_campaign
+from ssp_eval.evaluate.clients.model_client import InProcessClients, ModelClient
+from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers, Loss, ModelReply
+from ssp_eval.evaluate.clients.models import ModelSpec, bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients, ModelClient
-from ssp_eval.evaluate.model_replies import IgnoredAnswers, Loss, ModelReply
-from ssp_eval.evaluate.models import ModelSpec, bridge_spec
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import content_id, load_table, object_path
 from ssp_eval.package.verify import verify_package

@@ -13,12 +13,12 @@ import pytest
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
-from ssp_eval.evaluate.admission import load_admissions
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.cell_file import sealed
+from ssp_eval.evaluate.clients.model_client import InProcessClients
+from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.model_client import InProcessClients
-from ssp_eval.evaluate.models import bridge_spec
+from ssp_eval.evaluate.store.admission import load_admissions
+from ssp_eval.evaluate.store.cell_file import sealed
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import load_table
 from ssp_eval.package.verify import verify_package

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
-from ssp_eval.evaluate.cell_file import sealed as sealed_cell
+from ssp_eval.evaluate.store.cell_file import sealed as sealed_cell
 from ssp_eval.package.model import Package, load_table, object_path, sealed, table_bytes
 from ssp_eval.package.verify import verify_package
 

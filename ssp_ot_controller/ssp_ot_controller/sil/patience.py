@@ -13,7 +13,7 @@ HANG_LIMIT_S = 3.0
 # the world for a step. Drawing takes long on a busy machine, and no limit rests on a picture: the
 # camera has this limit in any case.
 BUSY_LIMIT_S = 10.0
-# A world that didn't look for so long stood still itself, and blames nobody for that time.
+# A world that didn't look for so long stood still itself, and blames no participant for that time.
 OWN_PAUSE_S = 0.5
 
 _IDLE_FIELD = 4
@@ -38,7 +38,7 @@ class Patience:
         self._spare_s = 0.0
 
     def look(self, steady_ns: int, idle_s: float | None) -> None:
-        """Count the time since the last look. Called often, also while nobody is waited for.
+        """Count the time since the last look. Called often, also while no participant is waited for.
 
         Args:
             steady_ns: the steady clock, ns.
@@ -58,7 +58,7 @@ class Patience:
 
     @property
     def may_end(self) -> bool:
-        """Whether a limit of any participant is passed."""
+        """True once the limit of some participant is passed."""
         return self.passed_limit_s() is not None
 
     def passed_limit_s(self, draws: bool = False) -> float | None:

@@ -91,7 +91,7 @@ class _Budget:
 
     @property
     def left_s(self) -> float:
-        """What is left of it; not positive where it is used up."""
+        """Time that is left of it; not positive where it is used up."""
         return self._limit_s - (time.perf_counter() - self._begin_s)
 
     def took(self, call: str, took_s: float) -> None:

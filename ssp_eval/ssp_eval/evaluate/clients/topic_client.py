@@ -10,7 +10,7 @@ from typing import Protocol
 
 from ssp_core.errors import PeerError
 from ssp_core.processes import NodeProcess
-from ssp_eval.evaluate.model_replies import IgnoredAnswers, Loss, ModelReply, unusable
+from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers, Loss, ModelReply, unusable
 from ssp_vla_bridge.messages import ErrorCode, Request, Response
 
 

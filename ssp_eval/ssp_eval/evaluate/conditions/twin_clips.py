@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.cell_file import LabelledClip, TwinClip
-from ssp_eval.evaluate.models import TWIN
+from ssp_eval.evaluate.clients.models import TWIN
+from ssp_eval.evaluate.store.cell_file import LabelledClip, TwinClip
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.twins.files import TwinRecord, bag_of, read_set, usable_twins
 

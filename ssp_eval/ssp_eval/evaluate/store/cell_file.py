@@ -14,10 +14,16 @@ from ssp_core import RULES_VERSION, __version__
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.data.labels import Labels, phase_counts
-from ssp_eval.evaluate.admission import NO_AUDIT, Admission
-from ssp_eval.evaluate.model_replies import MOST_REASON, OUTAGE, IgnoredAnswers, Loss, settings_of
-from ssp_eval.evaluate.models import CONDITION_SEED, ModelSpec
-from ssp_eval.evaluate.requests import EARLIER_FILE, RAW_FILE, REQUESTS_FILE, Asked
+from ssp_eval.evaluate.clients.model_replies import (
+    MOST_REASON,
+    OUTAGE,
+    IgnoredAnswers,
+    Loss,
+    settings_of,
+)
+from ssp_eval.evaluate.clients.models import CONDITION_SEED, ModelSpec
+from ssp_eval.evaluate.store.admission import NO_AUDIT, Admission
+from ssp_eval.evaluate.store.requests import EARLIER_FILE, RAW_FILE, REQUESTS_FILE, Asked
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.score.thresholds import DEFAULT, Thresholds

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from ssp_core.hashing import sha256_json
-from ssp_eval.evaluate.models import CONDITION_SEED, REPEAT, ModelSpec
+from ssp_eval.evaluate.clients.models import CONDITION_SEED, REPEAT, ModelSpec
 
 
 @dataclass(frozen=True)

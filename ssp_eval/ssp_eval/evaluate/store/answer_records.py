@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from ssp_eval.data.records import BehaviourRecord
-from ssp_eval.evaluate.requests import Asked
+from ssp_eval.evaluate.store.requests import Asked
 from ssp_eval.extract.combined.extractor import Extracted, Extractor
 from ssp_eval.extract.language import NOT_READ
 from ssp_vla_bridge.adapters.registry import adapt

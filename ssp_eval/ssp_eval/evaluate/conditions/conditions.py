@@ -8,14 +8,7 @@ from dataclasses import replace
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_json
-from ssp_eval.evaluate.cell_file import LabelledClip, TwinClip
-from ssp_eval.evaluate.corruptions import (
-    corrupted_jpeg,
-    encoded_again,
-    is_lost,
-    plain_like,
-)
-from ssp_eval.evaluate.models import (
+from ssp_eval.evaluate.clients.models import (
     BLACK,
     BLIND,
     CONDITION_SEED,
@@ -27,6 +20,13 @@ from ssp_eval.evaluate.models import (
     TEXT_ONLY,
     ModelSpec,
 )
+from ssp_eval.evaluate.conditions.corruptions import (
+    corrupted_jpeg,
+    encoded_again,
+    is_lost,
+    plain_like,
+)
+from ssp_eval.evaluate.store.cell_file import LabelledClip, TwinClip
 from ssp_eval.recordings.clip import Clip, NoQuestion, Question
 from ssp_vla_bridge.messages import Frame, Request
 from ssp_vla_bridge.window import Preprocessing

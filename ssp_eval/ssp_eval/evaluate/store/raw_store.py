@@ -19,8 +19,8 @@ from typing import Any
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import write_text
 from ssp_core.hashing import sha256_file
-from ssp_eval.evaluate.cell_file import CELL_FILE
-from ssp_eval.evaluate.requests import (
+from ssp_eval.evaluate.store.cell_file import CELL_FILE
+from ssp_eval.evaluate.store.requests import (
     EARLIER_FILE,
     RAW_FILE,
     REQUESTS_FILE,

@@ -19,10 +19,10 @@ from ssp_core.environment import adopted
 from ssp_core.errors import HostError
 from ssp_core.files import Closing
 from ssp_core.processes import NodeProcess, ProcessGroup, free_domain, session_environment
-from ssp_eval.evaluate.model_client import ModelClient
-from ssp_eval.evaluate.model_replies import IgnoredAnswers
-from ssp_eval.evaluate.models import ModelSpec
-from ssp_eval.evaluate.topic_client import (
+from ssp_eval.evaluate.clients.model_client import ModelClient
+from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers
+from ssp_eval.evaluate.clients.models import ModelSpec
+from ssp_eval.evaluate.clients.topic_client import (
     CONNECT_S,
     RequestTracker,
     Timeouts,

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from ssp_core.errors import InputError
-from ssp_eval.evaluate.model_replies import IgnoredAnswers, ModelReply
-from ssp_eval.evaluate.models import ModelSpec
+from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers, ModelReply
+from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_vla_bridge.backend import Backend, make_backend, respond
 from ssp_vla_bridge.messages import Request
 

@@ -11,8 +11,8 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file, sha256_json
-from ssp_eval.evaluate.model_replies import Loss
-from ssp_eval.evaluate.models import CONDITION_SEED, ModelSpec
+from ssp_eval.evaluate.clients.model_replies import Loss
+from ssp_eval.evaluate.clients.models import CONDITION_SEED, ModelSpec
 from ssp_vla_bridge.backend import telling_options
 from ssp_vla_bridge.backends.python import split
 from ssp_vla_bridge.messages import (

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_json
-from ssp_eval.evaluate.models import CONDITION_SEED, DROPPED
+from ssp_eval.evaluate.clients.models import CONDITION_SEED, DROPPED
 
 Picture = NDArray[np.uint8]  # height × width × 3, BGR
 Light = NDArray[np.float32]  # the same with 0 to 1

@@ -23,9 +23,10 @@ from ssp_eval.data.records import (
     load_records,
     parse_line,
 )
-from ssp_eval.evaluate.admission import AUDITS, REFUSED, UNAUDITED, kept_audits, said_of
-from ssp_eval.evaluate.answer_records import BY_LLM, BY_READER, LLM_MISSING
-from ssp_eval.evaluate.cell_file import (
+from ssp_eval.evaluate.clients.models import BLIND, NEVER_MODELS, condition_of, is_control_name
+from ssp_eval.evaluate.store.admission import AUDITS, REFUSED, UNAUDITED, kept_audits, said_of
+from ssp_eval.evaluate.store.answer_records import BY_LLM, BY_READER, LLM_MISSING
+from ssp_eval.evaluate.store.cell_file import (
     CELL_FILE,
     CELLS,
     LABELS_FILE,
@@ -34,8 +35,7 @@ from ssp_eval.evaluate.cell_file import (
     changed_since,
     losses_text,
 )
-from ssp_eval.evaluate.models import BLIND, NEVER_MODELS, condition_of, is_control_name
-from ssp_eval.evaluate.requests import REQUESTS_FILE
+from ssp_eval.evaluate.store.requests import REQUESTS_FILE
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.score.aggregate import domain_order
 from ssp_eval.score.cell import CellScore, score_in_detail

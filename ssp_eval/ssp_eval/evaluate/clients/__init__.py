@@ -1,0 +1,1 @@
+"""The models of a campaign, and the ways to them: in this process, over topics, by bridges."""

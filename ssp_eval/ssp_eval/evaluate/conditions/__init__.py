@@ -1,0 +1,1 @@
+"""The conditions that a model is asked under: other pictures, twins, and their order."""
