@@ -43,6 +43,10 @@ VERBS: dict[str, tuple[str, str]] = {
         "ssp_scenario_manager.cli.loop:loop",
         "Run a campaign in which drivers lead the VUT, and rate them.",
     ),
+    "ablate": (
+        "ssp_eval.ablation.cli:ablate",
+        "Realise an event with and without its structure, and say what is lost.",
+    ),
     "draw": (
         "ssp_eval.draw.cli:draw",
         "Draw the pictures of a finished recording anew with CARLA.",

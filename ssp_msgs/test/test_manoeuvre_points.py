@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from ssp_core.geometry import FloatArray, Polyline
+from ssp_core.motion.approach import approach_points
 from ssp_core.motion.manoeuvre import brake_along, drive_along, lane_change
 from ssp_core.motion.reference import Reference, ReferencePoint, sample
 from ssp_core.motion.speed_profile import SpeedProfile
+from ssp_core.run_file.participants import Motion
 
 STRAIGHT = Polyline([(0.0, 0.0), (300.0, 0.0)])
 
@@ -273,3 +276,49 @@ def test_heading_goes_the_short_way_over_pi() -> None:
     b = ReferencePoint(1.0, -1.0, 0.0, -math.pi + 0.1, 1.0, 0.0, 0.0)
     p = sample(reference([a, b], 0), S // 2)
     assert abs(p.yaw_rad) == pytest.approx(math.pi, abs=1e-12)
+
+
+def timed(times_s: list[float] | None = None) -> Motion:
+    """Return a motion along a quarter circle of 20 m, with an own time for each place if given."""
+    places = [(20.0 * math.sin(a), 20.0 * (1.0 - math.cos(a))) for a in np.linspace(0.0, 1.5, 61)]
+    return Motion(path=places, cruise_mps=8.0, times_s=times_s)
+
+
+def test_a_motion_without_times_is_written_as_before_there_were_any() -> None:
+    assert "times_s" not in timed().model_dump(mode="json")
+    given = timed([float(k) for k in range(61)])
+    assert Motion.model_validate(given.model_dump(mode="json")) == given
+
+
+@pytest.mark.parametrize(
+    ("times_s", "why"),
+    [([0.0, 1.0], "2 times for 61 places"), ([0.0, *range(60)], "must rise")],
+)
+def test_times_that_are_no_times_of_the_path_are_refused(times_s: list[float], why: str) -> None:
+    with pytest.raises(ValidationError, match=why):
+        timed(times_s)
+
+
+def test_a_timed_motion_is_at_each_place_at_its_time_and_stands_at_both_ends() -> None:
+    # Along the arc as u^2 (3 - 2 u), so that it begins and ends smoothly.
+    u = np.linspace(0.0, 1.0, 601)
+    share = np.linspace(0.0, 1.0, 61)
+    at = np.interp(share, u * u * (3.0 - 2.0 * u), 10.0 * u)
+    points = approach_points(timed(at.tolist()))
+    t, x, y, yaw, speed, acceleration, curvature = points.columns
+    assert t == pytest.approx(at)
+    assert x == pytest.approx(20.0 * np.sin(1.5 * share))
+    assert y == pytest.approx(20.0 * (1.0 - np.cos(1.5 * share)))
+    assert (speed[0], speed[-1]) == (0.0, 0.0)
+    # Fastest in the middle: 1.5 times the mean of 30 m in 10 s.
+    assert speed.max() == pytest.approx(4.5, rel=0.01)
+    middle = slice(15, -15)
+    assert yaw[middle] == pytest.approx(1.5 * share[middle], abs=0.01)
+    assert curvature[middle] == pytest.approx(0.05, abs=0.003)
+    assert abs(acceleration[30]) < 0.05
+
+
+def test_a_timed_motion_that_never_moves_is_told() -> None:
+    still = Motion(path=[(0.0, 0.0), (0.1, 0.0)], cruise_mps=1.0, times_s=[0.0, 10.0])
+    with pytest.raises(ValueError, match="no place of its path"):
+        approach_points(still)

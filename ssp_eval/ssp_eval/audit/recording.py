@@ -224,7 +224,7 @@ def disclosed(attached: Attached) -> dict[str, str]:
 # So much beside its clip is kept of a recording that was examined (see audit.doubles).
 BESIDE_S = 10.0
 _IMAGE = absolute(CAMERA_IMAGE)
-_ROAD_WORDS = ("road_type", "left_boundary", "right_boundary")
+ROAD_WORDS = ("road_type", "left_boundary", "right_boundary")
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ class Recording:
             about = next((b for b in self.attached.site.blocks if b.id == chosen), None)
         if about is None:
             return RoadFacts(road)
-        words = {name: str(getattr(about, name)) for name in _ROAD_WORDS}
+        words = {name: str(getattr(about, name)) for name in ROAD_WORDS}
         return RoadFacts(road, {name: word for name, word in words.items() if word != UNRESOLVED})
 
     def within(self, crop: Crop) -> Recording:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from itertools import pairwise
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from ssp_core.motion.state import DEFAULT_SIZES, Size
 from ssp_core.run_file.values import (
@@ -17,6 +18,7 @@ from ssp_core.run_file.values import (
     Positive,
     Start,
     Strict,
+    without_defaults,
 )
 from ssp_core.vocabulary import ObjectClass, ObjectWord
 
@@ -53,6 +55,27 @@ class Motion(Strict):
     cruise_mps: Positive
     acceleration_mps2: Positive = 2.0
     deceleration_mps2: Positive = 2.0
+    times_s: list[NonNegative] | None = Field(
+        None,
+        description="when it is at each place of the path, from a standstill to a standstill; "
+        "null: the speed and the accelerations say when",
+    )
+
+    @model_serializer(mode="wrap")
+    def _without_times_that_are_not_given(
+        self, dump: SerializerFunctionWrapHandler
+    ) -> dict[str, Any]:
+        return without_defaults(dump(self), times_s=None)
+
+    @model_validator(mode="after")
+    def _each_place_has_its_time(self) -> Motion:
+        if self.times_s is None:
+            return self
+        if len(self.times_s) != len(self.path):
+            raise ValueError(f"times_s has {len(self.times_s)} times for {len(self.path)} places")
+        if any(later <= before for before, later in pairwise(self.times_s)):
+            raise ValueError("times_s must rise")
+        return self
 
 
 _RUN_OUT = "drives on for so long after it, and stops; null: goes on to its path's end"

@@ -1,0 +1,145 @@
+"""``ssp ablate``: one event with and without its structure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import click
+from rich.progress import Progress
+from rich.table import Table as Shown
+
+from ssp_core import console
+from ssp_core.files import make_folder, taken_folder
+from ssp_core.options import WholeNumber
+from ssp_eval.ablation.campaign import Plan, Realisation, run_ablation
+from ssp_eval.ablation.figure import arms_figure
+from ssp_eval.ablation.ground import SOURCE_PLACE
+from ssp_eval.ablation.tables import arms_table, findings, tables_of
+from ssp_eval.figures.write import written_drawings
+from ssp_eval.statistics.table import Table, texts, to_data, write_tables
+
+
+@click.command("ablate")
+@click.argument("event")
+@click.option("--sites", multiple=True, metavar="SITE", help="Site by name or file; repeatable.")
+@click.option(
+    "--maps",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="OpenDRIVE or SUMO map; repeatable.",
+)
+@click.option(
+    "--source",
+    type=click.Path(path_type=Path),
+    help="Recording of the source, with states and a road  [default: the project's clip].",
+)
+@click.option(
+    "--realisations",
+    type=WholeNumber(1, 100000),
+    default=100,
+    show_default=True,
+    help="Per arm, spread over the places.",
+)
+@click.option("--seed", type=WholeNumber(1, 2**31), default=1, show_default=True, help="First.")
+@click.option("--jobs", type=WholeNumber(1), default=1, help="Processes that share the work.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Folder; one that was interrupted goes on where it stopped.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the tables as JSON.")
+def ablate(
+    event: str,
+    sites: tuple[str, ...],
+    maps: tuple[Path, ...],
+    source: Path | None,
+    realisations: int,
+    seed: int,
+    jobs: int,
+    out: Path,
+    as_json: bool,
+) -> int:
+    """Realise EVENT with and without its structure, and say what is lost without it.
+
+    \b
+    structure  the compiler, with all of K*
+    relations  classes, relative positions and speeds alone
+    tracks     the observed tracks, played by the clock
+
+    Each arm gets the same places, tuning budget and sessions in one process, and is judged on
+    measured states. Written are realisations.csv (a row each), tables as CSV, and a figure.
+    Exit status 1 where an arm doesn't keep the event at the source's own place: no table then.
+
+    \b
+    For example:
+      ssp ablate cut_in --sites boulevard --sites north_track --jobs 2 --out out/ablation
+    """
+    plan = Plan(event, sites, maps, source, realisations, seed)
+    if not plan.places:
+        raise click.UsageError("give places with --sites and --maps")
+    make_folder(out)
+    with taken_folder(out):
+        with console.progress("realisations", None, estimated=True) as bar:
+            found = run_ablation(plan, out, jobs, _counted(bar))
+        placed = [one for one in found if one.place != SOURCE_PLACE]
+        tables = tables_of(placed)
+        write_tables(out, tables, ["csv"])
+        written_drawings([arms_figure(event, placed)], out, lambda _name: None)
+    _say(found, placed, tables, out, as_json)
+    return 0
+
+
+def _say(
+    found: Sequence[Realisation],
+    placed: Sequence[Realisation],
+    tables: Sequence[Table],
+    out: Path,
+    as_json: bool,
+) -> None:
+    if as_json:
+        told = {table.name: to_data(table) for table in tables}
+        told["findings"] = findings(placed)  # type: ignore[assignment]  # a list beside tables
+        click.echo(json.dumps(told))
+        return
+    console.out.print(_shown(placed))
+    control = ", ".join(
+        f"{one.arm} {one.judged.kpr:.2f}"
+        for one in found
+        if one.place == SOURCE_PLACE and one.judged is not None and one.judged.kpr is not None
+    )
+    console.out.print(f"KPR at {SOURCE_PLACE}: {control}", markup=False)
+    for text in findings(placed):
+        console.out.print(text, markup=False)
+    console.out.print(f"{out}: realisations.csv, tables and figure", markup=False)
+
+
+def _shown(placed: Sequence[Realisation]) -> Shown:
+    """Return the arms side by side, each value with its interval."""
+    table = arms_table(placed)
+    keys = [column.key for column in table.columns]
+    arms = [dict(zip(keys, texts(table, row), strict=True)) for row in table.rows]
+    shown = Shown(title=table.title)
+    shown.add_column("")
+    for arm in arms:
+        shown.add_column(arm["arm"], justify="right")
+    shown.add_row("N", *(arm["n"] for arm in arms))
+    for name in ("compiled", "valid", "off_spec", "admitted", "kpr", "epd"):
+        cells = [f"{arm[name]} ({arm[name + '_low']} to {arm[name + '_high']})" for arm in arms]
+        shown.add_row(name.upper() if name in ("kpr", "epd") else name, *cells)
+    return shown
+
+
+def _counted(bar: Progress) -> Callable[[int, int], None]:
+    """Return what shows the realisations that are done."""
+    begun = False
+
+    def count(done: int, total: int) -> None:
+        nonlocal begun
+        show = bar.update if begun else bar.reset
+        show(bar.task_ids[0], total=total, completed=done)
+        begun = True
+
+    return count

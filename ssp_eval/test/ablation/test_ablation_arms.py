@@ -1,0 +1,242 @@
+"""The arms of an ablation: what each is given, and that each plays the event at its own place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ssp_core.errors import InputError
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ObjectClass
+from ssp_eval.ablation.ground import (
+    ArmRun,
+    Frame,
+    Ground,
+    NoRun,
+    Trial,
+    Trials,
+    executed,
+    frame_of,
+    ground_of,
+    run_of,
+    session,
+    share_of,
+    source_ground,
+    varied,
+)
+from ssp_eval.ablation.judge import judge_trial
+from ssp_eval.ablation.placing import most_mps2, placements, timed_motion
+from ssp_eval.ablation.relations import by_relations, change_of
+from ssp_eval.ablation.source import (
+    Relations,
+    Tracks,
+    cast_of,
+    read_source,
+    relations_of,
+    tracks_of,
+)
+from ssp_eval.ablation.structure import by_structure
+from ssp_eval.ablation.tracks import by_tracks
+from ssp_ot_controller.camera.storyboards import LANE_M
+from ssp_scenario_manager.compile.compiler import checked_event
+from ssp_scenario_manager.event_spec.model import Event
+
+KINDS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
+
+
+def load(name: str) -> Event:
+    return checked_event(name)[0]
+
+
+class Denied:
+    """An event, or a participant, of which nothing may be read but what is named."""
+
+    def __init__(self, **allowed: Any) -> None:
+        self._allowed = allowed
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in self.__dict__["_allowed"]:
+            raise AssertionError(f"{name} is denied to this arm")
+        return self._allowed[name]
+
+
+def denied(event: Event) -> Any:
+    """Return the event with its participants' roles and classes alone."""
+    people = {
+        name: Denied(role=one.role, class_=one.class_) for name, one in event.participants.items()
+    }
+    return Denied(participants=people)
+
+
+class Played(Trials):
+    """Trials whose frame the arm can't reach: it is kept in the closure of ``run``."""
+
+    def __init__(self, frame: Frame, ground: Ground, budget: int) -> None:
+        super().__init__(Denied(), ground, budget)  # type: ignore[arg-type]  # of which nothing may be read
+        self._play = lambda made: session(run_of(frame, ground, made))
+        self.played: list[Trial] = []
+
+    def run(self, made: ArmRun) -> Trial:
+        if self.left <= 0:
+            raise NoRun("its tuning budget is spent")
+        self.left -= 1
+        self.played.append(self._play(made))
+        return self.played[-1]
+
+
+def test_a_denied_event_raises_for_whatever_an_arm_must_not_read() -> None:
+    poisoned = denied(load("cut_in"))
+    for name in ("topology", "events", "motion", "interaction", "constraints", "vut_id"):
+        with pytest.raises(AssertionError, match="is denied"):
+            getattr(poisoned, name)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("arm", ["relations", "tracks"])
+def test_an_arm_plays_the_event_at_its_own_place_and_reads_nothing_that_it_is_denied(
+    kind: str, arm: str
+) -> None:
+    event, version, _ = checked_event(kind)
+    source = read_source(event)
+    cast = cast_of(denied(event))
+    ground = source_ground(source.road, event)
+    trials = Played(frame_of(event, version), ground, budget=1)
+    made = (
+        by_relations(relations_of(source, cast), ground, trials)
+        if arm == "relations"
+        else by_tracks(tracks_of(source, cast), ground, trials)
+    )
+    run = run_of(frame_of(event, version), ground, made)
+    (trial,) = trials.played
+    judged = judge_trial(event, run.road, {}, trial)
+    assert judged.kpr == 1.0
+    # With one trial a lead vehicle's VUT keeps the headway that is tried first, and slows early.
+    assert judged.admitted or kind == "lead_braking"
+
+
+def test_the_compiler_plays_the_event_at_the_source_place_and_another_event_is_not_admitted() -> (
+    None
+):
+    event, version, _ = checked_event("cut_in")
+    run, block = by_structure(event, version, source_ground(read_source(event).road, event))
+    assert block == "source"
+    trial = session(varied(run, 0))
+    judged = judge_trial(event, run.road, {}, trial)
+    assert judged.admitted
+    assert judged.valid
+    assert judged.epd is not None
+    assert judged.epd < 0.1
+    other = judge_trial(load("lead_braking"), run.road, {}, trial)
+    assert not other.admitted
+    assert not other.kept["dominant_motion"]
+    assert not other.kept["participant_roles"]
+    narrow = event.model_dump(mode="json", by_alias=True)
+    narrow["constraints"]["time_gap"] = {"min": 5.0, "max": 6.0, "unit": "s"}
+    missed = judge_trial(Event.model_validate(narrow), run.road, {}, trial)
+    assert missed.off_spec
+    assert not missed.valid
+    assert not missed.admitted
+    assert missed.kpr == 1.0
+    assert "time gap" in missed.why
+
+
+def relations(kind: str) -> Relations:
+    event = load(kind)
+    return relations_of(read_source(event), cast_of(event))
+
+
+def tracks(kind: str) -> Tracks:
+    event = load(kind)
+    return tracks_of(read_source(event), cast_of(event))
+
+
+def test_relations_know_no_frame_of_the_map_and_show_the_change_that_the_source_drew() -> None:
+    given = relations("cut_in")
+    assert set(vars(given)) == {"times_s", "vut_class", "vut_speed_mps", "courses"}
+    (course,) = given.courses
+    change = change_of(course, given)
+    assert change is not None
+    assert change.shift_m == pytest.approx(-LANE_M, abs=0.01)
+    # Drawn: a gap of 15 m and a lane change of 2.4 s with another form than the executor's.
+    assert change.gap_m == pytest.approx(15.0, abs=0.3)
+    assert change.duration_s == pytest.approx(2.25, abs=0.05)
+    assert change.to_mps == pytest.approx(float(course.speed_mps[0]), abs=0.05)
+
+
+def test_one_who_stands_all_the_time_and_one_who_drives_on_have_no_change() -> None:
+    hidden = relations("occluded_crossing")
+    found = {course.object_id: change_of(course, hidden) for course in hidden.courses}
+    assert found["ot2"] is None
+    assert found["ot1"] is not None
+    slow = relations("slow_lead")
+    assert change_of(slow.courses[0], slow) is None
+
+
+def test_a_source_that_the_generator_did_not_draw_needs_a_recording() -> None:
+    event = load("cut_in")
+    other = event.model_copy(update={"source": event.source.model_copy(update={"original": "x"})})
+    with pytest.raises(InputError, match="--source"):
+        read_source(other)
+
+
+def test_a_track_is_smoothed_as_little_as_its_body_needs_and_one_at_constant_speed_is_kept() -> (
+    None
+):
+    event = load("vru_crossing")
+    ground = ground_of("boulevard", None, event)
+    given = tracks("vru_crossing")
+    block = ground.blocks[0]
+    walker = given.others[0]
+    places = np.stack((walker.x_m + 100.0, walker.y_m), axis=1)
+    _, motion = timed_motion(given.times_s + 5.0, places, walker.object_class, ground, block)
+    assert motion is not None
+    assert motion.times_s is not None
+    at, way = np.array(motion.times_s), np.array(motion.path)
+    speed = np.hypot(*np.gradient(way, at, axis=0).T)
+    up, down = most_mps2(ObjectClass.PEDESTRIAN, ground.limits)
+    change = np.gradient(speed, at)[2:-2]
+    assert change.max() <= up + 1e-6
+    assert -change.min() <= down + 1e-6
+    drawn = np.interp(at + 0.5 - 5.0, given.times_s, places[:, 1])
+    seen = at + 0.5 - 5.0 <= given.times_s[-1]
+    assert np.abs(way[seen, 1] - drawn[seen]).max() < 0.1
+
+
+def test_a_track_that_leaves_the_fence_makes_no_run() -> None:
+    event = load("cut_in")
+    ground = ground_of("boulevard", None, event)
+    given = tracks("cut_in")
+    places = np.stack((given.vut.x_m, given.vut.y_m + 500.0), axis=1)
+    with pytest.raises(NoRun, match="leaves the fence"):
+        timed_motion(given.times_s + 20.0, places, ObjectClass.CAR, ground, ground.blocks[0])
+
+
+def test_a_place_without_room_is_refused_by_its_length() -> None:
+    ground = ground_of("boulevard", None, load("cut_in"))
+    with pytest.raises(NoRun, match="no lane is long enough: 900 m are needed, 400 m are there"):
+        placements(ground, 900.0, lambda *_: [])
+
+
+def test_a_spent_budget_ends_the_tuning() -> None:
+    event, version, _ = checked_event("cut_in")
+    ground = source_ground(read_source(event).road, event)
+    with pytest.raises(NoRun):
+        by_tracks(tracks("cut_in"), ground, Trials(frame_of(event, version), ground, budget=0))
+
+
+def test_a_seed_varies_the_vut_alike_in_every_arm_and_nothing_else_is_judged() -> None:
+    event, version, _ = checked_event("cut_in")
+    run, _ = by_structure(event, version, source_ground(read_source(event).road, event))
+    assert share_of(0) == 0.0
+    assert {abs(share_of(seed)) <= 0.05 for seed in range(1, 50)} == {True}
+    other = varied(run, 7)
+    assert other.driver.cruise_mps == pytest.approx(run.driver.cruise_mps * (1 + share_of(7)))
+    assert other.vut.approach is not None
+    assert other.vut.approach.cruise_mps == other.driver.cruise_mps
+    same = other.model_copy(update={"seed": 1, "driver": run.driver, "vut": run.vut})
+    assert same == run
+    plain = RunSpec.model_validate(run.model_dump(mode="json", by_alias=True))
+    assert executed(plain) == run
+    assert (run.passing, run.camera, run.traffic) == (None, None, [])
