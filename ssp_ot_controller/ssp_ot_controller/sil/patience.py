@@ -38,7 +38,9 @@ class Patience:
         self._spare_s = 0.0
 
     def look(self, steady_ns: int, idle_s: float | None) -> None:
-        """Count the time since the last look. Called often, also while no participant is waited for.
+        """Count the time since the last look.
+
+        It is called often, also while no participant is waited for.
 
         Args:
             steady_ns: the steady clock, ns.
