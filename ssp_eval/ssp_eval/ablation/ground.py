@@ -239,7 +239,7 @@ class Trial:
 
     @property
     def penalty_m(self) -> float:
-        """Return by how much a trial that a limit of the place ended is worse; any arm sees that."""
+        """Return by how much a trial is worse that a limit of the place ended, as any arm sees."""
         return _UNSAFE_M if self.result.verdict is Verdict.FAILED_SAFETY else 0.0
 
 
