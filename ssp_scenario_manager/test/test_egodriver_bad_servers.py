@@ -316,6 +316,22 @@ def _from(count: int, then: Callable[..., Any]) -> Bad:
     return Bad("drive", answer)
 
 
+def _too_late(_good: Any, _request: Any, context: Any) -> Any:
+    """What its client sees of a policy that hangs, without the wait."""
+    context.abort(grpc.StatusCode.DEADLINE_EXCEEDED, "")
+
+
+def _is_gone(_good: Any, _request: Any, context: Any) -> Any:
+    """What its client sees of a server that dies."""
+    context.abort(grpc.StatusCode.UNAVAILABLE, "Socket closed")
+
+
+def _is_too_large(_good: Any, _request: Any, context: Any) -> Any:
+    """What its client sees of an answer that it doesn't take, without making one."""
+    words = "Received message larger than max (1073741824 vs. 16777216)"
+    context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, words)
+
+
 def _fails(_good: Any, _request: Any, context: Any) -> Any:
     context.abort(grpc.StatusCode.INTERNAL, "CUDA out of memory")
 
@@ -324,12 +340,15 @@ def _fails(_good: Any, _request: Any, context: Any) -> Any:
     ("servicer", "kinds", "why"),
     [
         (_from(10, _fails), ("died",), "drive failed: INTERNAL: CUDA out of memory"),
+        (_from(10, _too_late), ("died",), "no answer to drive within its deadline_s of 600 s"),
+        (_from(10, _is_gone), ("died",), "drive failed: UNAVAILABLE: Socket closed"),
+        (_from(0, _is_too_large), ("fallback", "evaded"), "more than 16 MiB"),
         (_changed(BAD["the end"][0]), ("died",), "it ended the session (terminate_session)"),
         (_changed(_no_numbers), ("fallback", "evaded"), "invalid: non_finite"),
         (_changed(BAD["empty"][0]), ("fallback", "evaded"), "not_ready"),
         (_changed(_in_rig), ("fallback", "evaded", "left_road"), "begins "),
     ],
-    ids=["fails", "ends", "no numbers", "empty", "rig frame"],
+    ids=["fails", "hangs", "dies", "too large", "ends", "no numbers", "empty", "rig frame"],
 )
 def test_a_run_ends_with_its_verdict_whatever_the_server_does(
     servicer: Bad, kinds: tuple[str, ...], why: str, start: Start

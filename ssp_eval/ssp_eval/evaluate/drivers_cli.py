@@ -142,7 +142,10 @@ def check(
     options = read_options({**given, "insecure": drive_insecure}, "check")
     # gRPC is loaded where it is used.
     from ssp_vla_bridge.egodriver.check import check_policy
+    from ssp_vla_bridge.egodriver.tls import read_certificates
 
+    if tls:
+        read_certificates(tls, "--tls")
     findings = check_policy(options)
     if as_json:
         click.echo(json.dumps([asdict(one) for one in findings]))

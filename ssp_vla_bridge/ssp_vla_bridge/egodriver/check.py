@@ -21,7 +21,7 @@ from ssp_core.geometry import Pose2
 from ssp_core.motion.trajectory import Trajectory, check_trajectory
 from ssp_core.run_file.model import Camera
 from ssp_core.world.driver import EgoSample, GivenAnswer, Question, SeenFrame
-from ssp_vla_bridge.egodriver.client import EgodriverDriver
+from ssp_vla_bridge.egodriver.client import ENDED, EgodriverDriver
 from ssp_vla_bridge.egodriver.options import EgodriverOptions
 
 CALLS = 20
@@ -36,6 +36,7 @@ _TURNED_RAD = (0.0, 2.0)
 _SAME_M = 0.2
 _LEAST_END_S = 2.0
 _BOUND_S = 2.0
+_SAYS = "mend what its server says of the call: it ends the run as died"
 _REVISIONS = {1: "the camera's body", 2: "the optical frame"}
 
 
@@ -138,6 +139,16 @@ def _ended(answers: Sequence[GivenAnswer]) -> str:
     return answers[-1].ended
 
 
+def _mend(ended: str, otherwise: str) -> str:
+    """Return how to mend a session that ended for a reason; one that took too long, in time."""
+    if "deadline_s" not in ended:
+        return otherwise
+    return (
+        "load the model before a session begins, make it faster, or give it more time: --deadline "
+        "here, deadline_s of the driver in a run"
+    )
+
+
 def _apart_m(a: Trajectory | None, b: Trajectory | None) -> float:
     """Return how far two plans of the same times are apart at most; infinite for other ones."""
     if a is None or b is None:
@@ -156,8 +167,10 @@ def _frames(options: EgodriverOptions) -> Finding:
         for yaw_rad in _TURNED_RAD
     ]
     if ended := _ended(sets[0]) or _ended(sets[1]):
-        mend = f"accept one forward pinhole camera, or name the one it wants with --camera: {ended}"
-        return Finding("frames", False, ended, mend)
+        mend = "accept one forward pinhole camera, or name the one it wants with --camera"
+        if ended.startswith("drive failed"):
+            mend = _SAYS
+        return Finding("frames", False, ended, _mend(ended, mend))
     apart_m = max(_apart_m(_plan(a), _plan(b)) for a, b in zip(*sets, strict=True))
     passed = apart_m <= _SAME_M
     seen = (
@@ -187,7 +200,7 @@ def _answers(asked: Sequence[GivenAnswer]) -> Finding:
         "answer each call once frame, motion and route are there, by finite poses at rising "
         f"absolute µs up to {_LEAST_END_S:g} s ahead at least"
     )
-    return Finding("answers", passed, seen, "" if passed else mend)
+    return Finding("answers", passed, seen, "" if passed else _mend(_ended(asked), mend))
 
 
 def _latency(asked: Sequence[GivenAnswer]) -> Finding:
@@ -203,8 +216,12 @@ def _latency(asked: Sequence[GivenAnswer]) -> Finding:
 def _terminate(asked: Sequence[GivenAnswer]) -> Finding:
     ended = _ended(asked)
     seen = ended or f"goes on for {len(asked)} calls, on a free road"
-    mend = "leave terminate_session unset: it ends the run as died"
-    return Finding("terminate", not ended, seen, mend if ended else "")
+    if not ended:
+        return Finding("terminate", True, seen)
+    mend = _SAYS
+    if ended == ENDED:
+        mend = "leave terminate_session unset: it ends the run as died"
+    return Finding("terminate", False, seen, _mend(ended, mend))
 
 
 def _sessions(options: EgodriverOptions) -> Finding:
@@ -216,7 +233,8 @@ def _sessions(options: EgodriverOptions) -> Finding:
     alone = [_asked(options, one) for one in questions]
     together = _side_by_side(options, questions)
     if ended := next(filter(None, map(_ended, [*alone, *together])), ""):
-        return Finding("sessions", False, ended, "keep a state of its own for each session_uuid")
+        mend = f"take {SIDE_BY_SIDE} sessions at once, each with a state of its own"
+        return Finding("sessions", False, ended, _mend(ended, mend))
     apart_m = max(
         _apart_m(_plan(a), _plan(b))
         for one, other in zip(alone, together, strict=True)
@@ -231,14 +249,18 @@ def _sessions(options: EgodriverOptions) -> Finding:
 def _side_by_side(
     options: EgodriverOptions, questions: Sequence[Sequence[Question]]
 ) -> list[list[GivenAnswer]]:
-    """Return the answers of sessions that are all open from the first question to the last."""
+    """Return the answers of sessions that are all open from the first question to the last.
+
+    The last one is that with which any of them ends.
+    """
     drivers = [EgodriverDriver("check", options) for _ in questions]
+    steps: list[list[GivenAnswer]] = []
     try:
         with ThreadPoolExecutor(len(drivers)) as pool:
-            steps = [
-                list(pool.map(lambda driver, one: driver.give(one), drivers, step))
-                for step in zip(*questions, strict=True)
-            ]
+            for step in zip(*questions, strict=True):
+                steps.append(list(pool.map(lambda driver, one: driver.give(one), drivers, step)))
+                if any(one.answer is None for one in steps[-1]):
+                    break
     finally:
         for driver in drivers:
             driver.close()
@@ -254,6 +276,7 @@ def _no_route(options: EgodriverOptions) -> Finding:
     ended = _ended(answers)
     mend = "drop the points of a route that are NaN, and answer without one"
     if ended or invalid:
-        return Finding("route", False, ended or "a route of NaN alone makes plans invalid", mend)
+        seen = ended or "a route of NaN alone makes plans invalid"
+        return Finding("route", False, seen, _mend(ended, mend))
     empty = sum(plan is None for plan in plans)
     return Finding("route", True, f"a route of NaN alone: {empty} of {len(plans)} answers empty")

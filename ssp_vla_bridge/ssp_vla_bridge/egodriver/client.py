@@ -54,7 +54,7 @@ _TOLD: set[tuple[str, str]] = set()
 _BEFORE_REVISIONS = "-carla-driver-interface-1."
 # gRPC's own words; a policy that runs out of memory has the same code.
 _LARGER_THAN_MAX = "Received message larger than max"
-_ENDED = "it ended the session (terminate_session)"
+ENDED = "it ended the session (terminate_session)"
 
 
 class CallFailedError(PeerError):
@@ -266,7 +266,7 @@ class EgodriverDriver:
             return Answer(None, "", refused, self._raw()), 0.0
         begin_s = time.perf_counter()
         if response.terminate_session:
-            return _ENDED, 0.0
+            return ENDED, 0.0
         answer = self._read(question, response)
         return answer, time.perf_counter() - begin_s
 

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
+import grpc  # type: ignore[import-untyped] # has no types
 import pytest
 from carla_driver_interface import protocol as proto
 from click.testing import CliRunner
 
+from ssp_core.errors import InputError
 from ssp_eval.evaluate.drivers_cli import driver
 from ssp_vla_bridge.egodriver import check
 from ssp_vla_bridge.egodriver.options import read_options
 from tests.support.egodrivers import Straight, nobody, serving
+from tests.support.self_signed import KEY
 
 
 class Sound(Straight):
@@ -114,6 +118,60 @@ def test_each_part_finds_its_fault(policy: type[Sound], failed: set[str]) -> Non
     assert {one.name for one in judged if not one.passed} <= ours
     assert all(bool(one.mend) != one.passed and one.seen for one in found)
     assert len(found) == 7
+
+
+class Crashes(Sound):
+    def drive(self, request: Any, context: Any) -> Any:
+        context.abort(grpc.StatusCode.INTERNAL, "CUDA out of memory")
+
+
+class OneSession(Sound):
+    """It takes one session at a time."""
+
+    def start_session(self, request: Any, context: Any) -> Any:
+        names = [name for name, _, _ in self.calls]
+        if names.count("start_session") > names.count("close_session"):
+            context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, "one at a time")
+        return super().start_session(request, context)
+
+
+class Hangs(Sound):
+    """It gives no answer before the client's deadline."""
+
+    def drive(self, request: Any, context: Any) -> Any:
+        context.abort(grpc.StatusCode.DEADLINE_EXCEEDED, "")
+
+
+@pytest.mark.parametrize(
+    ("policy", "part", "seen", "mend"),
+    [
+        (Ends, "terminate", "it ended the session", "leave terminate_session unset"),
+        (Crashes, "terminate", "INTERNAL: CUDA out of memory", "mend what its server says"),
+        (Crashes, "frames", "INTERNAL: CUDA out of memory", "mend what its server says"),
+        (OneSession, "sessions", "RESOURCE_EXHAUSTED: one at a time", "take 8 sessions at once"),
+        (Hangs, "frames", "no answer to drive within its deadline_s", "--deadline here"),
+        (Hangs, "terminate", "no answer to drive within its deadline_s", "--deadline here"),
+        (Silent, "answers", "20 of 20 answers without a plan", "answer each call"),
+    ],
+)
+def test_what_is_to_be_mended_is_what_was_wrong(
+    policy: type[Sound], part: str, seen: str, mend: str
+) -> None:
+    with serving(policy()) as url:
+        found = check.check_policy(read_options({"url": url, "deadline_s": 600.0}, "check"))
+    (one,) = [one for one in found if one.name == part]
+    assert not one.passed
+    assert seen in one.seen
+    assert mend in one.mend
+
+
+def test_a_wrong_file_of_certificates_is_refused_before_anything_is_asked(tmp_path: Path) -> None:
+    (tmp_path / "key.pem").write_text(KEY)
+    for name, why in (("none.pem", "can't be read: No such file"), ("key.pem", "no certificate")):
+        given = ["check", "grpc://127.0.0.1:1", "--tls", str(tmp_path / name)]
+        done = CliRunner().invoke(driver, given)
+        with pytest.raises(InputError, match=f"--tls: .*{why}"):
+            raise done.exception or AssertionError(done.output)
 
 
 def test_a_slow_policy_is_told_by_its_latency(monkeypatch: pytest.MonkeyPatch) -> None:
