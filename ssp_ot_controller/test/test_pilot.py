@@ -190,6 +190,21 @@ def test_a_question_holds_motion_and_lane_and_no_truth() -> None:
     assert set(type(question).__slots__) == known | {"pose", "seed", "run"}
 
 
+def test_a_route_is_the_lane_wherever_the_vut_avoids_to() -> None:
+    """It never follows an avoidance, of the VUT or of anybody else."""
+    driver = Scripted()
+    pilot = Pilot(RunSpec.model_validate(cut_in_run()), driven(), driver)
+    for step in range(60):
+        now_ns = step * STEP_NS
+        place = {"x_m": 0.2 * step, "y_m": 1.5, "yaw_rad": 0.3}
+        vut = object_state("vut", **place, speed_mps=10.0, stamp_ns=now_ns)
+        pilot.step(step, now_ns, vut, (vut,))
+    question = driver.asked[-1]
+    assert question.pose.y_m == 1.5
+    lane = [question.pose.to_parent(x, y) for x, y in question.route_m]
+    assert [y for _, y in lane] == pytest.approx([0.0] * 41, abs=1e-9)
+
+
 def test_a_history_turns_by_the_smaller_angle_where_the_heading_wraps() -> None:
     before = object_state("vut", yaw_rad=math.pi - 0.01, stamp_ns=0)
     now = object_state("vut", yaw_rad=-math.pi + 0.01, stamp_ns=STEP_NS)

@@ -67,7 +67,10 @@ def check_policy(options: EgodriverOptions) -> list[Finding]:
     problem, version, revision = one.problem, one.version, one.revision
     one.close()
     if problem:
-        mend = "start the server, name its address and its certificates; it speaks revision 1 or 2"
+        mend = (
+            "start the server, name its address, and with --tls its certificates if it has any; it "
+            "speaks revision 1 or 2"
+        )
         return [Finding("version", False, problem, mend)]
     seen = f"{version or 'no name'}, revision {revision}: rig_to_camera is {_REVISIONS[revision]}"
     asked = _asked(options, [_question(k, seed=1) for k in range(CALLS)])
