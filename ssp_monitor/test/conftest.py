@@ -9,8 +9,10 @@ import pytest
 from ssp_core.bag.writer import BagWriter
 from ssp_core.clock import NS_PER_S
 from ssp_core.processes import free_domain, remove_stale_shared_memory
+from ssp_monitor.page.server import PageServer
 from support.bags import clock
 from support.runs import small_run
+from tests.support.page_clients import TOKEN, Manager
 
 START = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
 
@@ -70,3 +72,15 @@ def domain(monkeypatch):
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
         yield domain_id
     remove_stale_shared_memory()
+
+
+@pytest.fixture
+def manager():
+    return Manager()
+
+
+@pytest.fixture
+def page(manager):
+    made = PageServer("127.0.0.1", 0, TOKEN, manager)
+    yield made
+    made.close()
