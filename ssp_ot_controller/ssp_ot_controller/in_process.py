@@ -20,7 +20,6 @@ from ssp_core.cdr.steps import Heartbeat, WorldTick
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
@@ -33,8 +32,7 @@ from ssp_core.world.driver import (
 )
 from ssp_core.world.plant import LimitFact, LinkFact, ManagerUpdate, OnServer, StepReport
 from ssp_ot_controller.bodies.dynamics import Command
-from ssp_ot_controller.driving.frames import QuestionFrames
-from ssp_ot_controller.driving.pilot import Pilot
+from ssp_ot_controller.driving.pilot import pilot_of
 from ssp_ot_controller.objects.pool import ObjectPool
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Channel
@@ -76,7 +74,7 @@ class InProcessPlant:
         bodies: BodyPlant | None = None,
         driver: PlanDriver | SeeingDriver | None = None,
     ) -> None:
-        self._pilot = None if run.driven is None else _pilot_of(run, run.driven, driver)
+        self._pilot = None if run.driven is None else pilot_of(run, run.driven, driver)
         self._run = run
         self._resources = resources
         self._world = World(run, scene, bodies)
@@ -254,24 +252,6 @@ def make_plant(
         if isinstance(driver, SeeingDriver):
             resources.callback(driver.close)
         return InProcessPlant(run, scene, resources.pop_all(), driver=driver)
-
-
-def _pilot_of(run: RunSpec, driven: Driven, driver: PlanDriver | SeeingDriver | None) -> Pilot:
-    """Return the pilot of a driven run, with the frames of a driver that sees.
-
-    Raises:
-        InputError: the driver sees, and the run has no camera, or one that a server draws.
-    """
-    if not isinstance(driver, SeeingDriver):
-        return Pilot(run, driven, driver)
-    if run.camera is None or run.camera.renderer != "raster":
-        raise InputError(
-            "its driver sees, and gets the frames of our own renderer",
-            field="camera",
-            value=None if run.camera is None else run.camera.renderer,
-            remedy="give --camera raster, and not --no-camera",
-        )
-    return Pilot(run, driven, driver, QuestionFrames(run, driver.frame_span_s))
 
 
 class InProcessCamera:

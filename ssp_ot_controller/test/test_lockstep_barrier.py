@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.cdr.steps import RECORDER_LAG_STEPS
+from ssp_ot_controller.sil.patience import DriverHold
 from ssp_ot_controller.sil.world import StepBarrier
 
 OT, MANAGER, CAMERA = "object_target", "scenario_manager", "front_camera"
@@ -139,3 +140,16 @@ def test_a_recorder_is_waited_for_once_it_was_heard_and_may_lag() -> None:
     assert b.lost(6 + RECORDER_LAG_STEPS) == ["monitor"]
     b.drop("monitor")
     assert b.waiting_for(500) == []
+
+
+def test_a_hold_lasts_as_long_as_its_driver_says_so_and_is_told_once_a_period() -> None:
+    hold = DriverHold(limit_s=3.0, period_s=1.0)
+    second = 1_000_000_000
+    hold.wait(7)
+    assert not hold.is_at(7, second)  # nothing was heard yet
+    hold.hear(second)
+    assert hold.is_at(7, 4 * second)
+    assert not hold.is_at(8, 4 * second)
+    assert not hold.is_at(7, 4 * second + 1)
+    told = [hold.is_to_be_told(k * second // 2, holds=k > 2) for k in range(8)]
+    assert told == [False, False, False, False, True, False, True, False]

@@ -46,6 +46,24 @@ def test_a_tick_waits_for_the_heartbeat_that_it_names() -> None:
     assert buffer.take() is None  # once
 
 
+def test_a_step_that_is_said_again_while_the_world_holds_is_dealt_with_once() -> None:
+    """A driver's model is waited for: everybody else has answered."""
+    buffer = MessageBuffer(["ot1"])
+    for step in (4, 5):
+        buffer.on_heartbeat(beat(step, RUNNING, {"ot1": 0}))
+        buffer.on_tick(tick(step, heartbeat=step))
+        taken = buffer.take()
+        assert taken is not None
+        assert taken.step == step
+        for _ in range(3):
+            buffer.on_tick(tick(step, heartbeat=step))
+            assert buffer.take(overdue=True) is None
+    # Before a run the first step comes again and again, each time with what was heard since.
+    for _ in range(2):
+        buffer.on_tick(tick(0, heartbeat=5, running=False))
+        assert buffer.take() is not None
+
+
 def test_a_tick_waits_for_the_references_that_its_heartbeat_counts() -> None:
     buffer = MessageBuffer(["ot1", "ot2"])
     buffer.on_heartbeat(beat(1, RUNNING, {"ot1": 1, "ot2": 2, "somebody": 5}))

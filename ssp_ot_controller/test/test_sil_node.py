@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -20,6 +21,7 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs import msg
 from ssp_ot_controller.ros.sil_world import OVERRUN_S
+from ssp_ot_controller.sil.patience import HANG_LIMIT_S
 from support.processes import end
 from tests.support.waiting import DEADLINE_S
 
@@ -187,3 +189,45 @@ def test_a_live_session_is_none_of_a_simulated_worlds(
     assert world.returncode == 1
     assert "mode: a live session has no simulated world" in error
     assert "Traceback" not in error
+
+
+def test_a_driver_that_waits_for_its_model_is_not_lost_and_one_that_is_silent_is(
+    start: Start,
+) -> None:
+    """The world holds at the frame's step for longer than it waits for a node, and says so."""
+    driven = {"driver": "mine", "first_request_s": 0.0, "hand_over_s": 0.1, "end_s": 60.0}
+    _, peers = start(driven=driven)
+    peers.drives = True
+    peers.spin_until(lambda: peers.vut, "the VUT's state")
+    peers.answer(0)
+    peers.spin_until(lambda: peers.step >= 20, "twenty steps")
+    peers.drives = False
+    nothing = math.nan
+    held = msg.ActuatorCommand(object_id="vut", acceleration=nothing, heading=nothing)
+
+    def wait() -> None:
+        held.step = peers.step
+        peers.driver.publish(held)
+
+    waits = peers.node.create_timer(0.2, wait)
+    began, at = len(peers.ticks), []
+
+    def told_for(seconds: int) -> bool:
+        at[:] = [tick.step for tick in peers.ticks[began:]]
+        return bool(at) and at.count(at[-1]) > seconds
+
+    # The first is the step itself; then it is said once a second.
+    peers.spin_until(lambda: told_for(round(HANG_LIMIT_S) + 2), "a hold beyond the limit")
+    assert len(set(at)) <= 2
+    assert all(tick.running for tick in peers.ticks[began:])
+    assert peers.codes() == []
+    peers.drives = True
+    peers.drive(peers.step)
+    here = peers.step
+    peers.spin_until(lambda: peers.step >= here + 10, "ten more steps")
+    assert peers.codes() == []
+    # Without a word it is lost, whatever it said before.
+    waits.cancel()
+    peers.drives = False
+    peers.spin_until(lambda: peers.safety, "its loss")
+    assert peers.codes() == [(SafetyCode.PARTICIPANT_LOST, names.VUT_DRIVER)]

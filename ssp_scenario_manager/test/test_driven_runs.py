@@ -455,11 +455,11 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
         raised(invoked(str(again), "--in-process", "--out", str(tmp_path / "third")))
     # A recorded session is judged by the run that it is, and by none where its states differ.
     run = load_run(first / "run.yaml")
-    told, why = told_of_session(None, run, again / "bag")
+    told, why = told_of_session(None, None, run, again / "bag")
     assert (told["driven"], why) == (results[0], "")
     assert run.driven is not None
     later = run.driven.model_copy(update={"latency": Latency(0.5)})
-    told, why = told_of_session(None, run.model_copy(update={"driven": later}), again / "bag")
+    told, why = told_of_session(None, None, run.model_copy(update={"driven": later}), again / "bag")
     assert (told["driven"]["outcome"], told["driven"]["severity"]) == ("harness", None)
     assert "aren't those of one process" in why
     assert told["driven"]["why"] == why
@@ -501,7 +501,7 @@ def test_an_operators_abort_is_the_last_fact_of_a_recorded_session(
     result, _, _ = run_recorded(aborted, tmp_path / "run.yaml", tmp_path / "bag", print)
     assert result.verdict.name == "ABORTED"
     for spec in (run, aborted):
-        told, why = told_of_session(None, spec, tmp_path / "bag")
+        told, why = told_of_session(None, None, spec, tmp_path / "bag")
         found = told["driven"]
         assert (found["outcome"], why) == (kind, ""), found["why"]
         assert found["outcome_s"] == pytest.approx(decided_s, abs=0.03)
@@ -509,7 +509,7 @@ def test_an_operators_abort_is_the_last_fact_of_a_recorded_session(
         assert found["why"].startswith("abort by operator: injected fault")
     # It is held against no other run: an operator does nothing twice.
     other = Before("another run", dict.fromkeys(RUN_COLUMNS, ""))
-    assert told_of_session(other, run, tmp_path / "bag") == (told, "")
+    assert told_of_session(other, None, run, tmp_path / "bag") == (told, "")
     written = {"in_process": False, "verdict": "aborted", "driven": found}
     (tmp_path / "result.json").write_text(json.dumps(written))
     assert before_of_folder(tmp_path) is None
@@ -523,7 +523,6 @@ def test_an_operators_abort_is_the_last_fact_of_a_recorded_session(
         (["--mode", "live"], "no model drives hardware"),
         (["--mode", "realtime"], "goes with no realtime session"),
         (["--drive", "built_in"], "needs --in-process"),
-        (["--drive", 'm={"backend": "opencv_baseline"}'], "needs --in-process"),
         (["--in-process", "--runs", "2"], "goes with one run"),
         (["--in-process", "--latency", "fast"], "give zero, or fixed:S"),
         (["--in-process", "--latency", "fixed:nan"], "give zero, or fixed:S"),

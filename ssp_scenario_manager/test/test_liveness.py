@@ -19,6 +19,7 @@ from ssp_core.safety.liveness import (
     WORLD_SILENT_REALTIME_S,
 )
 from ssp_core.vocabulary import SessionPhase
+from ssp_scenario_manager.session.inputs import StepInputs
 from ssp_scenario_manager.session.supervision import LivenessMonitor
 
 EVERYBODY = (names.SIL_WORLD, names.VUT_ID, "ot1", names.MONITOR, names.FRONT_CAMERA)
@@ -98,6 +99,28 @@ def test_whose_silence_is_not_judged_here(
     who: str, mode: str, phase: SessionPhase, run: RunSpec
 ) -> None:
     assert codes(heard_at({who: 99.0}), with_camera(run, mode), phase) == []
+
+
+def test_a_hold_for_a_driver_is_no_silence_of_the_vut_or_the_camera(run: RunSpec) -> None:
+    """A model may take a minute; the world says meanwhile that it holds."""
+    spec = with_camera(run, "lockstep")
+    liveness = heard_at({names.VUT_ID: 60.0, names.FRONT_CAMERA: 60.0, names.MONITOR: 60.0})
+    assert codes(liveness, spec) == [C.VUT_SILENT, C.RECORDER, C.PARTICIPANT_LOST]
+    liveness.hear_hold(NOW_NS)
+    # The recorder writes on, and goes on to say so.
+    assert codes(liveness, spec) == [C.RECORDER]
+    unheard = LivenessMonitor()
+    unheard.hear_hold(NOW_NS)
+    assert unheard.age_s(names.FRONT_CAMERA, NOW_NS) == math.inf
+
+
+def test_a_step_is_dealt_with_once_it_was_answered() -> None:
+    inputs = StepInputs(())
+    inputs.on_tick(7, 0)
+    assert not inputs.is_dealt_with(7)
+    inputs.done_step = 7
+    assert inputs.is_dealt_with(7)
+    assert not inputs.is_dealt_with(8)
 
 
 def test_who_was_never_heard_is_silent_for_ever(run: RunSpec) -> None:

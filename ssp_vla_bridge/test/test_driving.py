@@ -17,7 +17,9 @@ import pytest
 from ssp_core.run_file.model import Camera
 from ssp_core.world.driver import EgoSample, GivenAnswer, Question, SeenFrame
 from ssp_vla_bridge.driving.driver import BridgeDriver, DriverModel
+from ssp_vla_bridge.driving.process import ModelProcess
 from ssp_vla_bridge.http_messages import HTTP_SCHEMA
+from ssp_vla_bridge.messages import Frame, Request
 from ssp_vla_bridge.window import find_interface
 from tests.support.waiting import until
 
@@ -281,3 +283,26 @@ def test_a_driver_waits_for_60_s_unless_it_says_otherwise() -> None:
     interface = find_interface("waypoints")
     own = DriverModel("a", "python", {}, interface, "waypoints", interface.preprocessing, 3.0)
     assert own.limit_s == 3.0
+
+
+def test_a_model_that_is_closed_while_it_is_asked_ends_the_question(tmp_path: Path) -> None:
+    """A session that is aborted waits for no answer."""
+    asked = tmp_path / "asked"
+    os.mkfifo(asked)
+    (tmp_path / "hanging_models.py").write_text(
+        "import time\n\n\ndef hang(request):\n"
+        f"    open({str(asked)!r}, 'w').close()\n    time.sleep(3600.0)\n"
+    )
+    options = {"function": "hanging_models:hang", "folder": str(tmp_path)}
+    process = ModelProcess("m", "python", options, "waypoints:ego_xy")
+    shown = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
+    request = Request("1", 0, (Frame(0, shown),))
+    got: list[Any] = []
+    question = threading.Thread(target=lambda: got.append(process.ask(request, 3600.0)))
+    question.start()
+    asked.read_text()  # until it is opened at the other end
+    process.close()
+    question.join()
+    (given,) = got
+    assert isinstance(given, GivenAnswer)
+    assert "its process" in given.ended

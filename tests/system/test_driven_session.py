@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections import Counter
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from ssp_core import names
 from ssp_core.bag.reader import BagReader
+from ssp_core.run_file.latency import Latency
+from ssp_core.run_file.model import Camera
+from ssp_core.world.driver import driver_options
+from ssp_scenario_manager.closed_loop.start import make_start
+from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_scenario_manager.event_spec.load import load_event
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -26,3 +36,60 @@ def test_a_driver_leads_the_vut_over_dds_to_the_states_of_one_process(start_sess
     assert counts["/ssp/vla/oracle/response"] == driven["answers"]
     assert counts["/ssp/vut/reference_ack"] == driven["answers"]
     assert counts["/ssp/vut/reference"] > 50
+
+
+MODEL = """
+import pathlib
+import time
+
+ASKED = []
+SLOW_ONCE = pathlib.Path(__file__).with_name("slow")
+
+
+def drive(request):
+    ASKED.append(request)
+    if len(ASKED) == 3 and not SLOW_ONCE.exists():
+        SLOW_ONCE.touch()
+        time.sleep(4.0)
+    v = request.history[-1].speed_mps
+    return "I keep my speed.", [(0.5 * v * k, 0.0) for k in range(11)]
+"""
+
+
+def test_a_model_drives_over_dds_and_is_never_lost_for_being_slow(
+    start_session: Any, tmp_path: Path
+) -> None:
+    """Once it takes longer than the world waits for a node; its outcome would be ``harness``."""
+    (tmp_path / "slow_models.py").write_text(MODEL)
+    options = {"backend": "python", "function": "slow_models:drive", "folder": str(tmp_path)}
+    given = f"slow={json.dumps(options)}"
+    # A start with a camera of few pixels, which cost nothing to draw.
+    made = tmp_path / "start"
+    run = prepare_run("cut_in", "boulevard", made, seed=1, mode="lockstep")
+    small = run.model_copy(update={"camera": Camera(width_px=64, height_px=64)})
+    start = make_start(small, load_event("cut_in")[0], 1, latency_max_s=0.3)
+    driven_run = start.driven_by("slow", driver_options("slow", options), Latency(0.3))
+    (made / "run.yaml").write_text(driven_run.model_dump_json(by_alias=True))
+    session = start_session(
+        str(made), "--drive", given, "--latency", "fixed:0.3", folder=tmp_path / "model"
+    )
+    result = session.finish()
+    assert (result["verdict"], result["reasons"]) == ("valid", []), session.lines
+    driven = result["driven"]
+    assert (driven["outcome"], driven["frames"]) == ("collision", True)
+    assert driven["unled_s"] == 0.0
+    with BagReader(session.folder / "bag") as bag:
+        requests = [bag.decode(m) for m in bag.messages(["/ssp/vla/slow/request"])]
+        images = [bag.decode(m) for m in bag.messages([names.absolute(names.CAMERA_IMAGE)])]
+        responses = list(bag.messages(["/ssp/vla/slow/response"]))
+    assert len(requests) == driven["questions"]
+    assert len(responses) == driven["answers"]
+    drawn = {hashlib.sha256(bytes(image.data)).hexdigest() for image in images}
+    shown = {frame.format.rpartition(":")[2] for one in requests for frame in one.frames}
+    assert shown <= drawn
+    kept = json.loads((session.folder / "answers.json").read_text())
+    assert [one["given"]["answer"]["text"] for one in kept["event"]] == (
+        ["I keep my speed."] * driven["questions"]
+    )
+    assert kept["free"]
+    assert (tmp_path / "slow").exists()

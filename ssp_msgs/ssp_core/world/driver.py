@@ -361,11 +361,8 @@ def sees_frames(name: str) -> bool:
 
 
 def drives_as_node(name: str) -> bool:
-    """Tell whether a driver may lead the VUT of a session of several processes.
-
-    It answers with plans, and computes them in no time.
-    """
-    return name not in COMMANDED and not sees_frames(name)
+    """Tell whether a driver may lead the VUT of a session of several processes, by its plans."""
+    return name not in COMMANDED
 
 
 def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ssp_core.clock import seconds_to_ns
+from ssp_core.errors import InputError
 from ssp_core.geometry import Point, Polyline
 from ssp_core.motion.approach import approach_points
 from ssp_core.motion.reference import Reference
@@ -183,3 +184,21 @@ class Pilot:
         count = round(ROUTE_M / _ROUTE_STEP_M)
         places = (self._path.pose(station + i * _ROUTE_STEP_M) for i in range(count + 1))
         return tuple(vut.pose.to_local(place.x_m, place.y_m) for place in places)
+
+
+def pilot_of(run: RunSpec, driven: Driven, driver: PlanDriver | SeeingDriver | None) -> Pilot:
+    """Return the pilot of a driven run, with the frames of a driver that sees.
+
+    Raises:
+        InputError: the driver sees, and the run has no camera, or one that a server draws.
+    """
+    if not isinstance(driver, SeeingDriver):
+        return Pilot(run, driven, driver)
+    if run.camera is None or run.camera.renderer != "raster":
+        raise InputError(
+            "its driver sees, and gets the frames of our own renderer",
+            field="camera",
+            value=None if run.camera is None else run.camera.renderer,
+            remedy="give --camera raster, and not --no-camera",
+        )
+    return Pilot(run, driven, driver, QuestionFrames(run, driver.frame_span_s))

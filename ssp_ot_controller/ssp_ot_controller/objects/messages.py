@@ -49,6 +49,7 @@ class MessageBuffer:
         self._states: list[ObjectState] = []
         self._vut_states = 0
         self._tick: WorldTick | None = None
+        self._taken_step: int | None = None
 
     def on_heartbeat(self, beat: Heartbeat) -> None:
         self._last_beat = beat
@@ -66,7 +67,12 @@ class MessageBuffer:
         self._vut_states += state.object_id == VUT_ID and state.sequence > 1
 
     def on_tick(self, tick: WorldTick) -> None:
-        """Keep the newest tick; a held one that the world didn't wait for is replaced."""
+        """Keep the newest tick; a held one that the world didn't wait for is replaced.
+
+        A step that was dealt with is said again while the world waits for a driver's answer.
+        """
+        if in_step(tick) and tick.step == self._taken_step:
+            return
         self._tick = tick
 
     def take(self, *, overdue: bool = False) -> WorldTick | None:
@@ -81,6 +87,7 @@ class MessageBuffer:
         if in_step(tick) and not (overdue or self._complete(tick)):
             return None
         self._tick = None
+        self._taken_step = tick.step if in_step(tick) else None
         return tick
 
     def heartbeats(self, up_to: int | None, holding: bool) -> list[Heartbeat]:

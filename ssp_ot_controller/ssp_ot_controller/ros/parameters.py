@@ -41,7 +41,15 @@ SIL_WORLD = (
     ),
     _MAP_FILE,
 )
-VUT_DRIVER = (replace(RUN_FILE, description="the run; its driver stands there"),)
+VUT_DRIVER = (
+    replace(RUN_FILE, description="the run; its driver stands there"),
+    Parameter(
+        "answers",
+        "",
+        "answers that a model gave in this run before, and repeats",
+        text="an answers.json; empty: the model is asked",
+    ),
+)
 FRONT_CAMERA = (
     replace(RUN_FILE, description="the run; size, lens, rate and mount of its camera stand there"),
     Parameter(

@@ -43,7 +43,7 @@ from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.ros.parameters import SIL_WORLD
 from ssp_ot_controller.sil.carla_bodies import CarlaBodies
 from ssp_ot_controller.sil.disturbance import Channel, FaultChange
-from ssp_ot_controller.sil.patience import Patience, idle_s
+from ssp_ot_controller.sil.patience import BUSY_LIMIT_S, DriverHold, Patience, idle_s
 from ssp_ot_controller.sil.plant import BodyPlant, OwnBodies
 from ssp_ot_controller.sil.sumo_world import SumoWorld
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
@@ -52,6 +52,8 @@ from ssp_ot_controller.sil.world import OVER, StepBarrier, World
 HOLD_PERIOD_S = 0.1
 # An external driver that is heard while the world holds is one that may drive.
 DRIVER_FRESH_S = 1.0
+# A hold at a step for a model's answer is told so often; nobody's limit is near it.
+HOLD_TOLD_S = 1.0
 CLOSE_LIMIT_S = 4.0
 # Realtime: falling behind the wall clock by more than this makes the run invalid.
 OVERRUN_S = 0.1
@@ -103,7 +105,7 @@ class SilWorld(Node):
         self._started_ns = 0
         self._overrun_told = False
         self._driver_told = False
-        self._driver_heard_ns: int | None = None
+        self._hold = DriverHold(BUSY_LIMIT_S, HOLD_TOLD_S)
         self._make_endpoints()
 
     def _make_plant(self, carla: str, map_file: str) -> BodyPlant:
@@ -151,10 +153,11 @@ class SilWorld(Node):
 
     def _on_vut_command(self, message: steps.BodyCommand) -> None:
         """Take a command of an external driver; in lockstep it answers its step."""
-        self._driver_heard_ns = time.monotonic_ns()
+        self._hold.hear(time.monotonic_ns())
         command = _command(message)
         if self._run.driven is not None and not command.is_finite:
-            # It is there, and waits for the VUT's first state.
+            # It is there, and waits: for the VUT's first state, or for its model's answer.
+            self._hold.wait(message.step)
             return
         self._barrier.on_done(names.VUT_DRIVER, message.step)
         if self._lockstep and message.step == 0 and self._run.driven is None:
@@ -227,7 +230,7 @@ class SilWorld(Node):
             return False
         if not self._run.has_driver_node:
             return True
-        heard_ns = self._driver_heard_ns
+        heard_ns = self._hold.heard_ns
         return heard_ns is not None and time.monotonic_ns() - heard_ns <= DRIVER_FRESH_S * NS_PER_S
 
     def _publish_faults(self, changes: Iterable[FaultChange], now_ns: int) -> None:
@@ -269,6 +272,7 @@ class SilWorld(Node):
                 self._report_vut(running=False)
             self._publish_tick()
             return
+        self._tell_hold(time.monotonic_ns())
         if self._lockstep and self._patience.may_end:
             self._drop_the_lost()
         if self._lockstep and self._barrier.dropped:
@@ -278,6 +282,8 @@ class SilWorld(Node):
 
     def _drop_the_lost(self) -> None:
         lost = self._barrier.lost(self._world.step_index)
+        if self._driver_waits(time.monotonic_ns()):
+            lost.remove(names.VUT_DRIVER)
         passed = {one: self._patience.passed_limit_s(one == names.FRONT_CAMERA) for one in lost}
         overdue = {one: limit_s for one, limit_s in passed.items() if limit_s is not None}
         waited_s = self._patience.waited_s
@@ -290,6 +296,19 @@ class SilWorld(Node):
             self._announce(SafetyCode.PARTICIPANT_LOST, participant, waited_s, limit_s)
         if overdue or not lost:
             self._patience.begin(time.monotonic_ns())
+
+    def _driver_waits(self, now_ns: int) -> bool:
+        """Tell whether the driver's node says that it waits for the answer to this step's frame.
+
+        A model is as slow as it is; a node that is silent is lost.
+        """
+        step = self._world.step_index
+        return self._hold.is_at(step, now_ns) and names.VUT_DRIVER in self._barrier.lost(step)
+
+    def _tell_hold(self, now_ns: int) -> None:
+        """Say the present step again while a model is waited for: a hold is no silence."""
+        if self._hold.is_to_be_told(now_ns, holds=self._driver_waits(now_ns)):
+            self._publish_tick()
 
     # -- sending -------------------------------------------------------------------------------
 

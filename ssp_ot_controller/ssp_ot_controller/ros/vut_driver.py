@@ -1,23 +1,42 @@
-"""The vut_driver node: a driver leads the VUT of a driven session (METHOD 8)."""
+"""The vut_driver node: a driver leads the VUT of a driven session (METHOD 8).
+
+A baseline answers at once. A model takes its time, in a thread of its own: the node says meanwhile
+that it waits, the world holds at the step of the frame, and only the model's own limit ends it.
+"""
 
 from __future__ import annotations
 
 import math
 import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ssp_core import names, ros
 from ssp_core.bag.drive_messages import drive_messages
 from ssp_core.cdr import steps
 from ssp_core.cdr.states import decode_state
+from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.codes import SafetyCode
-from ssp_core.world.driver import COMMANDED, SeeingDriver, make_driver
+from ssp_core.vocabulary import SessionPhase
+from ssp_core.world.driver import (
+    COMMANDED,
+    DriveReport,
+    RecordedAnswer,
+    SeeingDriver,
+    make_driver,
+    sees_frames,
+)
+from ssp_core.world.driver_answers import NODE_ANSWERS_FILE, answers_in_event, append_answer
 from ssp_core.world.event_messages import encode_limit
 from ssp_core.world.plant import LimitFact
 from ssp_msgs.msg import (
@@ -26,24 +45,27 @@ from ssp_msgs.msg import (
     Reference,
     ReferenceAck,
     SafetyEvent,
+    SessionState,
     VlaRequest,
     VlaResponse,
     WorldTick,
 )
 from ssp_ot_controller.bodies.dynamics import Command
-from ssp_ot_controller.driving.pilot import Pilot
+from ssp_ot_controller.driving.pilot import pilot_of
 from ssp_ot_controller.driving.seat import DriverSeat, DriverStep
 from ssp_ot_controller.ros.parameters import VUT_DRIVER
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
 
 # Before the VUT's first state: the driver is there, and commands nothing.
 NOT_YET = Command(math.nan, 0.0, math.nan)
+# A node that waits for its model says so this often.
+HOLD_PERIOD_S = 0.2
 
 
 class VutDriver(Node):
     """Thin node around driving.seat.DriverSeat."""
 
-    def __init__(self, _stop: ros.StopRequest) -> None:
+    def __init__(self, stop: ros.StopRequest) -> None:
         super().__init__(names.VUT_DRIVER, namespace=names.NAMESPACE)
         given = ros.declare(self, VUT_DRIVER)
         run = load_run(given["run_file"])
@@ -55,18 +77,21 @@ class VutDriver(Node):
                 field="driven",
                 remedy="give ssp run --drive NAME, which starts this node",
             )
-        driver = make_driver(driven.driver, driven.options)
-        if driver is None or isinstance(driver, SeeingDriver):
-            raise InputError(
-                "sees frames, and drives in one process only",
-                file=given["run_file"],
-                field="driven.driver",
-                value=driven.driver,
-                remedy="give --in-process",
-            )
+        self._stop = stop
+        self._failure: BaseException | None = None
         self._run, self._driven = run, driven
-        self._seat = DriverSeat(Pilot(run, driven, driver))
-        self._died = False
+        self._answers = Path(given["run_file"]).parent / NODE_ANSWERS_FILE
+        recorded = answers_in_event(Path(given["answers"])) if given["answers"] else None
+        # A model may load for minutes: it does so before anybody can see this node.
+        self._driver = make_driver(driven.driver, driven.options, recorded)
+        self._seat = DriverSeat(pilot_of(run, driven, self._driver))
+        # What is said of the end has been said, or an abort made it.
+        self._is_over = False
+        sees = sees_frames(driven.driver)
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="driver") if sees else None
+        self._work: list[Future[None]] = []
+        self._since_ns = 0
+        self._held_step = -1
         self._make_endpoints()
 
     def _make_endpoints(self) -> None:
@@ -86,43 +111,96 @@ class VutDriver(Node):
         if self._driven.latency.measured:
             topic = names.vla_latency_topic(driver)
             self._said[topic] = pub(DiagnosticArray, topic, ros.COMMAND)
+        if self._worker is not None:
+            phase, take = names.SESSION_STATE, self._on_phase
+            ros.subscribe_raw(self, SessionState, phase, _phase_of, take, ros.LATCHED, raw=False)
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self.create_timer(HOLD_PERIOD_S, self._on_hold_timer, clock=steady)
         state, raw = names.state_topic(vut), ros.subscribe_raw
         raw(self, ObjectState, state, decode_state, self._on_state, ros.STATE)
         raw(self, WorldTick, names.WORLD_TICK, steps.decode_tick, self._on_tick, ros.STATE)
 
     def _on_state(self, state: State) -> None:
-        self._seat.take_state(state)
-        self._answer()
+        self._do(lambda: self._seat.take_state(state))
 
     def _on_tick(self, tick: steps.WorldTick) -> None:
-        self._seat.take_tick(tick)
-        self._answer()
+        self._held_step = tick.step
+        self._do(lambda: self._seat.take_tick(tick))
+
+    def _on_phase(self, phase: SessionPhase) -> None:
+        """End a model whose answer nobody waits for any more."""
+        if phase is SessionPhase.ABORTING and not self._is_over:
+            self._is_over = True
+            if self._work and isinstance(self._driver, SeeingDriver):
+                self._driver.close()
+
+    def _do(self, take: Callable[[], None]) -> None:
+        """Take what arrived, and answer: at once, or in the thread that waits for the model."""
+
+        def work() -> None:
+            take()
+            self._answer()
+
+        if self._worker is None:
+            work()
+            return
+        if not self._work:
+            self._since_ns = time.monotonic_ns()
+        self._work.append(self._worker.submit(work))
+        self._look()
+
+    def _look(self) -> None:
+        """Forget what is done; what failed ends the node."""
+        while self._work and self._work[0].done():
+            error = self._work.pop(0).exception()
+            self._since_ns = time.monotonic_ns()
+            if error is not None and self._failure is None:
+                self._failure = error
+                self._stop.set("no answer")
+
+    def _on_hold_timer(self) -> None:
+        """Say that the step is waited for while the model is asked."""
+        self._look()
+        if self._work and time.monotonic_ns() - self._since_ns >= seconds_to_ns(HOLD_PERIOD_S):
+            self._command.publish(self._encoded(self._held_step, 0, NOT_YET))
 
     def _answer(self) -> None:
         answer = self._seat.step()
         if answer is None:
             return
         if answer.report is not None:
+            self._keep(answer.report)
             drive = drive_messages(self._driven, self._run.vut.id, answer.report, answer.now_ns)
             for topic, message in drive:
                 self._said[topic].publish(message)
-            if answer.report.died and not self._died:
-                self._died = True
+            if answer.report.died and not self._is_over:
+                self._is_over = True
                 self._announce(f"it ended: {answer.report.died}", answer.now_ns)
         self._send(answer)
 
+    def _keep(self, report: DriveReport) -> None:
+        """Keep a model's answer for the run in one process, but one that an abort cut off."""
+        asked, given = report.asked, report.given
+        if self._worker is None or asked is None or given is None:
+            return
+        if not (self._is_over and given.ended):
+            append_answer(self._answers, RecordedAnswer(asked.sha256, given))
+
     def _send(self, answer: DriverStep) -> None:
         """Send the command, which is the answer that the world waits for."""
-        command = answer.command or NOT_YET
+        encoded = self._encoded(answer.step, answer.now_ns, answer.command or NOT_YET)
+        self._command.publish(encoded)
+
+    def _encoded(self, step: int, now_ns: int, command: Command) -> bytes:
         body = steps.BodyCommand(
             self._run.vut.id,
-            answer.step,
+            step,
             command.acceleration_mps2,
             command.curvature_1pm,
             command.heading_rad,
             command.emergency_stop,
         )
-        self._command.publish(steps.encode_command(answer.now_ns, body))
+        return steps.encode_command(now_ns, body)
 
     def _announce(self, words: str, now_ns: int) -> None:
         passed = LimitFact(
@@ -137,10 +215,27 @@ class VutDriver(Node):
         self._safety.publish(encode_limit(passed))
         self.get_logger().error(words)
 
+    def close(self) -> None:
+        """End the model; raise what its thread failed by."""
+        if self._worker is not None:
+            self._worker.shutdown(wait=False, cancel_futures=True)
+        if isinstance(self._driver, SeeingDriver):
+            self._driver.close()
+        if self._worker is not None:
+            self._worker.shutdown()
+        self._work = [one for one in self._work if not one.cancelled()]
+        self._look()
+        if self._failure is not None:
+            raise self._failure
+
+
+def _phase_of(message: SessionState) -> SessionPhase:
+    return SessionPhase(message.state)
+
 
 def main() -> None:
     """Run the node."""
-    sys.exit(ros.run_node(VutDriver, lambda _node: None))
+    sys.exit(ros.run_node(VutDriver, lambda node: node.close()))
 
 
 if __name__ == "__main__":

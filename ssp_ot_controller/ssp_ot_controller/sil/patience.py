@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ssp_core.clock import ns_to_seconds
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
 
 # A participant is dropped after so long in which the machine had a processor to spare for it.
 HANG_LIMIT_S = 3.0
@@ -72,6 +72,44 @@ class Patience:
         if self.waited_s > BUSY_LIMIT_S:
             return BUSY_LIMIT_S
         return HANG_LIMIT_S if self._spare_s > HANG_LIMIT_S and not draws else None
+
+
+class DriverHold:
+    """The signs of life of the VUT's driver, and the step at which it waits for a model's answer.
+
+    Reads no clock.
+
+    Args:
+        limit_s: a node that is silent for longer is lost, whatever it waited for.
+        period_s: a hold is told so often.
+    """
+
+    def __init__(self, limit_s: float, period_s: float) -> None:
+        self._limit_ns, self._period_ns = seconds_to_ns(limit_s), seconds_to_ns(period_s)
+        self.heard_ns: int | None = None
+        self._step = -1
+        self._told_ns = 0
+
+    def hear(self, now_ns: int) -> None:
+        """Take a sign of life."""
+        self.heard_ns = now_ns
+
+    def wait(self, step: int) -> None:
+        """Take the driver's word that it waits at a step."""
+        self._step = step
+
+    def is_at(self, step: int, now_ns: int) -> bool:
+        """Tell whether the driver waits at a step, and is alive."""
+        if self._step != step or self.heard_ns is None:
+            return False
+        return now_ns - self.heard_ns <= self._limit_ns
+
+    def is_to_be_told(self, now_ns: int, *, holds: bool) -> bool:
+        """Tell whether the world says now that it holds; it isn't asked again for a period."""
+        if holds and now_ns - self._told_ns < self._period_ns:
+            return False
+        self._told_ns = now_ns
+        return holds
 
 
 def idle_s(stat: Path = Path("/proc/stat")) -> float | None:

@@ -49,8 +49,8 @@ def asked_driver(
     drive = parse_drive(text, latency or "zero", models_file, insecure=insecure)
     if not in_process and not drives_as_node(drive.driver):
         raise click.UsageError(
-            f"--drive {drive.driver} needs --in-process: a driver that sees frames, or leads the "
-            "VUT without plans, drives in one process only"
+            f"--drive {drive.driver} needs --in-process: a driver that leads the VUT without plans "
+            "drives in one process only"
         )
     if drive.latency.measured and sees_frames(drive.driver):
         click.get_current_context().with_resource(measuring_alone(console.note))

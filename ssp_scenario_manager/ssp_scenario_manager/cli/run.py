@@ -25,7 +25,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.driver import sees_frames
 from ssp_scenario_manager.cli.driving import asked_driver, check_driven, check_twin
-from ssp_scenario_manager.closed_loop.answers import repeated
+from ssp_scenario_manager.closed_loop.answers import ANSWERS_FILE, repeated
 from ssp_scenario_manager.closed_loop.before import before_of_folder
 from ssp_scenario_manager.closed_loop.sessions import told_of_session
 from ssp_scenario_manager.closed_loop.single import (
@@ -164,7 +164,7 @@ DEFAULT_SITE = "boulevard"
     "drive_text",
     metavar="NAME[=JSON]",
     help="Have a driver lead the VUT by its plans (docs/closed-loop.md): a baseline, such as "
-    'oracle or aeb={"ttc_s": 1.4}, or, with --in-process, a model, named as with `ssp evaluate`: '
+    'oracle or aeb={"ttc_s": 1.4}, or a model, named as with `ssp evaluate`: '
     'NAME={"backend": …, …options}, or NAME of the --models file; or grpc://HOST:PORT, a policy '
     "written for AlpaSim (docs/drivers.md).",
 )
@@ -341,7 +341,8 @@ def run(
         video,
         shadows,
         servers,
-        partial(told_of_session, before),
+        partial(told_of_session, before, kept),
+        None if kept is None else (Path(what) / ANSWERS_FILE).resolve(),
     )
     _say_session(spec, folder, result, as_json)
     if junit is not None:

@@ -21,28 +21,35 @@ from ssp_core.errors import SspError
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase, Verdict
+from ssp_core.world.driver_answers import NODE_ANSWERS_FILE, given_answers
 from ssp_core.world.plant import StepReport
+from ssp_scenario_manager.closed_loop.answers import KeptAnswers
 from ssp_scenario_manager.closed_loop.before import Before, failed_for
-from ssp_scenario_manager.closed_loop.single import told_of_run
+from ssp_scenario_manager.closed_loop.single import is_kept, told_of_run
 from ssp_scenario_manager.closed_loop.start import without_operator
 from ssp_scenario_manager.run.in_process import Record, run_in_process
 from ssp_scenario_manager.run.sweep import for_one_process
 
 
-def told_of_session(before: Before | None, spec: RunSpec, bag: Path) -> tuple[dict[str, Any], str]:
+def told_of_session(
+    before: Before | None, kept: KeptAnswers | None, spec: RunSpec, bag: Path
+) -> tuple[dict[str, Any], str]:
     """Return what ``result.json`` says of who drove, and why the verdict can't stand.
 
     Both are empty for a run that nobody drove.
 
     Args:
         before: what the run was, where it is driven again; None: it is held against nothing.
+        kept: answers that a model repeated; None: it was asked.
         spec: as it was driven.
-        bag: of the session.
+        bag: of the session, in the folder where its driver's node left its answers.
     """
     if spec.driven is None:
         return {}, ""
-    run = without_operator(for_one_process(spec))
-    result, record = run_in_process(run)
+    sees = is_kept(spec.driven)
+    run = without_operator(for_one_process(spec, camera=sees))
+    answers = given_answers(bag.parent / NODE_ANSWERS_FILE) if sees else None
+    result, record = run_in_process(run, answers=answers)
     heard = _heard(bag)
     abort = None if isinstance(heard, str) else heard.abort
     if abort is not None:
@@ -50,7 +57,7 @@ def told_of_session(before: Before | None, spec: RunSpec, bag: Path) -> tuple[di
         result = replace(
             result, verdict=Verdict.ABORTED, reasons=abort.reasons, aborted_ns=abort.at_ns
         )
-    told = told_of_run(run, result, record)
+    told = told_of_run(run, result, record, folder=bag.parent, kept=kept)
     why = heard if isinstance(heard, str) else _difference(heard.truths, record.reports)
     if why:
         told["driven"] |= failed_for(why)

@@ -159,6 +159,8 @@ class ScenarioManager(Node):
             self._liveness.hear(names.SIL_WORLD, time.monotonic_ns())
         self._arrival_ns = time.monotonic_ns()
         self._supervisor.wake(self._arrival_ns)
+        if self._in_lockstep and tick.running and self._inputs.is_dealt_with(tick.step):
+            self._liveness.hear_hold(self._arrival_ns)
         self._world.lockstep, self._world.running = tick.lockstep, tick.running
         if self._in_lockstep and self._inputs.is_overtaken_by(tick.step):
             # The world went on without us: what is missing of that step won't come.

@@ -134,6 +134,11 @@ class RunClient:
         topic = self.node.resolve_topic_name(names.CAMERA_IMAGE)
         return bool(self.node.count_publishers(topic))
 
+    def driver_is_there(self) -> bool:
+        """Tell whether a node commands the VUT; that of a model does once the model is loaded."""
+        topic = self.node.resolve_topic_name(names.VUT_COMMAND)
+        return bool(self.node.count_publishers(topic))
+
     def plant_is_there(self) -> bool:
         """Tell whether a world whose plant is CARLA's has said so, which it does once all stand."""
         topic = self.node.resolve_topic_name(names.WORLD_PLANT)

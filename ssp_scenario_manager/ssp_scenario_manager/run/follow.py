@@ -16,6 +16,7 @@ from ssp_core.processes import NodeProcess, ProcessGroup
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import Verdict
+from ssp_core.world.driver import sees_frames
 from ssp_scenario_manager.ros.fault_injector import FaultEndpoints
 from ssp_scenario_manager.ros.runner_client import RunClient, StepwiseClient
 from ssp_scenario_manager.ros.start_listener import StartListener
@@ -40,6 +41,8 @@ STANDSTILL_S = 20.0
 # kernels: some 20 s on a quiet machine, two minutes seen where seven others were at work.
 SLOW_START_S = 300.0
 SLOW_START_TOLD_S = 5.0
+# A model's process is given up after ten minutes, by the node that waits for it.
+MODEL_START_S = 630.0
 FIRST_START = "its first start in a checkout compiles the camera's kernels (once, about 20 s)"
 # Beyond the heartbeat's limit, for an object to say on the wall's clock that it was passed.
 NOTICED_S = 0.5
@@ -156,6 +159,7 @@ class _Following:
             self._wait_for_manager()
             or self._wait_for_camera()
             or self._wait_for_plant()
+            or self._wait_for_driver()
             or self._wait_for_others_to_go()
         )
         if failure is not None:
@@ -210,15 +214,25 @@ class _Following:
         is_there = self._client.plant_is_there
         return self._wait_for(is_there, f"{names.SIL_WORLD} has no vehicles", text)
 
-    def _wait_for(self, is_there: Callable[[], bool], lacks: str, what: str) -> RunOutcome | None:
+    def _wait_for_driver(self) -> RunOutcome | None:
+        """Wait until the model that drives is loaded, as ``_wait_for_camera``."""
+        driven = self._spec.driven
+        if driven is None or not sees_frames(driven.driver):
+            return None
+        is_there, text = self._client.driver_is_there, f"{driven.driver}, which is loaded"
+        return self._wait_for(is_there, f"{driven.driver} isn't loaded", text, MODEL_START_S)
+
+    def _wait_for(
+        self, is_there: Callable[[], bool], lacks: str, what: str, limit_s: float = SLOW_START_S
+    ) -> RunOutcome | None:
         began_s, told = time.monotonic(), False
         while not is_there():
             self._client.spin(0.05)
             if (failure := self._failed_before("did not come up: ")) is not None:
                 return failure
             waited_s = time.monotonic() - began_s
-            if waited_s > SLOW_START_S:
-                reason = f"{lacks} within {SLOW_START_S:g} s; waited for {what}"
+            if waited_s > limit_s:
+                reason = f"{lacks} within {limit_s:g} s; waited for {what}"
                 return RunOutcome(Verdict.INVALID_HARNESS, (reason,))
             if waited_s > SLOW_START_TOLD_S and not told:
                 told = True

@@ -101,6 +101,7 @@ def run_session(
     shadows: Sequence[Companion] = (),
     servers: Mapping[str, ServerOfRun] = MappingProxyType({}),
     further: Further = _nothing_further,
+    answers: Path | None = None,
 ) -> RunResult:
     """Run one session in processes of its own and leave run.yaml, bag, log and result.json.
 
@@ -118,6 +119,7 @@ def run_session(
         servers: CARLA servers that nodes of the session ask, by node.
         further: returns what else ``result.json`` says of the run and its bag, and why its verdict
             can't stand.
+        answers: that the driver, a model, gave in this run before, and repeats; None: it is asked.
 
     Whatever happens, the folder then says how the run ended: result.json, and verdict.json in the
     bag, which an evaluation reads beside what the bag itself says. On a full disk the result alone
@@ -141,6 +143,8 @@ def run_session(
     if live is not None and live.declared is not None:
         word = load_declaration(live.declared, spec)
     nodes = _simulated(spec, run_file, bag) if live is None else live.parameters(run_file, bag)
+    if answers is not None:
+        nodes[names.VUT_DRIVER]["answers"] = answers
     if video is not None:
         nodes[names.MONITOR]["video"] = video
     if shadows:

@@ -54,6 +54,10 @@ class StepInputs:
         self.step = step
         self.vut_states_sent = vut_states_sent
 
+    def is_dealt_with(self, step: int) -> bool:
+        """Tell whether a step that comes was answered: the world waits for somebody else."""
+        return step == self.step == self.done_step
+
     def is_overtaken_by(self, step: int) -> bool:
         """Tell whether the world takes a step although the last one isn't dealt with."""
         return self.step is not None and self.done_step < self.step < step

@@ -56,6 +56,15 @@ class LivenessMonitor:
     def hear(self, who: str, steady_ns: int) -> None:
         self._heard_ns[who] = steady_ns
 
+    def hear_hold(self, steady_ns: int) -> None:
+        """Take the world's word that it holds at a step for a driver's answer.
+
+        Until it goes on there is no state of the VUT, and no frame.
+        """
+        for who in (names.VUT_ID, names.FRONT_CAMERA):
+            if who in self._heard_ns:
+                self.hear(who, steady_ns)
+
     def excuse(self, pause_ns: int, steady_ns: int) -> None:
         """Excuse others' silence in a pause in which the manager itself heard nothing."""
         for who, heard_ns in self._heard_ns.items():

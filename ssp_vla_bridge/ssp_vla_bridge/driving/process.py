@@ -192,6 +192,8 @@ class ModelProcess:
         is_wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         context = _context()
+        # A process that is closed while it is asked ends, and then the question does.
+        self._asking = threading.Lock()
         self._connection, theirs = context.Pipe()
         arguments = (theirs, model, backend_name, dict(options), adapter, dict(os.environ))
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
@@ -234,6 +236,12 @@ class ModelProcess:
             request: complete.
             timeout_s: of the driver.
         """
+        with self._asking:
+            return self._ask(request, timeout_s)
+
+    def _ask(
+        self, request: Request, timeout_s: float
+    ) -> tuple[Measured, LatencyParts] | GivenAnswer:
         begin_s = time.perf_counter()
         got: list[tuple[Measured, float]] = []
         # Sending, too, waits for a process that doesn't read.
@@ -277,10 +285,12 @@ class ModelProcess:
             os.killpg(self.pid, signal.SIGKILL)
 
     def close(self) -> None:
-        """End the process; no thread asks it any more."""
-        self._connection.close()
-        self._kill()
-        self._process.close()
+        """End the process, from any thread: a question that is open is answered by its end."""
+        self.interrupt()
+        with self._asking:
+            self._connection.close()
+            self._kill()
+            self._process.close()
 
 
 def no_answer_within(timeout_s: float) -> GivenAnswer:

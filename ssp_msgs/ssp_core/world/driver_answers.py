@@ -1,0 +1,81 @@
+"""The answers of a driver that is a node of its own: one line each, written as soon as it is known.
+
+The run in one process, by which such a session is judged, repeats them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from ssp_core.errors import HostError, InputError
+from ssp_core.world.driver import RecordedAnswer
+
+# Beside the run file of a session of several processes.
+NODE_ANSWERS_FILE = "answers.jsonl"
+
+_ANSWER: TypeAdapter[RecordedAnswer] = TypeAdapter(RecordedAnswer)
+
+
+def append_answer(path: Path, answer: RecordedAnswer) -> None:
+    """Write one more answer behind those of a file.
+
+    Raises:
+        HostError: the disk doesn't take it.
+    """
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(asdict(answer)) + "\n")
+    except OSError as error:
+        raise HostError(f"{path}: can't be written: {error.strerror}") from error
+
+
+def given_answers(path: Path) -> tuple[RecordedAnswer, ...]:
+    """Read the answers that a driver's node wrote, in the order of its questions.
+
+    Raises:
+        InputError: a line is none, but for a last one that was cut off.
+    """
+    try:
+        # A last line without its end was cut off: the node ended while it wrote.
+        *lines, _ = path.read_text("utf-8").split("\n")
+    except FileNotFoundError:
+        return ()
+    except (OSError, ValueError) as error:
+        raise InputError(f"can't be read: {error}", file=path) from error
+    return tuple(_answer(_json_of(line, path, k), path, k) for k, line in enumerate(lines, 1))
+
+
+def answers_in_event(path: Path) -> tuple[RecordedAnswer, ...]:
+    """Read the answers in the event of a run that was driven before (``answers.json``).
+
+    Raises:
+        InputError: it isn't such a file.
+    """
+    try:
+        value: Any = json.loads(path.read_text("utf-8"))
+        found = value["event"]
+    except (OSError, ValueError, RecursionError, KeyError, TypeError) as error:
+        raise InputError(f"can't be read: {error}", file=path) from error
+    return tuple(_answer(one, path, k) for k, one in enumerate(found, 1))
+
+
+def _json_of(line: str, path: Path, number: int) -> Any:
+    try:
+        return json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is not valid JSON: {error}", file=path, field=f"line {number}") from None
+
+
+def _answer(value: Mapping[str, Any], path: Path, number: int) -> RecordedAnswer:
+    try:
+        return _ANSWER.validate_python(value)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join([str(number), *map(str, first["loc"])])
+        raise InputError(first["msg"], file=path, field=field) from None
