@@ -287,14 +287,16 @@ class EgodriverDriver:
         now_us = wire.micros(question.stamp_ns)
         plan, refused = wire.trajectory_of(response.trajectory, here, now_us), "not_ready"
         said = wire.debug_text(response.debug_info.unstructured_debug_info)
-        text = said.text
+        text, left_out = said.text, said.left_out
         if self._is_exact and said.value is not None and said.value.get("schema") == exact.SCHEMA:
             try:
                 plan, why = exact.plan_in(said.value, plan)
             except ValueError as error:
                 return Answer(None, "", str(error), self._raw())
             refused = console.visible(why) or refused
-        raw = self._raw(samples, said.left_out)
+            theirs = console.visible(str(said.value.get("left_out") or ""))[:_WORDS]
+            left_out = theirs or left_out
+        raw = self._raw(samples, left_out)
         return Answer(plan, text, "" if plan is not None else refused, raw)
 
     def _raw(self, samples: Sequence[proto.Trajectory] = (), left_out: str = "") -> Raw:

@@ -81,10 +81,18 @@ def unpack_camera(data: bytes, near: CameraGeometry) -> CameraGeometry:
     return CameraGeometry(**{**values, **whole})
 
 
-def answer_json(text: str, refused: str, plan: Trajectory | None) -> bytes:
-    """Return what a server of ours says beside the contract's trajectory."""
+def answer_json(text: str, refused: str, plan: Trajectory | None, left_out: str = "") -> bytes:
+    """Return what a server of ours says beside the contract's trajectory.
+
+    Args:
+        text: of the bridge.
+        refused: why there is no plan.
+        plan: to the last bit; None: there is none.
+        left_out: why its text isn't sent; empty: it is.
+    """
     rows = None if plan is None else [plan.t_s, plan.x_m, plan.y_m]
     value = {"schema": SCHEMA, "text": text, "refused": refused, "plan": rows}
+    value |= {"left_out": left_out} if left_out else {}
     return json.dumps(value).encode()
 
 

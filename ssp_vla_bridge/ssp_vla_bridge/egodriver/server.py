@@ -97,9 +97,8 @@ class BridgeServicer(EgodriverServicer):
         seat = self._policy.seat(request.session_uuid)
         answer = self._policy.last_answer
         if seat is not None and seat.sent_camera is not None and answer is not None:
-            said = _exact_answer(answer, is_sent=bool(response.trajectory.poses))
-            if len(said) <= wire.MOST_TEXT_BYTES:
-                response.debug_info.unstructured_debug_info = said
+            is_sent = bool(response.trajectory.poses)
+            response.debug_info.unstructured_debug_info = _exact_answer(answer, is_sent=is_sent)
         return response
 
 
@@ -119,9 +118,15 @@ def _answered(context: grpc.ServicerContext, code: grpc.StatusCode) -> Iterator[
 
 
 def _exact_answer(answer: Answer, *, is_sent: bool) -> bytes:
-    if is_sent:
-        return exact.answer_json(answer.text, "", answer.trajectory)
-    return exact.answer_json(answer.text, answer.refused or "its plan can't be sent", None)
+    """Return what a client of ours gets beside the plan; of what is too long nothing."""
+    plan = answer.trajectory if is_sent else None
+    refused = "" if is_sent else answer.refused or "its plan can't be sent"
+    said = exact.answer_json(answer.text, refused, plan)
+    if len(said) <= wire.MOST_TEXT_BYTES:
+        return said
+    left_out = f"{len(answer.text.encode())} bytes, with its plan more than {wire.MOST_TEXT_BYTES}"
+    said = exact.answer_json("", refused, plan, left_out)
+    return said if len(said) <= wire.MOST_TEXT_BYTES else b""
 
 
 def _metadata(context: grpc.ServicerContext, key: str) -> bytes | None:

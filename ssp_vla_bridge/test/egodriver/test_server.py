@@ -46,6 +46,11 @@ def leave(request):
     os._exit(3)
 
 
+def talk(request):
+    said, plan = tell(request)
+    return "é" * 40_000, plan
+
+
 def nothing(request):
     return ""
 '''
@@ -156,6 +161,24 @@ def test_a_client_of_ours_gets_the_plan_and_the_text_to_the_last_bit(folder: Pat
         assert b.answer is not None
         assert a.answer.trajectory == b.answer.trajectory
         assert (a.answer.text, a.answer.refused) == (b.answer.text, b.answer.refused)
+
+
+def test_a_text_that_is_too_long_for_a_message_leaves_the_plan_as_it_is(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one = python(folder, "talk")
+    direct = BridgeDriver(one)
+    wanted = direct.give(question(speed_mps=10.1)).answer
+    direct.close()
+    with served(one) as url:
+        mine = EgodriverDriver("talker", read_options({"url": url, "deadline_s": 120.0}, "talker"))
+        got = mine.give(question(speed_mps=10.1)).answer
+        mine.close()
+    assert wanted is not None
+    assert got is not None
+    assert (got.trajectory, got.text) == (wanted.trajectory, "")
+    assert len(wanted.text) == 40_000
+    assert "talker: the text beside its plans is left out: 80000 bytes" in capsys.readouterr().err
 
 
 def test_values_to_the_last_bit_that_are_not_the_messages_are_refused(
