@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ssp_eval.extract.clause import EGO, PEOPLE, RIDERS, SCENE, Clause
+from ssp_eval.extract.clause import EGO, PEOPLE, RIDERS, SCENE, ClauseFacts
 from ssp_eval.extract.match import Hit
 from ssp_eval.extract.movement import (
     ALONG,
@@ -37,7 +37,7 @@ def _frames(words: list[str]) -> Iterator[str]:
             yield after if after[:1].isdigit() else before
 
 
-class Binder(Clause):
+class Binder(ClauseFacts):
     """One pass over the hits of a text, sentence by sentence."""
 
     def run(self, ranges: list[tuple[int, int]]) -> World:

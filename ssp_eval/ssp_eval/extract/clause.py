@@ -63,7 +63,7 @@ def _same_noun(one: str, other: str) -> bool:
     )
 
 
-class Clause:
+class ClauseFacts:
     """The facts known at a hit: the clause's subject, the named road users, the plan.
 
     ``near`` is the road user that was named last in the clause, ``last`` the one that a pronoun

@@ -32,7 +32,7 @@ _OPENING = 12  # words of a clause that are joined with its subject
 MAX_CLAUSES = 200  # of a text; in a longer one the reader says nothing
 
 
-class Clause(NamedTuple):
+class ClauseSpan(NamedTuple):
     """A piece of a sentence: its words from ``first`` up to ``stop``."""
 
     first: int
@@ -50,7 +50,7 @@ class View:
         classes: of road users that are named, with the features of each.
     """
 
-    clauses: list[Clause]
+    clauses: list[ClauseSpan]
     features: list[set[str]]
     classes: dict[str, set[str]]
 
@@ -64,16 +64,16 @@ class _Seen(NamedTuple):
     subject: str
 
 
-def clauses_of(reading: Reading) -> list[Clause]:
+def clauses_of(reading: Reading) -> list[ClauseSpan]:
     """Return the clauses of a text."""
     words = reading.tokens.words
     openers = {hit.first for hit in reading.hits if hit.kind == "cue" and hit.value in _OPENERS}
-    found: list[Clause] = []
+    found: list[ClauseSpan] = []
     start = sentence = 0
 
     def close(stop: int) -> None:
         if any(word[0].isalpha() for word in words[start:stop]):  # no numbers alone
-            found.append(Clause(start, stop, sentence))
+            found.append(ClauseSpan(start, stop, sentence))
 
     for at, word in enumerate(words):
         long = at - start >= _LEAST_WORDS
@@ -129,7 +129,7 @@ def _normal(reading: Reading) -> list[str]:
     return words
 
 
-def _hits_inside(reading: Reading, clauses: list[Clause]) -> list[list[int]]:
+def _hits_inside(reading: Reading, clauses: list[ClauseSpan]) -> list[list[int]]:
     """Return the numbers of the hits that begin in each clause."""
     inside: list[list[int]] = [[] for _ in clauses]
     at = 0
@@ -219,7 +219,7 @@ def _of_hit(name: str, hit: Hit, flags: Scope) -> Iterator[str]:
         yield f"vo:{verb.other}"
 
 
-def _told(reading: Reading, clauses: list[Clause]) -> list[set[str]]:
+def _told(reading: Reading, clauses: list[ClauseSpan]) -> list[set[str]]:
     """Return the values that the rules took from each clause."""
     found: list[set[str]] = [set() for _ in clauses]
     bounds = [reading.tokens.span(one.first, one.stop) for one in clauses]
@@ -234,7 +234,7 @@ def _told(reading: Reading, clauses: list[Clause]) -> list[set[str]]:
     return found
 
 
-def _around(at: int, clauses: list[Clause], seen: list[_Seen]) -> Iterator[str]:
+def _around(at: int, clauses: list[ClauseSpan], seen: list[_Seen]) -> Iterator[str]:
     """Yield the features before and behind a clause."""
     if at:
         before = seen[at - 1]

@@ -16,7 +16,7 @@ from ssp_eval.extract.engine import Reading
 from ssp_eval.extract.llm.judge import TextUnderReview
 from ssp_eval.extract.llm.reply import Proposal
 from ssp_eval.extract.reader.candidates import Candidate, of_classes, of_labels
-from ssp_eval.extract.reader.clauses import Clause, View, view
+from ssp_eval.extract.reader.clauses import ClauseSpan, View, view
 from ssp_eval.extract.reader.weights import (
     CLASS,
     COLUMNS,
@@ -158,7 +158,7 @@ class Support:
         start, end = self.reading.tokens.span(first, stop)
         return self.text[start:end]
 
-    def _worth(self, clause: Clause, column: int) -> list[float]:
+    def _worth(self, clause: ClauseSpan, column: int) -> list[float]:
         """Compute what each word of a clause, alone and with its neighbours, adds for a column."""
         words = self.reading.tokens.words[clause.first : clause.stop]
         worth = [0.0] * len(words)

@@ -33,9 +33,9 @@ from ssp_ot_controller.bodies.iso22133.probe.motion import (
     unheard,
 )
 from ssp_ot_controller.bodies.iso22133.probe.steps import (
-    Clause,
     Finding,
     Judge,
+    ProbeClause,
     Step,
     silent,
     within,
@@ -101,13 +101,13 @@ def _names(values: Iterable[str]) -> str:
 # -- reports, in every step, and answers ----------------------------------------------------------
 
 
-def _connected(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def _connected(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     if "connected" not in step.marks:
         return Finding(Outcome.FAIL, step.problem)
     return within(clause, ns_to_seconds(step.marks["connected"] - step.begin_ns))
 
 
-def _first_report(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def _first_report(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     osem, monrs = step.last_sent(Osem), step.monrs()
     if osem is None or not monrs:
         return silent(step)
@@ -116,7 +116,7 @@ def _first_report(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
     return within(clause, waited_s, sent=(osem.data,), came=(first.data,))
 
 
-def _frames(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+def _frames(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     if not step.came:
         return Finding(Outcome.FAIL, "no frame came")
     came = [r for one in steps.values() for r in one.came]
@@ -125,7 +125,7 @@ def _frames(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
     return within(clause, len(bad), text, came=tuple(r.data for r, _ in bad))
 
 
-def _rate(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def _rate(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     osem, monrs = step.last_sent(Osem), step.monrs()
     if osem is None or not isinstance(osem.message, Osem) or len(monrs) < 2:
         return silent(step)
@@ -136,7 +136,7 @@ def _rate(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
     return within(clause, 100.0 * (rate_hz / asked_hz - 1.0), text, sent=(osem.data,))
 
 
-def _pause(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+def _pause(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     if len(step.monrs()) < 2:
         return silent(step)
     # Without heartbeats an object may cease to report.
@@ -156,7 +156,7 @@ def _all_monrs(steps: Mapping[str, Step]) -> list[tuple[Received, Monr]]:
     return [pair for one in steps.values() for pair in one.monrs()]
 
 
-def _age(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+def _age(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     ages = [
         (ns_to_seconds(r.stamp_ns - nearest_utc_ns(m.time_of_week_ns, r.stamp_ns)), r)
         for r, m in _all_monrs(steps)
@@ -170,7 +170,7 @@ def _age(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
     return within(clause, worst, text, came=(received.data,))
 
 
-def _fields(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+def _fields(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     if not step.monrs():
         return silent(step)
     monrs, names = _all_monrs(steps), list(Monr.__dataclass_fields__)
@@ -180,7 +180,7 @@ def _fields(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
     return within(clause, len(absent & set(_NEEDED)), text, came=tuple(r.data for r in lacking))
 
 
-def _values(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+def _values(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     if not step.monrs():
         return silent(step)
     odd: dict[str, bytes] = {}
@@ -196,7 +196,7 @@ def _values(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
     return within(clause, len(odd), _names(odd), came=tuple(odd.values()))
 
 
-def _counter(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+def _counter(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     if len(step.monrs()) < 2:
         return silent(step)
     missing = standing = count = 0
@@ -212,7 +212,7 @@ def _counter(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
     return within(clause, missing + standing, text)
 
 
-def _ids(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+def _ids(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     osem = step.last_sent(Osem)
     monrs = _all_monrs(steps)
     headers = [r.outcome.header for r, _ in monrs if isinstance(r.outcome, Decoded)]
@@ -224,7 +224,7 @@ def _ids(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
     return within(clause, others, text, sent=(osem.data,), came=(monrs[0][0].data,))
 
 
-def _acknowledge(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def _acknowledge(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     asked = [s for s in step.sent if s.header.acknowledge]
     answers = {
         (r.outcome.message.message_id, r.outcome.message.counter): (r, r.outcome.message)
@@ -244,7 +244,7 @@ def _acknowledge(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
     return within(clause, len(told), _names(told), sent=sent, came=came)
 
 
-def _identity(step: Step, _clause: Clause, _: Mapping[str, Step]) -> Finding:
+def _identity(step: Step, _clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     for r in step.came:
         if isinstance(r.outcome, Decoded) and isinstance(r.outcome.message, Dres):
             d = r.outcome.message
@@ -259,7 +259,7 @@ def _identity(step: Step, _clause: Clause, _: Mapping[str, Step]) -> Finding:
 def _reaches(*wanted: ControlState) -> Judge:
     """Make a judge of whether the object reports one of these states after the step's stimulus."""
 
-    def judge(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+    def judge(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
         since_ns = step.marks.get("stimulus", step.begin_ns)
         after = [(r, state_of(m.state)) for r, m in step.monrs() if r.stamp_ns >= since_ns]
         if not after:
@@ -277,7 +277,7 @@ def _reaches(*wanted: ControlState) -> Judge:
 
 
 def _stays(wanted: ControlState) -> Judge:
-    def judge(step: Step, _clause: Clause, _: Mapping[str, Step]) -> Finding:
+    def judge(step: Step, _clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
         if not step.monrs():
             return silent(step)
         # The first tenth of a second may show what came before.
@@ -292,7 +292,7 @@ def _stays(wanted: ControlState) -> Judge:
     return judge
 
 
-def _disarmed(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def _disarmed(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     found = _reaches(C.DISARMED)(step, clause, {})
     if found.verdict is Outcome.FAIL and found.text == f"is {C.ABORTING.name}":
         text = "an earlier abort is latched: that needs an all clear"
@@ -300,7 +300,7 @@ def _disarmed(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
     return found
 
 
-def _disarms(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def _disarms(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     """Check that the object isn't ARMED in its last report after lost heartbeats, or hangs up."""
     if "lost" in step.marks:
         waited_s = ns_to_seconds(step.marks["lost"] - step.marks["stimulus"])
@@ -309,38 +309,60 @@ def _disarms(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
 
 
 # A table: id, step, title, judge, bound and unit.
-# fmt: off
-CLAUSES: tuple[Clause, ...] = (
-    Clause("listen.tcp", "listen", "takes a connection", _connected, 2.0, "s"),
-    Clause("listen.report", "listen", "MONR after OSEM and HEAB", _first_report, 1.0, "s"),
-    Clause("listen.frames", "listen", "header, version, CRC are right", _frames, 0, "frames"),
-    Clause("listen.rate", "listen", "MONR at the rate of the OSEM, off by", _rate, 10.0, "%"),
-    Clause("listen.pause", "listen", "longest pause between MONR", _pause, 0.3, "s"),
-    Clause("listen.age", "listen", "MONR are new when they come", _age, 0.3, "s"),
-    Clause("listen.fields", "listen", "time, place, yaw, speed are stated", _fields, 0, "fields"),
-    Clause("listen.values", "listen", "no value outside its enumeration", _values, 0, "values"),
-    Clause("listen.counter", "listen", "no MONR is missing by its counter", _counter, 0, "MONR"),
-    Clause("listen.ids", "listen", "transmitter is the OSEM's device id", _ids, 0, "others"),
-    Clause("connect.acknowledge", "listen", "GREM where it is asked for", _acknowledge, 0, "lack"),
-    Clause("connect.disarmed", "listen", "DISARMED after the connection", _disarmed, 2.0, "s"),
-    Clause("connect.identity", "connect", "DRES to a DREQ", _identity),
-    Clause("connect.reconnect", "reconnect", "DISARMED when connected again", _disarmed, 2.0, "s"),
-    Clause("arm.arm", "arm", "ARMED after OSTM arm", _reaches(C.ARMED), 2.0, "s"),
-    Clause("arm.disarm", "disarm", "DISARMED after OSTM disarm", _reaches(C.DISARMED), 1.0, "s"),
-    Clause("arm.abort", "arm_abort", "ABORTING after HEAB abort", _reaches(C.ABORTING), 1.0, "s"),
-    Clause("arm.latch", "latch", "stays ABORTING with HEAB ready", _stays(C.ABORTING)),
-    Clause("arm.all_clear", "all_clear", "DISARMED after clear", _reaches(C.DISARMED), 1.0, "s"),
-    Clause("arm.heartbeat_loss", "arm_loss", "not ARMED without HEAB", _disarms, 1.0, "s"),
-    Clause("arm.reconnect", "arm_again", "not ARMED when connected again", _disarms, 2.0, "s"),
-    Clause(START_TIME, "normal_stop", "starts at the time of the STRT", starts, 0.3, "s"),
-    Clause("move.way", "normal_stop", "keeps to the way of the TRAJ", keeps_to_way, 1.0, "m"),
-    Clause("move.yaw", "normal_stop", "yaw is the direction of motion", heads_along, 0.35, "rad"),
-    Clause("move.speed", "normal_stop", "states its speed, off by", states_speed, 1.0, "bounds"),
-    Clause("move.running", "normal_stop", "RUNNING while it drives", runs, LAG_S, "s"),
-    Clause("move.postrun", "normal_stop", "POSTRUN while it stops", ends_run, LAG_S, "s"),
-    Clause("move.normal_stop", "normal_stop", "slower after normal stop, stands", stops, 1.0, "s"),
-    Clause("move.rest", "rest", "DISARMED when it stands", _reaches(C.DISARMED), 2.0, "s"),
-    Clause(STOP_ON_ABORT, "abort", "slower after HEAB abort, stands", stops, 1.0, "s"),
-    Clause(STOP_ON_HEARTBEAT_LOSS, "loss", "slower after last HEAB, stands", unheard, 1.0, "s"),
+CLAUSES: tuple[ProbeClause, ...] = (
+    ProbeClause("listen.tcp", "listen", "takes a connection", _connected, 2.0, "s"),
+    ProbeClause("listen.report", "listen", "MONR after OSEM and HEAB", _first_report, 1.0, "s"),
+    ProbeClause("listen.frames", "listen", "header, version, CRC are right", _frames, 0, "frames"),
+    ProbeClause("listen.rate", "listen", "MONR at the rate of the OSEM, off by", _rate, 10.0, "%"),
+    ProbeClause("listen.pause", "listen", "longest pause between MONR", _pause, 0.3, "s"),
+    ProbeClause("listen.age", "listen", "MONR are new when they come", _age, 0.3, "s"),
+    ProbeClause(
+        "listen.fields", "listen", "time, place, yaw, speed are stated", _fields, 0, "fields"
+    ),
+    ProbeClause(
+        "listen.values", "listen", "no value outside its enumeration", _values, 0, "values"
+    ),
+    ProbeClause(
+        "listen.counter", "listen", "no MONR is missing by its counter", _counter, 0, "MONR"
+    ),
+    ProbeClause("listen.ids", "listen", "transmitter is the OSEM's device id", _ids, 0, "others"),
+    ProbeClause(
+        "connect.acknowledge", "listen", "GREM where it is asked for", _acknowledge, 0, "lack"
+    ),
+    ProbeClause("connect.disarmed", "listen", "DISARMED after the connection", _disarmed, 2.0, "s"),
+    ProbeClause("connect.identity", "connect", "DRES to a DREQ", _identity),
+    ProbeClause(
+        "connect.reconnect", "reconnect", "DISARMED when connected again", _disarmed, 2.0, "s"
+    ),
+    ProbeClause("arm.arm", "arm", "ARMED after OSTM arm", _reaches(C.ARMED), 2.0, "s"),
+    ProbeClause(
+        "arm.disarm", "disarm", "DISARMED after OSTM disarm", _reaches(C.DISARMED), 1.0, "s"
+    ),
+    ProbeClause(
+        "arm.abort", "arm_abort", "ABORTING after HEAB abort", _reaches(C.ABORTING), 1.0, "s"
+    ),
+    ProbeClause("arm.latch", "latch", "stays ABORTING with HEAB ready", _stays(C.ABORTING)),
+    ProbeClause(
+        "arm.all_clear", "all_clear", "DISARMED after clear", _reaches(C.DISARMED), 1.0, "s"
+    ),
+    ProbeClause("arm.heartbeat_loss", "arm_loss", "not ARMED without HEAB", _disarms, 1.0, "s"),
+    ProbeClause("arm.reconnect", "arm_again", "not ARMED when connected again", _disarms, 2.0, "s"),
+    ProbeClause(START_TIME, "normal_stop", "starts at the time of the STRT", starts, 0.3, "s"),
+    ProbeClause("move.way", "normal_stop", "keeps to the way of the TRAJ", keeps_to_way, 1.0, "m"),
+    ProbeClause(
+        "move.yaw", "normal_stop", "yaw is the direction of motion", heads_along, 0.35, "rad"
+    ),
+    ProbeClause(
+        "move.speed", "normal_stop", "states its speed, off by", states_speed, 1.0, "bounds"
+    ),
+    ProbeClause("move.running", "normal_stop", "RUNNING while it drives", runs, LAG_S, "s"),
+    ProbeClause("move.postrun", "normal_stop", "POSTRUN while it stops", ends_run, LAG_S, "s"),
+    ProbeClause(
+        "move.normal_stop", "normal_stop", "slower after normal stop, stands", stops, 1.0, "s"
+    ),
+    ProbeClause("move.rest", "rest", "DISARMED when it stands", _reaches(C.DISARMED), 2.0, "s"),
+    ProbeClause(STOP_ON_ABORT, "abort", "slower after HEAB abort, stands", stops, 1.0, "s"),
+    ProbeClause(
+        STOP_ON_HEARTBEAT_LOSS, "loss", "slower after last HEAB, stands", unheard, 1.0, "s"
+    ),
 )
-# fmt: on

@@ -17,7 +17,7 @@ from ssp_core.geometry import FloatArray, Polyline, wrap_angle
 from ssp_core.safety.window import LEAST_SAMPLES, WINDOW_S, speed_bound_mps
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.iso22133.messages import Heab, Strt, Traj
-from ssp_ot_controller.bodies.iso22133.probe.steps import Clause, Finding, Step, within
+from ssp_ot_controller.bodies.iso22133.probe.steps import Finding, ProbeClause, Step, within
 from ssp_ot_controller.bodies.iso22133.probe_report import Outcome
 from ssp_ot_controller.bodies.iso22133.states import state_of, state_text
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
@@ -115,7 +115,7 @@ def _begun(step: Step, track: _Track) -> tuple[int, float] | None:
     return (first + int(moved[0]), float(np.interp(_BEGUN_M, way, t_s))) if len(moved) else None
 
 
-def starts(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def starts(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     track = _track(step)
     begun = _begun(step, track)
     strt = step.last_sent(Strt)
@@ -131,7 +131,7 @@ def _monr_at(step: Step, track: _Track, index: int) -> tuple[bytes, ...]:
     return tuple(r.data for r, _ in step.monrs() if r.stamp_ns == track.arrived_ns[index])[:1]
 
 
-def stops(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def stops(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     """Measure from the step's mark to where it became slower for good, if it stands at the end.
 
     An uneven pace is no stop: one that speeds up again hasn't begun to brake.
@@ -180,7 +180,7 @@ def _slows_by_itself_s(step: Step, track: _Track, mark_ns: int) -> float | None:
     return ns_to_seconds(int(track.arrived_ns[begun[0]]) - mark_ns) + cruise_until_s - begun[1]
 
 
-def unheard(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+def unheard(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     """Measure as ``stops`` does.
 
     An object that also ceases to report is judged by where it is found.
@@ -209,7 +209,7 @@ def unheard(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
     return within(clause, way_m / before_mps, text)
 
 
-def keeps_to_way(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def keeps_to_way(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     track, sent = _track(step), step.last_sent(Traj)
     if _begun(step, track) is None or sent is None or not isinstance(sent.message, Traj):
         return Finding(Outcome.NOT_RUN, step.problem or "it never moved")
@@ -221,7 +221,7 @@ def keeps_to_way(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
     return within(clause, max(abs(offset) for _, offset in found), sent=(sent.data[:256],))
 
 
-def heads_along(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def heads_along(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     track = _track(step)
     worst: float | None = None
     data: tuple[bytes, ...] = ()
@@ -250,7 +250,7 @@ _DRIVES = ("normal_stop", "abort", "loss")
 LAG_S = 1.0
 
 
-def states_speed(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+def states_speed(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     """Judge the stated speed against the way, in each window of half a second of each drive."""
     worst: tuple[float, str, tuple[bytes, ...]] | None = None
     for name in _DRIVES:
@@ -283,7 +283,7 @@ def _windows(track: _Track) -> list[tuple[int, int]]:
     return [(i, int(end)) for i, end in enumerate(ends) if end < len(track.stamp_ns)]
 
 
-def runs(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
+def runs(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     """Judge that each drive is in RUNNING from its start to the stimulus that ends it.
 
     It must never be DISARMED in motion.
@@ -320,7 +320,7 @@ def runs(step: Step, clause: Clause, steps: Mapping[str, Step]) -> Finding:
     return within(clause, late_s)
 
 
-def ends_run(step: Step, clause: Clause, _: Mapping[str, Step]) -> Finding:
+def ends_run(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     """Judge that the object is in POSTRUN from soon after the normal stop until it stands."""
     mark_ns, track = step.marks.get("stimulus"), _track(step)
     if mark_ns is None or _begun(step, track) is None:

@@ -61,11 +61,11 @@ class Finding:
     came: tuple[bytes, ...] = ()
 
 
-Judge = Callable[[Step, "Clause", Mapping[str, Step]], Finding]
+Judge = Callable[[Step, "ProbeClause", Mapping[str, Step]], Finding]
 
 
 @dataclass(frozen=True, slots=True)
-class Clause:
+class ProbeClause:
     """One expectation.
 
     Args:
@@ -87,7 +87,7 @@ class Clause:
 
 
 def within(
-    clause: Clause, measured: float, text: str = "", **evidence: tuple[bytes, ...]
+    clause: ProbeClause, measured: float, text: str = "", **evidence: tuple[bytes, ...]
 ) -> Finding:
     good = clause.bound is None or abs(measured) <= clause.bound
     return Finding(Outcome.PASS if good else Outcome.FAIL, text, measured, **evidence)
