@@ -126,9 +126,12 @@ def _shown(placed: Sequence[Realisation]) -> Shown:
     for arm in arms:
         shown.add_column(arm["arm"], justify="right")
     shown.add_row("N", *(arm["n"] for arm in arms))
-    for name in ("compiled", "valid", "off_spec", "admitted", "kpr", "epd"):
-        cells = [f"{arm[name]} ({arm[name + '_low']} to {arm[name + '_high']})" for arm in arms]
-        shown.add_row(name.upper() if name in ("kpr", "epd") else name, *cells)
+    for column in table.columns:
+        low, high = f"{column.key}_low", f"{column.key}_high"
+        if low in keys:
+            shown.add_row(
+                column.title, *(f"{arm[column.key]} ({arm[low]} to {arm[high]})" for arm in arms)
+            )
     return shown
 
 

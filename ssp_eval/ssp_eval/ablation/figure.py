@@ -9,6 +9,7 @@ from ssp_eval.ablation.tables import FIELD_SHARES, SHARES, share_of_arm
 from ssp_eval.figures.style import (
     COLUMN_IN,
     FAINT,
+    INK,
     LOOKS,
     Drawing,
     Look,
@@ -20,7 +21,9 @@ from ssp_eval.figures.style import (
 
 _LANE = 0.26
 _ROW_IN = 0.34
-_DRAWN = (SHARES[0], *FIELD_SHARES, SHARES[1], SHARES[3])
+# Of all realisations, and below them of the runs that an arm made.
+_OF_ALL = tuple(one for one in SHARES if one.key != "off_spec")
+_DRAWN = (*_OF_ALL, *FIELD_SHARES)
 
 
 def arms_figure(event: str, realisations: Sequence[Realisation]) -> Drawing:
@@ -29,23 +32,26 @@ def arms_figure(event: str, realisations: Sequence[Realisation]) -> Drawing:
     sheet, axes, _ = named_rows(
         COLUMN_IN, [measure.title for measure in _DRAWN], looks, row_in=_ROW_IN
     )
-    share_axis(axes, "share of realisations")
+    share_axis(axes, "share")
     for row, measure in enumerate(_DRAWN):
         if row:
-            axes.axhline(row - 0.5, color=FAINT, linewidth=0.5)
+            between = row == len(_OF_ALL)
+            axes.axhline(row - 0.5, color=INK if between else FAINT, linewidth=0.5)
         for lane, arm in enumerate(ARMS):
             found = share_of_arm(realisations, arm, measure)
             y = row + (lane - 1) * _LANE
             ends = found.interval
             if ends.low is not None and ends.high is not None:
                 axes.plot([ends.low, ends.high], [y, y], color=looks[arm].colour, linewidth=0.9)
-            mark(axes, (found.value, y), looks[arm], gid=f"{measure.key}-{arm}")
+            if found.value is not None:
+                mark(axes, (found.value, y), looks[arm], gid=f"{measure.key}-{arm}")
     n = sum(one.arm == ARMS[0] for one in realisations)
     places = len({one.place for one in realisations})
     text = caption(
-        f"What each arm keeps of {event}: shares of {n} realisations on {places} places.",
-        "Lines: Wilson's interval of 95 %, for these places.",
-        "A realisation without a run keeps nothing.",
+        f"What each arm keeps of {event}, on {places} places.",
+        f"Above the line: shares of {n} realisations; below it: of the runs that an arm made.",
+        "Event lost: the arm made a run, and it isn't admitted.",
+        "Thin lines: Wilson's interval of 95 %, for these places.",
         composite=False,
     )
     return Drawing("arms", sheet.figure, text)

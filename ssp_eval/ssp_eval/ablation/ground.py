@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,8 @@ from ssp_scenario_manager.scenarios.values import thresholds_of
 
 # Sessions that an arm may spend on a place before it must name its run.
 BUDGET = 24
+# An answer that is tried later counts where its error is below this share of the best before it.
+BETTER = 0.95
 # Of everybody's positioning, in each arm's sessions.
 NOISE = LinkDisturbance(position_noise_m=0.02, speed_noise_mps=0.02)
 # The VUT of a realisation is so much slower or faster than planned, drawn evenly.
@@ -91,7 +94,7 @@ class ArmRun:
     since_s: float
 
 
-def ground_of(site: str | None, map_path: Any, event: Event) -> Ground:
+def ground_of(site: str | None, map_path: Path | None, event: Event) -> Ground:
     """Return a site or a map without its surroundings.
 
     Raises:
@@ -307,7 +310,7 @@ def best_of(trials: Trials, runs: Iterable[ArmRun], error: Error, enough_m: floa
             why = why or trial.refused
             continue
         found = error(trial)
-        if best is None or found < best[0]:
+        if best is None or found < BETTER * best[0]:
             best = found, made
         if found <= enough_m:
             break

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from ssp_core.motion.state_series import Series, StateSeries, between
+from ssp_core.motion.state_series import Series, between
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import Verdict
 from ssp_eval.ablation.ground import Trial
@@ -75,7 +75,7 @@ def judge_trial(event: Event, road: Road, words: Mapping[str, str], trial: Trial
     verdict = result.verdict.name.lower()
     first = "; ".join(result.reasons)
     sound = result.verdict in (Verdict.VALID, Verdict.OFF_SPEC)
-    measured = _measured(event, road, words, StateSeries((t, s.values()) for t, s in trial.series))
+    measured = _measured(event, road, words, trial.series)
     if measured is None:
         return Judgement(verdict, off_spec=verdict == "off_spec", why=first or "no states")
     expected, varying = expected_properties(event), varying_parts(event)

@@ -69,7 +69,7 @@ class Placement:
     """A lane for the VUT, and where in it it starts.
 
     Args:
-        misfit_m: mean distance of the bodies from where they fit.
+        misfit_m: distance from where it fits of the body that fits worst.
     """
 
     block: Block
@@ -147,21 +147,21 @@ def _placements(
                     there = bodies(block, lane, start_m)
                 except NotOneToOne:
                     continue
-                misfits = [_misfit_m(block, body) for body in there]
-                yield Placement(block, lane, start_m, float(np.mean(misfits)) if misfits else 0.0)
+                misfit_m = max((_misfit_m(block, body) for body in there), default=0.0)
+                yield Placement(block, lane, start_m, misfit_m)
 
 
 def _misfit_m(block: Block, body: Body) -> float:
     if body.stands:
         half_m = size_of(body.object_class).width_m / 2.0
-        return max(
-            0.0,
-            *(
-                min(body.l_m + half_m, lane.y_m + lane.width_m / 2.0)
-                - max(body.l_m - half_m, lane.y_m - lane.width_m / 2.0)
-                for lane in block.lanes
-            ),
-        )
+        right_m, left_m = body.l_m - half_m, body.l_m + half_m
+        if not any(
+            right_m < lane.y_m + lane.width_m / 2.0 and left_m > lane.y_m - lane.width_m / 2.0
+            for lane in block.lanes
+        ):
+            return 0.0
+        # As far as it is from where it would stand beside all lanes.
+        return min(left_m - block.right_edge_m, block.left_edge_m - right_m)
     if body.object_class not in _VEHICLES:
         return 0.0
     lanes = [lane for lane in block.lanes if lane.forward == body.forward]

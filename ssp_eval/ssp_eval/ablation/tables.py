@@ -24,7 +24,8 @@ from ssp_eval.statistics.table import Column, Table, Value
 SIGNIFICANT = 0.05
 _NOTES = (
     "A realisation is a place and a seed. Shares are of all realisations of an arm, with Wilson's "
-    "interval of 95 %; KPR and EPD are means over those that were measured, with Student's.",
+    "interval of 95 %; KPR and EPD are means over those that were measured, with Student's. Event "
+    "lost: the arm made a run, and it isn't admitted.",
     "Intervals and tests speak of these places, this source and a VUT up to "
     f"{VUT_SPREAD:.0%} slower or faster than planned, and of no other.",
     "Admitted is METHOD 4.4 as far as states show it: camera, pictures and log aren't judged.",
@@ -37,11 +38,17 @@ class Measure:
 
     Args:
         of: reads it; False where there is no run.
+        of_runs: it is asked of realisations that the arm made a run for, and of no other.
     """
 
     key: str
     title: str
     of: Callable[[Realisation], bool]
+    of_runs: bool = False
+
+    def counts(self, one: Realisation) -> bool:
+        """Tell whether it is asked of a realisation."""
+        return one.compiled or not self.of_runs
 
 
 def _judged(key: str) -> Callable[[Realisation], bool]:
@@ -57,29 +64,33 @@ SHARES = (
     Measure("valid", "valid", _judged("valid")),
     Measure("off_spec", "off_spec", _judged("off_spec")),
     Measure("admitted", "admitted", _judged("admitted")),
+    Measure("lost", "event lost", lambda one: one.compiled and not _judged("admitted")(one)),
 )
 FIELD_SHARES = (
-    *(Measure(name, name.replace("_", " "), _kept(name)) for name in FIELDS),
-    Measure("located", "phases located", _judged("located")),
+    *(Measure(name, name.replace("_", " "), _kept(name), of_runs=True) for name in FIELDS),
+    Measure("located", "phases located", _judged("located"), of_runs=True),
 )
+
+
+_TITLES = {measure.key: measure.title for measure in (*SHARES, *FIELD_SHARES)}
 
 
 @dataclass(frozen=True)
 class Share:
-    """A share of an arm's realisations."""
+    """A share of an arm's realisations; None where it is asked of none."""
 
     count: int
     n: int
     interval: Interval
 
     @property
-    def value(self) -> float:
-        return self.count / self.n
+    def value(self) -> float | None:
+        return self.count / self.n if self.n else None
 
 
 def share_of_arm(realisations: Sequence[Realisation], arm: str, measure: Measure) -> Share:
     """Return the share of an arm's realisations with a yes, and Wilson's interval."""
-    own = [one for one in realisations if one.arm == arm]
+    own = [one for one in realisations if one.arm == arm and measure.counts(one)]
     count = sum(measure.of(one) for one in own)
     interval = rate_interval(count / len(own), len(own)) if own else NO_INTERVAL
     return Share(count, len(own), interval)
@@ -95,10 +106,10 @@ def arms_table(realisations: Sequence[Realisation]) -> Table:
     """One row per arm: compiled, valid, off_spec, KPR, EPD, admitted."""
     columns = [Column("arm", "arm", "text"), Column("n", "N", "count")]
     for measure in SHARES:
-        columns += _with_ends(measure.key, measure.title, "ratio")
+        columns += _with_ends(measure.key, measure.title)
     for key in ("kpr", "epd"):
         columns += [Column(f"{key}_n", f"{key.upper()} n", "count", printed=False)]
-        columns += _with_ends(key, key.upper(), "ratio")
+        columns += _with_ends(key, key.upper())
     rows = []
     for arm in ARMS:
         row: list[Value] = [arm, sum(one.arm == arm for one in realisations)]
@@ -115,25 +126,22 @@ def arms_table(realisations: Sequence[Realisation]) -> Table:
     return Table("arms", title, tuple(columns), tuple(rows), _NOTES)
 
 
-def _with_ends(key: str, title: str, kind: str) -> list[Column]:
-    return [
-        Column(key, title, kind),  # type: ignore[arg-type]  # a word of Kind
-        Column(f"{key}_low", f"{title} low", kind),  # type: ignore[arg-type]  # a word of Kind
-        Column(f"{key}_high", f"{title} high", kind),  # type: ignore[arg-type]  # a word of Kind
-    ]
+def _with_ends(key: str, title: str) -> list[Column]:
+    ends = (("", ""), ("_low", " low"), ("_high", " high"))
+    return [Column(f"{key}{end}", f"{title}{words}", "decimal") for end, words in ends]
 
 
 def fields_table(realisations: Sequence[Realisation]) -> Table:
-    """One row per arm: the share of realisations that keep each field of KPR."""
-    columns = [Column("arm", "arm", "text"), Column("n", "N", "count")]
+    """One row per arm: of the runs that it made, the share that keeps each field of KPR."""
+    columns = [Column("arm", "arm", "text"), Column("n", "runs", "count")]
     for measure in FIELD_SHARES:
         columns += [Column(measure.key, measure.title)]
     rows = []
     for arm in ARMS:
-        row: list[Value] = [arm, sum(one.arm == arm for one in realisations)]
+        row: list[Value] = [arm, sum(one.arm == arm and one.compiled for one in realisations)]
         row += [share_of_arm(realisations, arm, measure).value for measure in FIELD_SHARES]
         rows.append(tuple(row))
-    title = "Fields of KPR that are kept, as shares of all realisations"
+    title = "Fields of KPR that are kept, as shares of the runs that an arm made"
     return Table("fields", title, tuple(columns), tuple(rows), _NOTES[1:2])
 
 
@@ -182,7 +190,11 @@ def _by_place(first: dict[Place, float], second: dict[Place, float]) -> tuple[li
 
 def _shares(realisations: Sequence[Realisation], first: str, second: str, measure: Measure) -> Pair:
     one, other = (
-        {(r.place, r.seed): float(measure.of(r)) for r in realisations if r.arm == arm}
+        {
+            (r.place, r.seed): float(measure.of(r))
+            for r in realisations
+            if r.arm == arm and measure.counts(r)
+        }
         for arm in (first, second)
     )
     both, by_place = _by_place(one, other)
@@ -233,9 +245,9 @@ def pairs_table(realisations: Sequence[Realisation]) -> Table:
         for one in pairs_of(realisations)
     ]
     notes = (
-        "p: McNemar's exact test of shares, Wilcoxon's signed rank of KPR and EPD where both arms "
-        "were measured, over realisations. p over places: signed rank, each place counted once; no "
-        "outcome on so few places passes under the least p.",
+        "p: McNemar's exact test of shares, Wilcoxon's signed rank of KPR and EPD, over "
+        "realisations; fields, KPR and EPD where both arms made a run. p over places: signed rank, "
+        "each place counted once; no outcome on so few places passes under the least p.",
         *_NOTES[1:2],
     )
     return Table("pairs", "Arms compared on the same realisations", columns, tuple(rows), notes)
@@ -279,7 +291,8 @@ def findings(realisations: Sequence[Realisation]) -> list[str]:
     for other in ARMS[1:]:
         own = [one for one in pairs if (one.first, one.second) == (ARMS[0], other)]
         differing = [
-            f"{one.measure.replace('_', ' ')} {one.difference:+.2f} (p {one.test.p:.2g})"
+            f"{_TITLES.get(one.measure, one.measure.upper())} {one.difference:+.2f} "
+            f"(p {one.test.p:.2g})"
             for one in own
             if one.test.p < SIGNIFICANT and one.difference is not None
         ]

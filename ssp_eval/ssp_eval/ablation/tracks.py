@@ -15,7 +15,16 @@ from ssp_core.geometry import FloatArray
 from ssp_core.motion.state_series import states_of
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.world.reference_line import NotOneToOne
-from ssp_eval.ablation.ground import VUT, ArmRun, Ground, NoRun, Trial, Trials, times_and_places
+from ssp_eval.ablation.ground import (
+    BETTER,
+    VUT,
+    ArmRun,
+    Ground,
+    NoRun,
+    Trial,
+    Trials,
+    times_and_places,
+)
 from ssp_eval.ablation.placing import (
     HEADWAYS_S,
     STANDS_MPS,
@@ -70,7 +79,7 @@ def by_tracks(tracks: Tracks, ground: Ground, trials: Trials) -> ArmRun:
             except NoRun as error:
                 why = why or str(error)
                 continue
-            if best is None or error_m < best[0]:
+            if best is None or error_m < BETTER * best[0]:
                 best = error_m, made
         if best is not None and best[0] <= _ENOUGH_M:
             break

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ObjectClass
+from ssp_eval.ablation import source
 from ssp_eval.ablation.ground import (
     ArmRun,
     Frame,
@@ -27,10 +30,11 @@ from ssp_eval.ablation.ground import (
     varied,
 )
 from ssp_eval.ablation.judge import judge_trial
-from ssp_eval.ablation.placing import most_mps2, placements, timed_motion
+from ssp_eval.ablation.placing import Body, most_mps2, placements, timed_motion
 from ssp_eval.ablation.relations import by_relations, change_of
 from ssp_eval.ablation.source import (
     Relations,
+    Source,
     Tracks,
     cast_of,
     read_source,
@@ -39,6 +43,7 @@ from ssp_eval.ablation.source import (
 )
 from ssp_eval.ablation.structure import by_structure
 from ssp_eval.ablation.tracks import by_tracks
+from ssp_eval.audit.measure import RoadFacts
 from ssp_ot_controller.camera.storyboards import LANE_M
 from ssp_scenario_manager.compile.compiler import checked_event
 from ssp_scenario_manager.event_spec.model import Event
@@ -99,14 +104,14 @@ def test_an_arm_plays_the_event_at_its_own_place_and_reads_nothing_that_it_is_de
     kind: str, arm: str
 ) -> None:
     event, version, _ = checked_event(kind)
-    source = read_source(event)
+    shown = read_source(event)
     cast = cast_of(denied(event))
-    ground = source_ground(source.road, event)
+    ground = source_ground(shown.road, event)
     trials = Played(frame_of(event, version), ground, budget=1)
     made = (
-        by_relations(relations_of(source, cast), ground, trials)
+        by_relations(relations_of(shown, cast), ground, trials)
         if arm == "relations"
-        else by_tracks(tracks_of(source, cast), ground, trials)
+        else by_tracks(tracks_of(shown, cast), ground, trials)
     )
     run = run_of(frame_of(event, version), ground, made)
     (trial,) = trials.played
@@ -181,6 +186,34 @@ def test_a_source_that_the_generator_did_not_draw_needs_a_recording() -> None:
         read_source(other)
 
 
+def test_a_recorded_source_is_cut_to_the_clip_of_its_event(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    event = load("cut_in")
+    drawn = read_source(event)
+    later = [(9.0 + t, states) for t, states in drawn.series if t > 0.0]
+    recorded = SimpleNamespace(
+        series=[*drawn.series, *later], road=RoadFacts(drawn.road), source="ground truth"
+    )
+    monkeypatch.setattr(source, "read_recording", lambda _path: recorded)
+    found = read_source(event, tmp_path)
+    assert found.road == drawn.road
+    assert found.series[-1][0] <= 9.0
+    ours, theirs = tracks_of(found, cast_of(event)), tracks_of(drawn, cast_of(event))
+    assert np.array_equal(ours.others[0].x_m[: len(drawn.series)], theirs.others[0].x_m)
+    recorded.road = None
+    with pytest.raises(InputError, match="no road is bound to it"):
+        read_source(event, tmp_path)
+
+
+def test_a_source_that_does_not_show_everybody_all_the_time_is_refused() -> None:
+    event = load("cut_in")
+    drawn = read_source(event)
+    series = [(t, {k: s for k, s in now.items() if t < 5 or k != "ot1"}) for t, now in drawn.series]
+    with pytest.raises(InputError, match="doesn't show ot1 all the time"):
+        tracks_of(Source(series, drawn.road, ""), cast_of(event))
+
+
 def test_a_track_is_smoothed_as_little_as_its_body_needs_and_one_at_constant_speed_is_kept() -> (
     None
 ):
@@ -217,6 +250,28 @@ def test_a_place_without_room_is_refused_by_its_length() -> None:
     ground = ground_of("boulevard", None, load("cut_in"))
     with pytest.raises(NoRun, match="no lane is long enough: 900 m are needed, 400 m are there"):
         placements(ground, 900.0, lambda *_: [])
+
+
+@pytest.mark.parametrize(
+    ("object_class", "left_m", "stands"),
+    [
+        # Beside the rightmost lane; from any other it would stand in a lane.
+        (ObjectClass.PEDESTRIAN, -LANE_M / 2 - 0.6, True),
+        # In the lane to the left; from the leftmost one it would be an oncoming one.
+        (ObjectClass.CAR, LANE_M, False),
+    ],
+)
+def test_a_lane_is_found_by_bodies_that_fit_beside_it_alone(
+    object_class: ObjectClass, left_m: float, stands: bool
+) -> None:
+    event = load("cut_in")
+    ground = source_ground(read_source(event).road, event)
+    found = placements(
+        ground, 150.0, lambda _b, lane, _s: [Body(object_class, lane.y_m + left_m, True, stands)]
+    )
+    assert [(one.lane.y_m, one.misfit_m) for one in found] == [(0.0, pytest.approx(0.0, abs=0.1))]
+    driver = placements(ground, 150.0, lambda *_: [])
+    assert [one.lane.y_m for one in driver] == [0.0, LANE_M]
 
 
 def test_a_spent_budget_ends_the_tuning() -> None:

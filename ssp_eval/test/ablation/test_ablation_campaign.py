@@ -14,7 +14,7 @@ from ssp_eval.ablation import campaign
 from ssp_eval.ablation.campaign import COLUMNS, Job, Realisation, read_realisation
 from ssp_eval.ablation.figure import arms_figure
 from ssp_eval.ablation.ground import SOURCE_PLACE
-from ssp_eval.ablation.tables import arms_table, findings, pairs_of, places_table
+from ssp_eval.ablation.tables import arms_table, fields_table, findings, pairs_of, places_table
 from ssp_eval.data.audit import FIELDS
 from ssp_eval.figures.style import drawing
 from ssp_eval.statistics.table import by_column
@@ -156,9 +156,23 @@ def test_pairs_are_tested_on_the_same_realisations_and_on_places() -> None:
     kpr = found["structure", "relations", "kpr"]
     assert (kpr.n, kpr.test.p) == (5, 1.0)
     assert found["relations", "tracks", "compiled"].test.fewer == 5
+    lost = found["structure", "tracks", "lost"]
+    assert (lost.n, lost.test.fewer) == (10, 6)
+    # A field is asked of runs alone, and so on the place on which both arms made one.
+    field = found["structure", "relations", "topology"]
+    assert (field.n, field.test.more, field.test.fewer) == (5, 0, 0)
     told = findings(realisations())
     assert told[0] == "structure less relations: no measure differs"
-    assert told[1].startswith("structure less tracks: admitted +0.60 (p 0.031)")
+    assert told[1].startswith("structure less tracks: admitted +0.60 (p 0.031); event lost -0.60")
+
+
+def test_fields_are_shares_of_the_runs_that_an_arm_made() -> None:
+    arms = {one["arm"]: one for one in by_column(fields_table(realisations()))}
+    assert (arms["relations"]["n"], arms["relations"]["passing_order"]) == (5, 1.0)
+    assert (arms["tracks"]["n"], arms["tracks"]["passing_order"]) == (10, 0.4)
+    refused = [read_realisation(row("a", arm, 1, compiled=False)) for arm in campaign.ARMS]
+    none = by_column(fields_table(refused))
+    assert [one["topology"] for one in none] == [None] * 3
 
 
 def test_a_refusal_is_told_with_its_place() -> None:
@@ -175,9 +189,9 @@ def test_the_figure_has_a_mark_for_each_arm_and_part_of_the_event(tmp_path: Path
     made.figure.savefig(file)
     text = file.read_text()
     for arm in campaign.ARMS:
-        for field in (*FIELDS, "compiled", "located", "valid", "admitted"):
+        for field in (*FIELDS, "compiled", "located", "valid", "admitted", "lost"):
             assert f'id="{field}-{arm}"' in text
-    assert "10 realisations on 2 places" in made.caption
+    assert "on 2 places. Above the line: shares of 10 realisations" in made.caption
 
 
 def test_a_row_is_read_as_it_was_written(tmp_path: Path) -> None:
