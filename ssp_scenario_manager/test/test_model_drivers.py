@@ -79,6 +79,11 @@ def count(request):
     return f"{len(ASKED)} {ages} {first:.2f} {request.camera.width_px}", points(request)
 
 
+def route(request):
+    """Say what it gets of the centre line of its lane."""
+    return " ".join(f"{x:.3f},{y:.3f}" for x, y in request.route_m), points(request)
+
+
 def late(request):
     return request.stamp_ns > 8_500_000_000
 
@@ -179,6 +184,21 @@ def test_a_model_drives_by_the_frames_and_the_motion_of_its_interface(
     asked = [r.drive.asked for r in record.reports if r.drive is not None and r.drive.asked]
     assert all(question.frames[-1].stamp_ns == question.stamp_ns for question in asked)
     assert asked[0].stamp_ns == round(start.first_request_s * 1e9)
+
+
+def test_a_model_is_given_the_centre_line_of_its_lane_where_its_entry_says_so(
+    start: Start, folder: Path
+) -> None:
+    """At most 80 m ahead, and its card says so."""
+    with_line = python(folder, "route", centre_line=True)
+    for options, sees in ((python(folder, "route"), False), (with_line, True)):
+        given = driver_options("mine", options)
+        assert model_facts("mine", given)["sees_route"] is sees
+        said = answers(drive(driven_run(start, options, latency_s=0.5), start)[2])[0].text
+        places = [tuple(map(float, one.split(","))) for one in said.split()]
+        expected = [(2.0 * k, 0.0) for k in range(41)] if sees else []
+        assert len(places) == len(expected)
+        assert np.allclose(np.array(places), np.array(expected), atol=0.1)
 
 
 def test_each_run_has_a_fresh_model(start: Start, folder: Path) -> None:
@@ -388,6 +408,8 @@ def test_what_a_card_says_of_a_model_is_what_its_driver_does() -> None:
         ("nobody", {}, r"is no driver.*oracle.*NAME=.*openai"),
         ("perfect", {}, "answers from labels, and a driver gets none"),
         ("mine", {"backend": "http", "adress": "x"}, "adress"),
+        ("openai", {"model": "m", "centre_line": True}, "centre_line.*no place for the centre"),
+        ("mine", {"backend": "http", "url": "http://a", "centre_line": 1}, "centre_line"),
         ("mine", {"backend": "http", "url": "http://a", "api_key": "x"}, "is a secret's place"),
         ("oracle", {"backend": "http"}, "oracle"),
     ],

@@ -2,12 +2,13 @@
 
     GET  {url}/health  ->  {schema, model_id, ready, detail}
     POST {url}/answer  <-  {schema, request_id, stamp_ns, frames, camera, history, ego_provenance,
-                            task, previous, prompt}
+                            task, previous, prompt, route_m}
                        ->  {schema, request_id, model_id, text, arrays, decoding}
 
 Both directions of each are here, so that a service in Python can use the same functions. A frame
 is ``{stamp_ns, jpeg_base64}``; arrays and ``previous`` are in the form of messages.py.
 ``prompt`` is the interface's native prompt where that is one text (prompts.py), else null.
+``route_m`` is there for drivers that are given the centre line of their lane.
 """
 
 from __future__ import annotations
@@ -76,6 +77,8 @@ _REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
 def request_to_json(request: Request, prompt: str | None = None) -> dict[str, Any]:
     """Return the JSON object of a request; the prompt says the same to a model asked in words."""
     value = _REQUEST.dump_python(request, mode="json", by_alias=True)
+    if not request.route_m:
+        del value["route_m"]
     return {"schema": HTTP_SCHEMA, **value, "prompt": prompt}
 
 

@@ -324,6 +324,8 @@ class Request:
         previous: the model's own last answer about the same clip, for interfaces that carry state
             from answer to answer (interfaces.py); a bridge keeps none itself, so that an answer
             depends on its request only.
+        route_m: centre line of the lane ahead, ego frame, x forward and y left; empty: none is
+            given, as in open loop.
     """
 
     request_id: str
@@ -334,6 +336,7 @@ class Request:
     ego_provenance: str = "unknown"
     task: DrivingTask = field(default=TASK)
     previous: StoredResponse | None = None
+    route_m: tuple[tuple[float, float], ...] = ()
 
     @property
     def ego_known(self) -> bool:

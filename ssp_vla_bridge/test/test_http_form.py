@@ -34,7 +34,9 @@ def wired(value):
 
 def test_a_request_is_sent_whole(make_request, make_response, straight_history):
     request = make_request(history=straight_history(8.0, -0.3, 0.1), camera=CAMERA)
-    request = replace(request, previous=make_response([(0, 0), (math.inf, 1)]))
+    route = ((0.0, 0.0), (2.0, -0.5))
+    previous = make_response([(0, 0), (math.inf, 1)])
+    request = replace(request, previous=previous, route_m=route)
     sent = wired(request_to_json(request, "in words"))
     assert (sent.pop("schema"), sent.pop("prompt")) == ("ssp.vla_http/1", "in words")
     assert sent.keys() == {field.name for field in fields(Request)}
@@ -94,3 +96,10 @@ def test_nothing_but_an_input_error_comes_of_anything(value, place):
 def test_no_body_raises_anything_else(body):
     with contextlib.suppress(InputError):
         parse_json(body if isinstance(body, bytes) else body.encode())
+
+
+def test_the_centre_line_stands_in_a_request_where_it_is_given_alone() -> None:
+    request = Request("1", 0, ())
+    assert "route_m" not in request_to_json(request)
+    line = ((0.0, 0.0), (2.0, -0.5))
+    assert request_to_json(replace(request, route_m=line))["route_m"] == [[0.0, 0.0], [2.0, -0.5]]

@@ -27,6 +27,9 @@ from ssp_vla_bridge.egodriver.options import read_options
 
 # The entry of a models file, in the options of a driver.
 MODEL = "model"
+# The key of an entry by which a driver is given the centre line, and the backends that hand it on.
+CENTRE_LINE = "centre_line"
+_TAKE_CENTRE_LINE = ("python", "http")
 # A policy behind AlpaSim's EgodriverService: what the options of a driver hold instead, and its
 # backend's name. It keeps a session with its server, so that it is no backend of open loop.
 EGODRIVER = "egodriver"
@@ -79,8 +82,21 @@ def driver_options(
             remedy=f"there is {', '.join(others)}; a model of yours is named as with ssp evaluate, "
             'NAME={"backend": …}, with one of the backends ' + ", ".join(sorted(BACKENDS)),
         )
+    if entry.get(CENTRE_LINE) and not _takes_centre_line(spec.backend_name):
+        raise InputError(
+            "has no place for the centre line of its lane in what its model gets",
+            field=f"driver {name}.{CENTRE_LINE}",
+            value=spec.backend_name,
+            remedy=f"leave {CENTRE_LINE} out, or use {', '.join(_TAKE_CENTRE_LINE)} or a backend "
+            "of your own",
+        )
     check_bridge(spec)
     return {MODEL: entry}
+
+
+def _takes_centre_line(backend: str) -> bool:
+    """Tell whether a backend hands a whole request to its model."""
+    return backend in _TAKE_CENTRE_LINE or ":" in backend
 
 
 def _policy_options(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -134,7 +150,7 @@ def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
         "frame_spacing_s": model.rules.frame_spacing_s,
         "history_s": model.rules.history_s,
         "timeout_s": model.limit_s,
-        "sees_route": False,
+        "sees_route": model.centre_line,
     }
 
 
@@ -161,6 +177,7 @@ def bridge_model(name: str, options: Mapping[str, Any]) -> DriverModel:
         adapter=spec.read_by(),
         rules=spec.rules,
         timeout_s=spec.timeout_s,
+        centre_line=bool(options.get(MODEL, {}).get(CENTRE_LINE)),
     )
 
 

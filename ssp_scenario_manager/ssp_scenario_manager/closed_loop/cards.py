@@ -98,7 +98,6 @@ def _card(
     facts = importlib.import_module(_FACTS_MODULE).driving_facts(run.vut.cls)
     is_prescribed = driver.driver == CAREFUL
     seen = _seen(driver, starts[0])
-    # Of models those behind an EgodriverService alone get the centre line of their lane.
     has_route = seen.pop("sees_route")
     card = {
         "driver": driver.shown,

@@ -45,6 +45,7 @@ class DriverModel:
         adapter: that reads its answers, ``name`` or ``name:mode``.
         rules: its frames and its history.
         timeout_s: for one answer; None: that of the backend's options, or 60 s.
+        centre_line: it is given the centre line of its lane.
     """
 
     name: str
@@ -54,6 +55,7 @@ class DriverModel:
     adapter: str
     rules: Preprocessing
     timeout_s: float | None = None
+    centre_line: bool = False
 
     @property
     def limit_s(self) -> float:
@@ -182,6 +184,7 @@ def request_of(question: core.Question, model: DriverModel) -> Request:
         history=history_by(question.history, model.rules),
         ego_provenance="measured",
         task=model.task,
+        route_m=question.route_m if model.centre_line else (),
     )
 
 

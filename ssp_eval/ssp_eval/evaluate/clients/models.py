@@ -245,6 +245,9 @@ class ModelEntry(Strict):
     active_b: float | None = Field(None, gt=0.0, description="billions of parameters, above 0")
     architecture: str = Field("", description="a word such as dense or moe")
     weights_sha256: str = Field("", description="the hash of its weights, for cards of drivers")
+    centre_line: bool = Field(
+        False, description="true where, as a driver, it is given the centre line of its lane"
+    )
 
 
 class ModelsFile(Strict):
@@ -255,7 +258,7 @@ class ModelsFile(Strict):
 
 
 # Keys of an entry that may stand beside the backend's options in --bridge NAME={...}.
-_BESIDE = ("backend", "adapter", "timeout_s")
+_BESIDE = ("backend", "adapter", "timeout_s", "centre_line")
 _PREPROCESSING = tuple(set(asdict(Preprocessing())) & set(ModelEntry.model_fields))
 
 
