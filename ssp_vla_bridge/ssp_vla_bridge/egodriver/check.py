@@ -194,7 +194,9 @@ def _answers(asked: Sequence[GivenAnswer]) -> Finding:
     ends = [plan.t_s[-1] for plan in plans if plan is not None and plan.t_s]
     empty = sum(plan is None for plan in plans)
     shortest_s = min(ends, default=0.0)
-    seen = f"{empty} of {len(asked)} answers without a plan, plans end {shortest_s:.3g} s ahead"
+    seen = f"{empty} of {len(asked)} answers without a plan"
+    if ends:
+        seen += f", plans end {shortest_s:.3g} s ahead"
     if faults:
         seen += f"; invalid: {', '.join(faults)}"
     late = any(plan is None for plan in plans[len(plans) // 2 :])
@@ -207,8 +209,12 @@ def _answers(asked: Sequence[GivenAnswer]) -> Finding:
 
 
 def _latency(asked: Sequence[GivenAnswer]) -> Finding:
+    if ended := _ended(asked):
+        seen = f"only {len(asked) - 1} of {CALLS} calls were answered"
+        mend = f"let a session go on for {CALLS} calls, see terminate"
+        return Finding("latency", False, seen, _mend(ended, mend))
     took_s = sorted(ns_to_seconds(one.latency.total_ns) for one in asked)
-    cuts = quantiles(took_s, n=100, method="inclusive") if len(took_s) > 1 else [took_s[0]] * 99
+    cuts = quantiles(took_s, n=100, method="inclusive")
     p50_s, p99_s = cuts[49], cuts[98]
     passed = p99_s <= _BOUND_S
     mend = f"give --latency measured:S with an S above {p99_s:.2g}, or make it faster"

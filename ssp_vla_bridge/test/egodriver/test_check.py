@@ -151,6 +151,8 @@ class Hangs(Sound):
         (OneSession, "sessions", "RESOURCE_EXHAUSTED: one at a time", "take 8 sessions at once"),
         (Hangs, "frames", "no answer to drive within its deadline_s", "--deadline here"),
         (Hangs, "terminate", "no answer to drive within its deadline_s", "--deadline here"),
+        (Hangs, "latency", "only 0 of 20 calls were answered", "--deadline here"),
+        (Ends, "latency", "only 6 of 20 calls were answered", "see terminate"),
         (Silent, "answers", "20 of 20 answers without a plan", "answer each call"),
     ],
 )
