@@ -88,17 +88,16 @@ LOCKS = Path("/tmp")
 
 @contextmanager
 def measuring_alone(say: Callable[[str], None]) -> Iterator[None]:
-    """Keep other commands of this host from measuring latencies to the block's end.
+    """Keep other driven commands of this host waiting to the block's end, and wait for them.
 
     Args:
-        say: takes a line for people where another command is measuring, which is waited for.
+        say: takes a line for people where another command is waited for.
 
     Raises:
         HostError: the lock can't be opened.
     """
-    path = LOCKS / "ssp-measuring" / "lock"
+    path = _measuring_lock()
     try:
-        _host_folder(path.parent)
         handle = _open_lock(path)
     except OSError as error:
         raise HostError(
@@ -106,15 +105,51 @@ def measuring_alone(say: Callable[[str], None]) -> Iterator[None]:
             f"{error.strerror}; make it a file that every user may read, in a folder in which "
             "every user may make one"
         ) from error
+    words = (
+        "another command drives, or measures latencies, on this host, and would disturb what this "
+        f"one measures: it goes on when that has ended ({path} is the lock)"
+    )
+    with _held_lock(handle, fcntl.LOCK_EX, lambda: say(words)):
+        yield
+
+
+@contextmanager
+def beside_measuring(say: Callable[[str], None]) -> Iterator[None]:
+    """Wait while another command of this host measures latencies, and keep it waiting.
+
+    Commands that measure none disturb each other in nothing that counts, and run side by side.
+    Where the lock can't be opened, no command measures.
+
+    Args:
+        say: takes a line for people where another command is waited for.
+    """
+    path = _measuring_lock()
+    try:
+        handle = _open_lock(path)
+    except OSError:
+        yield
+        return
+    words = (
+        "another command measures latencies on this host, and this one would disturb it: it goes "
+        f"on when that has ended ({path} is the lock)"
+    )
+    with _held_lock(handle, fcntl.LOCK_SH, lambda: say(words)):
+        yield
+
+
+def _measuring_lock() -> Path:
+    return LOCKS / "ssp-measuring" / "lock"
+
+
+@contextmanager
+def _held_lock(handle: int, kind: int, say: Callable[[], None]) -> Iterator[None]:
+    """Hold a lock; ``say`` is called where it is waited for."""
     try:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(handle, kind | fcntl.LOCK_NB)
         except BlockingIOError:
-            say(
-                "another command measures latencies on this host, and two would disturb each "
-                f"other: this one goes on when that has ended ({path} is its lock)"
-            )
-            fcntl.flock(handle, fcntl.LOCK_EX)
+            say()
+            fcntl.flock(handle, kind)
         yield
     finally:
         os.close(handle)
@@ -130,6 +165,7 @@ def _host_folder(folder: Path) -> Path:
 
 def _open_lock(path: Path) -> int:
     """Open a file for locking, also one that another user left: reading it is enough."""
+    _host_folder(path.parent)
     try:
         handle = os.open(path, os.O_RDONLY)
     except FileNotFoundError:

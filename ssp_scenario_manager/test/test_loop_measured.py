@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +24,7 @@ from click.testing import CliRunner
 from ssp_core import names, processes
 from ssp_core.bag.reader import BagReader
 from ssp_core.errors import HostError, InputError
-from ssp_core.processes import measuring_alone
+from ssp_core.processes import beside_measuring, measuring_alone
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import Camera, RunSpec
@@ -318,8 +319,43 @@ def test_two_commands_that_measure_go_one_after_the_other(
         waits.wait()
         order.append("first")
     other.join()
-    assert order[0].startswith("another command measures latencies on this host")
+    assert order[0].startswith("another command drives, or measures latencies, on this host")
     assert order[1:] == ["first", "second"]
+
+
+@pytest.mark.parametrize("first_measures", [True, False])
+@pytest.mark.usefixtures("locks")
+def test_a_command_that_measures_and_one_that_does_not_go_one_after_the_other(
+    first_measures: bool,
+) -> None:
+    """Kept answers and fixed latencies cost processor time that a measured L would hold."""
+    kinds = [measuring_alone, beside_measuring]
+    first, then = kinds if first_measures else reversed(kinds)
+    waits, order = threading.Event(), []
+
+    def second() -> None:
+        with then(lambda text: (order.append(text), waits.set())):  # type: ignore[func-returns-value]
+            order.append("second")
+
+    with first(order.append):
+        other = threading.Thread(target=second)
+        other.start()
+        waits.wait()
+        order.append("first")
+    other.join()
+    assert "another command" in order[0]
+    assert "measures latenc" in order[0]
+    assert order[1:] == ["first", "second"]
+
+
+def test_commands_that_measure_nothing_run_side_by_side_and_need_no_lock(locks: Path) -> None:
+    said: list[str] = []
+    with beside_measuring(said.append), beside_measuring(said.append):
+        assert said == []
+    shutil.rmtree(locks / "ssp-measuring")
+    (locks / "ssp-measuring").write_text("a file")
+    with beside_measuring(said.append):
+        assert said == []
 
 
 def test_the_lock_is_for_every_user_whatever_the_umask_is(locks: Path) -> None:
@@ -352,8 +388,8 @@ def test_all_that_a_measuring_command_does_is_done_alone(
     order: list[str] = []
 
     @contextmanager
-    def alone(_say: object) -> Iterator[None]:
-        order.append("alone")
+    def held(name: str, _say: object) -> Iterator[None]:
+        order.append(name)
         try:
             yield
         finally:
@@ -365,8 +401,9 @@ def test_all_that_a_measuring_command_does_is_done_alone(
     command, driving = (sys.modules[f"ssp_scenario_manager.cli.{k}"] for k in ("loop", "driving"))
     plan = again(measured)
     for module in (command, driving):
-        monkeypatch.setattr(module, "measuring_alone", alone)
-    monkeypatch.setattr(command, "load_plan", lambda _: plan)
+        monkeypatch.setattr(module, "measuring_alone", partial(held, "alone"))
+        monkeypatch.setattr(module, "beside_measuring", partial(held, "beside"))
+    monkeypatch.setattr(command, "load_plan", lambda *_: plan)
     monkeypatch.setattr(plan_file, "try_driver", step("model"))
     monkeypatch.setattr(command, "run_campaign", step("runs", ([], [])))
     monkeypatch.setattr(command, "write_bags", step("bags", []))
@@ -377,12 +414,12 @@ def test_all_that_a_measuring_command_does_is_done_alone(
     monkeypatch.setattr(driving, "try_driver", step("model"))
     monkeypatch.setattr(sys.modules["ssp_scenario_manager.cli.run"], "driven_run", stopped)
     drive = f"mine={json.dumps(plan.drivers[0].options)}"
-    for latency, wanted in (("measured", ["alone", "model", "done"]), ("zero", ["model"])):
+    for latency, first in (("measured", "alone"), ("zero", "beside")):
         order.clear()
         options = ["--drive", drive, "--latency", latency, "--out", str(tmp_path / "run")]
         said = CliRunner().invoke(run_command, ["cut_in", "--in-process", *options])
         assert isinstance(said.exception, InterruptedError), said.output
-        assert order == wanted
+        assert order == [first, "model", "done"]
 
 
 def stopped(*_: object) -> None:

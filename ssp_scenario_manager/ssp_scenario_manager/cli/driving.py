@@ -8,7 +8,7 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.processes import measuring_alone
+from ssp_core.processes import beside_measuring, measuring_alone
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import drives_as_node, sees_frames, try_driver
 from ssp_scenario_manager.closed_loop.single import Drive, parse_drive
@@ -29,7 +29,7 @@ def asked_driver(
     """Return the driver that is asked for, made once; refuse one where it may not drive.
 
     Where its latency is measured, the command has its host for itself from here on: models that are
-    loaded, and starts, would disturb what another one measures.
+    loaded, and starts, would disturb what another one measures. Others wait for one that measures.
     """
     if text is None:
         if latency is not None:
@@ -52,8 +52,9 @@ def asked_driver(
             f"--drive {drive.driver} needs --in-process: a driver that leads the VUT without plans "
             "drives in one process only"
         )
-    if drive.latency.measured and sees_frames(drive.driver):
-        click.get_current_context().with_resource(measuring_alone(console.note))
+    measures = drive.latency.measured and sees_frames(drive.driver)
+    alone = measuring_alone if measures else beside_measuring
+    click.get_current_context().with_resource(alone(console.note))
     try_driver(drive.driver, drive.options)
     return drive
 
@@ -78,6 +79,15 @@ def check_driven(
             value=driven.driver,
             remedy="give --in-process, without --runs and --vary",
         )
+
+
+def await_measured(spec: RunSpec, drive: Drive | None) -> None:
+    """Wait for a command that measures, before a driven run repeats kept answers.
+
+    One that asks a driver did so before (``asked_driver``).
+    """
+    if spec.driven is not None and drive is None:
+        click.get_current_context().with_resource(beside_measuring(console.note))
 
 
 def check_twin(spec: RunSpec) -> None:

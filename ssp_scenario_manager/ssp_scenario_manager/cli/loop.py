@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -16,7 +15,7 @@ from rich.progress import Progress
 from ssp_core import console
 from ssp_core.files import make_folder, taken_folder
 from ssp_core.options import WholeNumber
-from ssp_core.processes import measuring_alone
+from ssp_core.processes import beside_measuring, measuring_alone
 from ssp_scenario_manager.closed_loop.again import run_of_row
 from ssp_scenario_manager.closed_loop.answers import repeated
 from ssp_scenario_manager.closed_loop.bags import Bags, bag_rows, write_bags
@@ -110,8 +109,8 @@ def loop(
     further = [CampaignDriver(driver=name, options=options) for name, options in named]
     plan = load_plan(plan_file, further)
     # Models that are loaded, starts and bags would disturb what another command measures, too.
-    alone = measuring_alone(console.note) if plan.is_measured else nullcontext()
-    click.get_current_context().with_resource(alone)
+    alone = measuring_alone if plan.is_measured else beside_measuring
+    click.get_current_context().with_resource(alone(console.note))
     try_drivers(plan)
     make_folder(out)
     with taken_folder(out):
@@ -164,7 +163,8 @@ def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
         measures = again.asks_anew and spec.driven is not None and spec.driven.latency.measured
         if again.asks_anew:
             console.note("our side failed this run, whose answers aren't kept: the model is asked")
-        with measuring_alone(console.note) if measures else nullcontext():
+        alone = measuring_alone if measures else beside_measuring
+        with alone(console.note):
             told = run_one(
                 spec,
                 folder,

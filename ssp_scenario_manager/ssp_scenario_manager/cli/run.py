@@ -24,7 +24,12 @@ from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.driver import sees_frames
-from ssp_scenario_manager.cli.driving import asked_driver, check_driven, check_twin
+from ssp_scenario_manager.cli.driving import (
+    asked_driver,
+    await_measured,
+    check_driven,
+    check_twin,
+)
 from ssp_scenario_manager.closed_loop.answers import ANSWERS_FILE, repeated
 from ssp_scenario_manager.closed_loop.before import before_of_folder
 from ssp_scenario_manager.closed_loop.sessions import told_of_session
@@ -283,6 +288,7 @@ def run(
             spec = with_faults(spec, load_faults(faults_file), faults_file)
         check_live(spec)
         check_driven(spec, what, seed, in_process=in_process, swept=swept)
+        await_measured(spec, drive)
         if live is not None:
             live.check(spec)
         _tell(spec, draft, compiled)
