@@ -14,7 +14,7 @@ from ssp_core import console
 from ssp_core.files import make_folder, taken_folder
 from ssp_core.options import WholeNumber
 from ssp_eval.ablation.campaign import Plan, Realisation, run_ablation
-from ssp_eval.ablation.figure import arms_figure
+from ssp_eval.ablation.figure import figures
 from ssp_eval.ablation.ground import SOURCE_PLACE
 from ssp_eval.ablation.tables import arms_table, findings, tables_of
 from ssp_eval.figures.write import written_drawings
@@ -87,7 +87,7 @@ def ablate(
         placed = [one for one in found if one.place != SOURCE_PLACE]
         tables = tables_of(placed)
         write_tables(out, tables, ["csv"])
-        written_drawings([arms_figure(event, placed)], out, lambda _name: None)
+        written_drawings(figures(event, placed), out, lambda _name: None)
     _say(found, placed, tables, out, as_json)
     return 0
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from ssp_eval.ablation.campaign import ARMS, Realisation
 from ssp_eval.ablation.tables import FIELD_SHARES, SHARES, share_of_arm
@@ -24,6 +24,11 @@ _ROW_IN = 0.34
 # Of all realisations, and below them of the runs that an arm made.
 _OF_ALL = tuple(one for one in SHARES if one.key != "off_spec")
 _DRAWN = (*_OF_ALL, *FIELD_SHARES)
+
+
+def figures(event: str, realisations: Sequence[Realisation]) -> Iterator[Drawing]:
+    """Yield the figures of an ablation, each made when it is asked for."""
+    yield arms_figure(event, realisations)
 
 
 def arms_figure(event: str, realisations: Sequence[Realisation]) -> Drawing:

@@ -55,6 +55,8 @@ _SAME_M, _SAME_MPS = 0.1, 0.3
 # Between the gap that fires and the begin of the motion.
 _LEAD_S = 0.1
 _RUN_OUT_S = 10.0
+# Relations are compared from so long before the first change of a motion on, for so long after it.
+_BEFORE_S, _AFTER_S = 1.0, 3.0
 # A quintic's peak rate over its mean rate.
 _QUINTIC_PEAK = 1.875
 # Of a change of speed the middle part is measured, from the first to the second share.
@@ -300,7 +302,7 @@ class _Solver:
             other = states_of(trial.series, course.object_id)
             for state, own in zip(other, vut, strict=False):
                 at_s = self.at_s + state.stamp_ns * 1e-9 - fired[0]
-                if not self.at_s - 1.0 <= at_s <= self.at_s + 3.0:
+                if not self.at_s - _BEFORE_S <= at_s <= self.at_s + _AFTER_S:
                     continue
                 ahead, left = own.pose.to_local(state.x_m, state.y_m)
                 t = self.relations.times_s

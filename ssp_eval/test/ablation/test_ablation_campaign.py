@@ -78,6 +78,8 @@ def test_an_ablation_goes_on_where_it_stopped_to_the_same_bytes(
     assert [one["arm"] for one in tables["arms"]["data"]] == list(campaign.ARMS)
     whole = {path.name: path.read_bytes() for path in out.iterdir()}
     assert {"arms.csv", "pairs.csv", "places.csv", "fields.csv", "arms.svg"} <= set(whole)
+    # Drawn in the house's style, in which text stays text.
+    assert b">participant roles</text>" in whole["arms.svg"]
     assert [(job.arm, job.seeds) for job in seen[3:]] == [
         (arm, (1, 2)) for _ in range(2) for arm in campaign.ARMS
     ]
