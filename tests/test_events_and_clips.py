@@ -89,7 +89,8 @@ def test_topology_has_the_values_of_the_clip_s_own_road(event: Event, board: Sto
     assert topology.lanes_opposite.value == opposite
     assert board.vut.state(0.0).y_m == min(lane.y_m for lane in board.road.lanes)
     assert topology.vut_lane.value == "rightmost"
-    assert topology.segment.value == "straight"
+    assert (topology.segment.value == "junction") == bool(board.road.junction)
+    assert topology.segment.value in ("straight", "junction")
     assert board.road.sidewalk_left_m > 0.0
     assert board.road.sidewalk_right_m > 0.0
     assert (topology.left_boundary.value, topology.right_boundary.value) == ("sidewalk",) * 2

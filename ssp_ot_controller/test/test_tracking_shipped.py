@@ -31,7 +31,8 @@ TRIGGER_S = 10.0
 @cache
 def shipped(event: str) -> tuple[ParticipantSpec, BodyLimits, tuple[Reference, ...]]:
     """The initiator of an event, its body on the site, and the references that it gets."""
-    run = compile_task(Request(event=event, target="sumo", site="boulevard")).task.run
+    site = "crossroads" if KINDS[event].at_junction else "boulevard"
+    run = compile_task(Request(event=event, target="sumo", site=site)).task.run
     target = next(t for t in run.targets if t.id == run.initiator_id)
     trigger = next(t for t in run.triggers if t.object_id == target.id)
     start = target.start

@@ -192,3 +192,26 @@ def test_a_standing_obstacle_is_braked_for_at_least_as_physics_asks() -> None:
     needed = 13.9**2 / (2.0 * room)
     for still in (0.0, -2.0):
         assert following_acceleration(13.9, gap, 0.0, still, DRIVER) <= -needed
+
+
+@pytest.mark.parametrize(
+    ("y_m", "yaw_rad", "speed_mps", "gaps_m"),
+    [
+        pytest.param(-8.0, math.pi / 2, 6.0, 1, id="a car that crosses from the right"),
+        pytest.param(8.0, -math.pi / 2, 6.0, 1, id="a car that crosses from the left"),
+        pytest.param(8.0, math.pi / 2, 6.0, 0, id="one that has crossed"),
+        pytest.param(-8.0, math.pi / 2, 0.0, 0, id="one that waits"),
+        pytest.param(-8.0, -math.pi / 2, 6.0, 0, id="one that drives away"),
+        pytest.param(-8.0, 0.3, 6.0, 0, id="one that drives along"),
+        pytest.param(-80.0, math.pi / 2, 6.0, 0, id="one that comes much later"),
+    ],
+)
+def test_a_vehicle_that_crosses_is_yielded_to(
+    y_m: float, yaw_rad: float, speed_mps: float, gaps_m: int
+) -> None:
+    vut = state_of_body(BodyState(10.0, 0.0, 0.0, 9.0), object_id="vut")
+    car = object_state("ot1", CAR, 40.0, y_m, yaw_rad, speed_mps=speed_mps)
+    found = find_obstacles(vut, [car], PATH, DRIVER)
+    assert len(found) == gaps_m
+    # It is as one that stands: its motion along the path is no reason to close in on it.
+    assert all(obstacle.speed_mps == 0.0 for obstacle in found)

@@ -21,7 +21,8 @@ EVENTS = tuple(sorted(KINDS))
 @pytest.fixture(scope="module", params=EVENTS)
 def task(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Task:
     out = tmp_path_factory.mktemp("sheet") / "task"
-    where = ["--target", "track", "--site", "north_track", "--out", str(out)]
+    site = "cross_track" if KINDS[request.param].at_junction else "north_track"
+    where = ["--target", "track", "--site", site, "--out", str(out)]
     assert main(["compile", request.param, *where]) == 0
     return load_task(out)
 

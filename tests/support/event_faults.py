@@ -271,6 +271,12 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         "topology.segment",
     ),
     (
+        "roads_cross_at_a_junction",
+        "crossing_car",
+        {"topology.segment.value": "straight"},
+        "topology.segment",
+    ),
+    (
         "phases_in_order",
         "cut_in",
         {"events.conflict.start": span(3, 3, "s")},

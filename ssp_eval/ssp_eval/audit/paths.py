@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.road import Lane, Road
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
@@ -41,6 +43,7 @@ class Lanes:
         self.line = ReferenceLine.of_road(road)
         self.forward = forward
         self.lanes: tuple[Lane, ...] = tuple(sorted(road.lanes, key=lambda lane: lane.y_m))
+        self.junction = tuple((ReferenceLine.of_road(one), one) for one in road.junction)
 
     @classmethod
     def of(cls, road: Road, vut: Iterable[ObjectState]) -> Lanes:
@@ -104,7 +107,8 @@ class Lanes:
         side = 1.0 if self.forward else -1.0
         if spot.lane is None:
             middle = (self.lanes[0].y_m + self.lanes[-1].y_m) / 2.0
-            return "left_kerb" if (spot.l_m - middle) * side > 0.0 else "right_kerb"
+            place = "road" if self._on_junction(spot) else "kerb"
+            return f"left_{place}" if (spot.l_m - middle) * side > 0.0 else f"right_{place}"
         if spot.lane == own_lane:
             return "vut_lane"
         if not self.is_same_direction(spot.lane):
@@ -115,8 +119,22 @@ class Lanes:
         name = "left" if steps > 0 else "right"
         return f"{name}_lane" if abs(steps) == 1 else f"{abs(steps)}_lanes_{name}"
 
+    def _on_junction(self, spot: Spot) -> bool:
+        """Tell whether a place off the road's own lanes lies on another road of the junction."""
+        at = np.array([self.line.to_map(spot.s_m, spot.l_m)])
+        for line, road in self.junction:
+            s_m, l_m = line.to_local_many(at)[0]
+            if 0.0 <= s_m <= road.length_m and road.right_edge_m <= l_m <= road.left_edge_m:
+                return True
+        return False
+
     def segment(self, from_s_m: float, to_s_m: float) -> str:
-        """``straight`` or ``curve``, by the tightest bend between two arc lengths."""
+        """``straight`` or ``curve``, by the tightest bend between two arc lengths.
+
+        A road that leads through a junction is one throughout, as its block is.
+        """
+        if self.junction:
+            return "junction"
         low, high = sorted((from_s_m, to_s_m))
         steps = max(1, math.ceil((high - low) / _CURVATURE_STEP_M))
         tightest = max(

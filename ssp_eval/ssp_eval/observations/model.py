@@ -30,6 +30,8 @@ PlaceWord = Literal[
     "oncoming_lane",
     "left_kerb",
     "right_kerb",
+    "left_road",
+    "right_road",
     "2_lanes_left",
     "2_lanes_right",
     "3_lanes_left",

@@ -26,7 +26,7 @@ from ssp_core.options import WholeNumber
 from ssp_core.vocabulary import PHASES, PhaseWord
 from ssp_eval.recordings.event import rules_of
 from ssp_ot_controller.camera import clip
-from ssp_ot_controller.camera.storyboards import Storyboard
+from ssp_ot_controller.camera.storyboards import LaneCounts, Storyboard, usual_lanes
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_version, seal_event, seals, write_event
@@ -35,11 +35,7 @@ from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.event_spec.other_lanes import topology_with_lanes
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
-# Lanes with and against the VUT.
-LaneCounts = tuple[int, int]
-
 WHO = "ssp spec clip"
-_USUAL_LANES: LaneCounts = (2, 2)
 # What a storyboard draws, whatever the event says.
 _DRAWN = {
     "cut_in": ("cutting_in_from_left", "car"),
@@ -47,6 +43,7 @@ _DRAWN = {
     "vru_crossing": ("crossing_from_right", "pedestrian"),
     "occluded_crossing": ("crossing_from_right", "pedestrian"),
     "slow_lead": ("same_direction", "car"),
+    "crossing_car": ("crossing_from_right", "car"),
 }
 
 
@@ -60,7 +57,7 @@ class Drawn:
     fps: float
 
 
-def board_of(event: Event, seed: int, lanes: LaneCounts | None = None) -> Storyboard:
+def board_of(event: Event, seed: int, lanes: tuple[int, int] | None = None) -> Storyboard:
     """Return the storyboard of an event's clip, before it is drawn.
 
     Args:
@@ -72,12 +69,16 @@ def board_of(event: Event, seed: int, lanes: LaneCounts | None = None) -> Storyb
         InputError: the storyboards don't draw such an event.
     """
     interaction, road = event.interaction, event.topology
+    kind = KINDS.get(interaction.type)
     motion, class_ = _DRAWN.get(interaction.type, ("", ""))
     initiator = event.participants[interaction.initiator]
     found = {
         "interaction.dominant_motion": (interaction.dominant_motion, motion),
         f"participants.{interaction.initiator}.class": (initiator.class_, class_),
-        "topology.segment": (road.segment.value, "straight"),
+        "topology.segment": (
+            road.segment.value,
+            "junction" if kind is not None and kind.at_junction else "straight",
+        ),
         "topology.vut_lane": (road.vut_lane.value, "rightmost"),
     }
     for field, (value, drawn) in found.items():
@@ -129,7 +130,7 @@ def bound_event(event: Event, board: Storyboard, drawn: Drawn, sha256: str) -> E
     counts = sum(lane.direction == "forward" for lane in board.road.lanes)
     original = f"{board.scenario} seed {board.seed}"
     opposite = len(board.road.lanes) - counts
-    if (counts, opposite) != _USUAL_LANES:
+    if LaneCounts(counts, opposite) != usual_lanes(board.scenario):
         original += f", lanes {counts}+{opposite}"
     value = event.model_dump(mode="json", by_alias=True)
     value["source"] = {
@@ -184,7 +185,7 @@ def _at(value: float, unit: str) -> dict[str, Any]:
     return {"min": value, "max": value, "unit": unit}
 
 
-def _lanes(_: click.Context, __: click.Parameter, text: str | None) -> LaneCounts | None:
+def _lanes(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
     found = re.fullmatch(r"(\d)\+(\d)", text)
@@ -217,7 +218,9 @@ def _lanes(_: click.Context, __: click.Parameter, text: str | None) -> LaneCount
     help="Folder to write to.",
 )
 @click.option("--force", is_flag=True, help="Replace a clip and its K* that are there.")
-def clip_command(event: str, seed: int, lanes: LaneCounts | None, out: Path, force: bool) -> int:
+def clip_command(
+    event: str, seed: int, lanes: tuple[int, int] | None, out: Path, force: bool
+) -> int:
     """Make a synthetic clip of EVENT, and the K* that is bound to it.
 
     EVENT is a K* file or the name of a shipped one. Written are NAME.mp4, NAME.truth.json (ground

@@ -15,7 +15,7 @@ from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.motion.encounter import Observable
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.model import ConflictThresholds
-from ssp_core.run_file.road import CurvePiece, Lane, Road
+from ssp_core.run_file.road import CurvePiece, JunctionRoad, Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.audit.checks import phase_findings, property_findings
@@ -153,6 +153,39 @@ def slow_lead(speed: float = 3.5, offset_m: float = -0.35, x_m: float = 60.0, **
     return scene(vut, lambda t: (x_m + speed * t, offset_m), **given)
 
 
+def crossing_road(arm_at_m: float = 80.0) -> RoadFacts:
+    """A road of one lane each way, and another one that crosses it."""
+    lanes = [
+        Lane(y_m=y, width_m=3.5, direction=d) for y, d in ((0.0, "forward"), (3.5, "backward"))
+    ]
+    across = [
+        Lane(y_m=y, width_m=3.5, direction=d) for y, d in ((0.0, "forward"), (3.5, "backward"))
+    ]
+    arms = [
+        JunctionRoad(
+            origin=Start(x_m=arm_at_m, y_m=y_m, yaw_rad=math.pi / 2),
+            length_m=length_m,
+            lanes=across,
+            junction_at=end,
+        )
+        for y_m, length_m, end in ((-66.0, 60.0, "end"), (9.0, 60.0, "start"), (-6.0, 15.0, "both"))
+    ]
+    return road(lanes=lanes, junction=arms)
+
+
+def crossing_car(start_s: float = 4.0, side: float = -1.0, **more: Any) -> Scene:
+    """A car drives off at x = 80 m, 12 m beside the VUT's way, with 2 m/s² up to 7 m/s."""
+
+    def way(t_s: float) -> tuple[float, float]:
+        faster_s = min(max(0.0, t_s - start_s), 3.5)
+        driven_m = faster_s**2 + 7.0 * max(0.0, t_s - start_s - 3.5)
+        return 80.0, side * (12.0 - driven_m)
+
+    vut = more.pop("vut", braking(0.0, 9.0, 6.0, 3.0, 1.5))
+    given = {"thresholds": BOTH, "length_s": 18.0, "road": crossing_road()} | more
+    return scene(vut, way, **given)
+
+
 def words(found: Measured, field: str, part: str) -> tuple[str, ...]:
     value = found.properties[field].words
     assert value is not None
@@ -180,6 +213,7 @@ def codes(name: str, found: Measured) -> list[str]:
         ("vru_crossing", crossing, "crossing", "crossing_from_right"),
         ("lead_braking", lead, "following", "same_direction"),
         ("slow_lead", slow_lead, "following", "same_direction"),
+        ("crossing_car", crossing_car, "crossing", "crossing_from_right"),
     ],
 )
 def test_an_event_is_what_its_specification_says(
@@ -214,6 +248,32 @@ def test_an_event_is_what_its_specification_says(
 )
 def test_what_is_no_slow_lead_is_refused_with_what_differs(made: Scene, code: str) -> None:
     assert codes("slow_lead", measure(made))[:1] == [code]
+
+
+@pytest.mark.parametrize(
+    ("made", "code"),
+    [
+        pytest.param(crossing_car(side=1.0), "wrong_side", id="from the left"),
+        pytest.param(crossing_car(cls=ObjectClass.PEDESTRIAN), "roles_differ", id="a pedestrian"),
+        pytest.param(crossing_car(cls=ObjectClass.TRUCK), "roles_differ", id="a truck"),
+        pytest.param(
+            crossing_car(6.5, vut=braking(0.0, 9.0, 60.0, 3.0)),
+            "order_differs",
+            id="the VUT is first",
+        ),
+        pytest.param(crossing_car(start_s=60.0), "no_manoeuvre", id="it waits"),
+        pytest.param(
+            crossing_car(road=crossing_road(120.0)), "place_differs", id="from beside the road"
+        ),
+        pytest.param(
+            crossing_car(road=replace(crossing_road(), road=road().road)),
+            "topology_differs",
+            id="no junction",
+        ),
+    ],
+)
+def test_what_is_no_crossing_car_is_refused_with_what_differs(made: Scene, code: str) -> None:
+    assert codes("crossing_car", measure(made))[:1] == [code]
 
 
 def test_phases_and_facts_of_a_cut_in() -> None:

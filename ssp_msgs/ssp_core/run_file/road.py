@@ -19,6 +19,8 @@ from ssp_core.run_file.values import (
 
 # On one road; more would be felt in every frame.
 MOST_SCENERY = 1000
+# Of one junction; more is a mistake.
+MOST_JUNCTION_ROADS = 300
 SceneryExtent = Annotated[float, Field(ge=0.5, le=300)]
 
 
@@ -110,6 +112,31 @@ class PartialCrossing(Strict):
     left_m: Finite
 
 
+class JunctionRoad(Strict):
+    """A road of the junction that the run's road leads through: an arm, or a connecting road.
+
+    Its frame is its own: arc length along its reference line, and distance to its left.
+    """
+
+    origin: Start = Field(description="pose of its reference line's start, frame map")
+    length_m: Positive
+    pieces: list[CurvePiece] = Field([], description="empty: straight; else they sum to length_m")
+    lanes: Annotated[list[Lane], Field(min_length=1)]
+    junction_at: Literal["start", "end", "both"] = Field(
+        description="the end of an arm that meets the junction; both: a connecting road in it"
+    )
+
+    @property
+    def left_edge_m(self) -> float:
+        """Lateral position of the carriageway's left edge, its own frame."""
+        return max(lane.y_m + lane.width_m / 2 for lane in self.lanes)
+
+    @property
+    def right_edge_m(self) -> float:
+        """Lateral position of the carriageway's right edge, its own frame."""
+        return min(lane.y_m - lane.width_m / 2 for lane in self.lanes)
+
+
 class Road(Strict):
     """The block that the run takes place on, with its transform to map (METHOD 2.4).
 
@@ -131,11 +158,14 @@ class Road(Strict):
     )
     speed_limit_mps: Positive = 13.9
     scenery: Scenery = Field([], description="what the map has beside the road, block frame")
+    junction: Annotated[list[JunctionRoad], Field(max_length=MOST_JUNCTION_ROADS)] = Field(
+        [], description="all roads of the junction that the road leads through; empty: of none"
+    )
 
     @model_serializer(mode="wrap")
     def _without_empty_lists(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return without_defaults(
-            dump(self), scenery=[], further_crossings_x_m=[], partial_crossings=[]
+            dump(self), scenery=[], further_crossings_x_m=[], partial_crossings=[], junction=[]
         )
 
     @property

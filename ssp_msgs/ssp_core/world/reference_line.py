@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssp_core.geometry import FloatArray, Pose2, wrap_angle
-from ssp_core.run_file.road import CurvePiece, Road
+from ssp_core.run_file.road import CurvePiece, JunctionRoad, Road
 from ssp_core.run_file.values import Point
 
 IndexArray = NDArray[np.intp]
@@ -317,8 +317,8 @@ class ReferenceLine:
         return right, left
 
     @classmethod
-    def of_road(cls, road: Road) -> ReferenceLine:
-        """Return the line of a run's road; straight where the road has no pieces."""
+    def of_road(cls, road: Road | JunctionRoad) -> ReferenceLine:
+        """Return the line of a road in a run file; straight where the road has no pieces."""
         return cls(road.origin.pose, road.pieces or [CurvePiece(length_m=road.length_m)])
 
     @property

@@ -12,7 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from ssp_core.errors import HostError
-from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.road import JunctionRoad, Lane, Road
 from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.reference_line import ReferenceLine
 
@@ -170,7 +170,40 @@ def _plain_xml(road: Road) -> tuple[ElementTree.Element, ElementTree.Element]:
             )
             if edge.pedestrian:
                 lane.set("allow", "pedestrian")
+    for number, one in enumerate(road.junction):
+        _add_junction_road(nodes, edges, one, f"junction_{number}", road.speed_limit_mps)
     return nodes, edges
+
+
+def _add_junction_road(
+    nodes: ElementTree.Element,
+    edges: ElementTree.Element,
+    road: JunctionRoad,
+    name: str,
+    speed_mps: float,
+) -> None:
+    """Add each lane of an arm or a connecting road as an edge, linked to no other one."""
+    line = ReferenceLine.of_road(road)
+    for index, lane in enumerate(road.lanes):
+        way = line.path(0.0, road.length_m, lane.y_m, _CHORD_M)
+        if lane.direction == "backward":
+            way.reverse()
+        edge = f"{name}_{index}"
+        for end, (east, north) in (("from", way[0]), ("to", way[-1])):
+            ElementTree.SubElement(
+                nodes, "node", id=f"{edge}_{end}", x=_number(east), y=_number(north)
+            )
+        element = ElementTree.SubElement(
+            edges,
+            "edge",
+            {"id": edge, "from": f"{edge}_from", "to": f"{edge}_to"},
+            numLanes="1",
+            speed=_number(speed_mps),
+            spreadType="center",
+        )
+        shape = " ".join(f"{_number(x)},{_number(y)}" for x, y in way)
+        element.set("shape", shape)
+        ElementTree.SubElement(element, "lane", index="0", width=_number(lane.width_m), shape=shape)
 
 
 def _places(road: Road) -> tuple[LanePlace, ...]:

@@ -7,9 +7,10 @@ further scenario is one function and a line in ``_PLAYS``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from ssp_core.geometry import wrap_angle
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Camera, Look
-from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.road import CurvePiece, JunctionRoad, Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
 
@@ -180,6 +181,60 @@ def clip_road(counts: LaneCounts) -> Road:
     )
 
 
+# From the carriageway to where the arms of a junction begin, and the length of these.
+_SETBACK_M, _ARM_M = 6.0, 60.0
+
+
+def clip_junction(counts: LaneCounts, middle_m: float) -> list[JunctionRoad]:
+    """Return the roads of a junction: a road of one lane each way crosses the clip's squarely.
+
+    Args:
+        counts: lanes of the clip's road.
+        middle_m: where the middle of the other road crosses, along the clip's road.
+    """
+    along = clip_road(counts).lanes
+    across = [
+        Lane(y_m=side * LANE_M / 2, width_m=LANE_M, direction=direction)
+        for side, direction in ((-1, "forward"), (1, "backward"))
+    ]
+    half, quarter = LANE_M + _SETBACK_M, math.pi / 2
+    right, left = KERB_M - _SETBACK_M, (counts.total - 0.5) * LANE_M + _SETBACK_M
+    outer = (counts.total - 1) * LANE_M
+    west, east = middle_m - half, middle_m + half
+
+    def road(
+        end: Literal["start", "end", "both"],
+        pose: tuple[float, float, float],
+        length_m: float,
+        lanes: Sequence[Lane],
+    ) -> JunctionRoad:
+        x_m, y_m, yaw_rad = pose
+        start = Start(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
+        return JunctionRoad(origin=start, length_m=length_m, lanes=list(lanes), junction_at=end)
+
+    def turn(x_m: float, y_m: float, yaw_rad: float) -> JunctionRoad:
+        """Return a connecting road to the right, around a corner."""
+        radius = _SETBACK_M + LANE_M / 2
+        own = [Lane(y_m=0.0, width_m=LANE_M, direction="forward")]
+        bare = road("both", (x_m, y_m, yaw_rad), radius * quarter, own)
+        bend = {"start_curvature_1pm": -1.0 / radius, "end_curvature_1pm": -1.0 / radius}
+        pieces = [CurvePiece(length_m=bare.length_m, **bend)]
+        return bare.model_copy(update={"pieces": pieces})
+
+    return [
+        road("end", (west - _ARM_M, 0.0, 0.0), _ARM_M, along),
+        road("start", (east, 0.0, 0.0), _ARM_M, along),
+        road("end", (middle_m, right - _ARM_M, quarter), _ARM_M, across),
+        road("start", (middle_m, left, quarter), _ARM_M, across),
+        road("both", (west, 0.0, 0.0), 2 * half, along),
+        road("both", (middle_m, right, quarter), left - right, across),
+        turn(west, 0.0, 0.0),
+        turn(middle_m + LANE_M / 2, right, quarter),
+        turn(east, outer, math.pi),
+        turn(middle_m - LANE_M / 2, left, -quarter),
+    ]
+
+
 # Another one than in the sessions.
 CLIP_CAMERA = Camera(
     width_px=960,
@@ -311,6 +366,19 @@ def slow_lead(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     return vut, (lead, *_oncoming(lanes, 165.0, 9.5))
 
 
+def crossing_car(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
+    """Cast a car that waits on the road from the right and crosses, and a VUT that stops."""
+    speed = float(rng.uniform(8.8, 9.4))
+    step_s = float(rng.uniform(2.2, 2.6))
+    fast = float(rng.uniform(7.6, 8.2))
+    step = Ramp(step_s, 4.0, fast)
+    vut, _, crossing_m = _crossing(speed, step_s + 1.4, 3.0, 4.5, step)
+    start_m = KERB_M - _SETBACK_M - 1.0 - CAR.front_m
+    along, across = Line(crossing_m, 0.0), Line(start_m, 0.0, (step,))
+    car = Actor("ot1", ObjectClass.CAR, Role.OT, along, across, math.pi / 2)
+    return vut, (car, *_oncoming(lanes, 150.0, 9.0))
+
+
 # New ones at the end: a scenario's number is part of its seed.
 _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "cut_in": cut_in,
@@ -318,6 +386,7 @@ _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "lead_braking": lead_braking,
     "occluded_crossing": occluded_crossing,
     "slow_lead": slow_lead,
+    "crossing_car": crossing_car,
 }
 INTERACTIONS = tuple(_PLAYS)
 FPS = 24.0
@@ -349,13 +418,18 @@ class Storyboard:
         return tuple(actor.state(t_s) for actor in actors)
 
 
+def usual_lanes(scenario: str) -> LaneCounts:
+    """Return the lanes of a scenario's road: two each way, and one where roads cross."""
+    return LaneCounts(1, 1) if scenario == "crossing_car" else LaneCounts()
+
+
 def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Storyboard:
     """Return the clip of a scenario; the seed varies speeds, timing and light a little.
 
     Args:
         scenario: one of `INTERACTIONS`.
         seed: of speeds, timing and light.
-        lanes: of the road, None: two each way. They change nothing else.
+        lanes: of the road, None: the usual ones. They change nothing else.
 
     Raises:
         InputError: there is no such scenario, or the road has too few lanes for it.
@@ -364,7 +438,7 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
         raise InputError(
             "is no scenario", field="scenario", value=scenario, remedy=f"one of {INTERACTIONS}"
         )
-    lanes = lanes or LaneCounts()
+    lanes = lanes or usual_lanes(scenario)
     least = 2 if scenario == "cut_in" else 1
     if not least <= lanes.same <= MOST_LANES or not 0 <= lanes.opposite <= MOST_LANES:
         raise InputError(
@@ -377,4 +451,8 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
     rng = np.random.default_rng(np.random.SeedSequence([seed, INTERACTIONS.index(scenario)]))
     vut, others = _PLAYS[scenario](rng, lanes)
     road, look = clip_road(lanes), clip_look(rng)
+    if scenario == "crossing_car":
+        crosser = next(actor for actor in others if actor.object_id == "ot1")
+        roads = clip_junction(lanes, crosser.along.position(0.0) - LANE_M / 2)
+        road = road.model_copy(update={"junction": roads})
     return Storyboard(scenario, seed, road, CLIP_CAMERA, look, FPS, DURATION_S, vut, others)

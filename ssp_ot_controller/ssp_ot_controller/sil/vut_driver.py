@@ -9,6 +9,7 @@ from dataclasses import replace
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Polyline, wrap_angle
+from ssp_core.motion.encounter import is_crossing
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import FaultKind, RunSpec
 from ssp_core.run_file.participants import Driver
@@ -28,6 +29,8 @@ _MEETING_MARGIN_S = 1.0
 _MIN_PASSING_MPS = 1.0
 # Sideways speed below which somebody beside the corridor isn't on the way into it.
 _STEPPING_MPS = 0.2
+# A vehicle that drives across the VUT's path faster than this crosses it.
+_CROSSING_MPS = 0.5
 _LOOKAHEAD_S = 0.6
 _MIN_LOOKAHEAD_M = 4.0
 _MIN_GAP_M = 0.1
@@ -94,6 +97,12 @@ def _is_beside(
     return 0.0 < station < path.length_m and abs(offset) > half_m + other.size.reach_m
 
 
+def _heads_across(vut: ObjectState, other: ObjectState) -> bool:
+    """Tell whether an object drives across the VUT's heading."""
+    turn = wrap_angle(other.yaw_rad - vut.yaw_rad)
+    return other.speed_mps > _CROSSING_MPS and is_crossing(turn)
+
+
 def _occupied_s(other: _Extent, half_m: float) -> tuple[float, float] | None:
     """Find from when to when (s from now) an extent is within half_m of the path.
 
@@ -139,8 +148,8 @@ def find_obstacles(
 ) -> list[Obstacle]:
     """Find everything ahead in the VUT's corridor, or predicted there when the VUT comes by.
 
-    A vulnerable road user who is only predicted to be there is an obstacle that stands, so that
-    the VUT stops before the place where they cross.
+    A vulnerable road user, or a vehicle that crosses, which is only predicted to be there is an
+    obstacle that stands, so that the VUT stops before the place where it crosses.
 
     Args:
         vut: in frame map, as all others and the path.
@@ -155,13 +164,14 @@ def find_obstacles(
     found = []
     for other, place in zip(others, places[1:], strict=True):
         vulnerable = other.object_class in VULNERABLE
-        if not vulnerable and _is_beside(other, path, place, half):
+        across = not vulnerable and _heads_across(vut, other)
+        if not (vulnerable or across) and _is_beside(other, path, place, half):
             continue
         e = _extent(other, path, place)
         if e.front_m <= own.front_m:
             continue
         gap = e.rear_m - own.front_m
-        if vulnerable:
+        if vulnerable or (across and abs(e.across_mps) > abs(e.along_mps)):
             if not _meets(vut, e, gap, half, driver):
                 continue
             # Their motion along the path is no reason to close in on them while they cross.

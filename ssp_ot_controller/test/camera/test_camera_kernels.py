@@ -15,6 +15,7 @@ from ssp_ot_controller.camera.kernels.ground import ground_row
 from ssp_ot_controller.camera.kernels.palettes import PALETTES
 from ssp_ot_controller.camera.kernels.raster import Eye, Triangles, rasterise, rasterise_cover
 from ssp_ot_controller.camera.kernels.shading import make_noise, window_mix
+from ssp_ot_controller.camera.storyboards import LaneCounts, clip_junction, clip_road
 
 Floats = NDArray[np.float64]
 
@@ -165,3 +166,54 @@ def test_rows_of_noise_differ_and_brightness_falls_to_the_corners() -> None:
     assert developed(height // 2, 0.0).reshape(-1, 3)[width // 2, 1] == 100
     assert not np.array_equal(developed(3, 4.0), developed(4, 4.0))
     assert np.array_equal(developed(3, 4.0), developed(3, 4.0))
+
+
+def test_a_junction_is_carriageway_with_a_kerb_around_its_corners() -> None:
+    """The clip's junction: arms 3.4 m to each side of x = 100 m, corners with a radius of 6 m."""
+    counts = LaneCounts(1, 1)
+    plain = clip_road(counts)
+    crossed = plain.model_copy(update={"junction": clip_junction(counts, 100.0)})
+    palette = PALETTES["suburb"]
+    before = ground.build_ground(plain, palette, texture=False)
+    surface = ground.build_ground(crossed, palette, texture=False)
+
+    def colour(of: ground.Ground, x_m: float, y_m: float) -> tuple[float, ...]:
+        return ground._colour(of, x_m, y_m, 0.02, 0.02, 0.0)
+
+    asphalt = pytest.approx(palette.asphalt, abs=1.0)
+    for place in ((98.0, -12.0), (102.0, -30.0), (98.0, 25.0), (100.0, 1.7), (106.0, -2.0)):
+        assert colour(surface, *place) == asphalt
+        assert place == (100.0, 1.7) or colour(before, *place) != asphalt
+    # A corner is a quarter of a circle around (109.4, -7.7), with a kerb of 0.24 m along it.
+    middle, half = np.array([109.4, -7.7]), np.sqrt(0.5)
+    for radius_m, wanted in ((6.1, palette.asphalt), (5.84, palette.kerb), (4.5, palette.sidewalk)):
+        x_m, y_m = middle + radius_m * np.array([-half, half])
+        assert colour(surface, x_m, y_m) == pytest.approx(wanted, abs=20.0)
+    # The line between the directions ends at the junction, and a stop line lies on the side arm.
+    centre = colour(surface, 100.0, -20.0), colour(surface, 100.14, -20.0)
+    assert pytest.approx(palette.centre_marking, abs=2.0) in centre
+    assert colour(surface, 101.7, -8.5) == pytest.approx(palette.marking, abs=2.0)
+    assert colour(surface, 98.3, -8.5) == asphalt
+    # Far from it nothing changes.
+    for place in ((30.0, 1.7), (30.0, -2.5), (200.0, 0.3), (60.0, 40.0)):
+        assert colour(surface, *place) == colour(before, *place)
+
+
+def test_blocks_of_pixels_beside_a_junction_equal_single_ones() -> None:
+    counts = LaneCounts(1, 1)
+    road = clip_road(counts).model_copy(update={"junction": clip_junction(counts, 40.0)})
+    surface = ground.build_ground(road, PALETTES["suburb"], texture=False)
+    width, focal_px = 203, 160.0
+    columns, rows = np.array([0.0, -1.0, 0.0]) / focal_px, np.array([0.0, 0.0, -1.0]) / focal_px
+    position = np.array([5.0, 0.0, 1.4])
+    directions = np.stack([np.array([1.0, 0.0, 0.0]) - 101.0 * columns, columns, rows])
+
+    def shaded(start: Floats, pixels: int) -> NDArray[np.float32]:
+        row, hidden = np.zeros(3 * pixels, np.float32), np.zeros(pixels, np.bool_)
+        ground_row(surface, None, make_noise(1), position, directions, start, hidden, row)
+        return row.reshape(-1, 3)
+
+    for v in (2, 7, 12, 40):
+        start = directions[0] + v * directions[2]
+        singles = np.concatenate([shaded(start + u * columns, 1) for u in range(width)])
+        assert np.abs(shaded(start, width) - singles).max() < 0.01

@@ -20,6 +20,7 @@ from ssp_ot_controller.camera.meshes.roadside import sign
 from ssp_ot_controller.camera.renderer.render import Scene, render
 from ssp_ot_controller.camera.renderer.scenery import Prop, build_scenery
 from ssp_ot_controller.camera.renderer.stage import stage_for
+from ssp_ot_controller.camera.storyboards import LaneCounts, clip_junction, clip_road
 from support.states import object_state
 
 Image = NDArray[np.uint8]
@@ -118,6 +119,31 @@ def test_fillers_keep_clear_of_the_maps_buildings() -> None:
         inside = (np.abs(low[:, 0] - 70.0) < 30.0) & (np.abs(low[:, 1] + 13.0) < 6.0)
         assert not inside.any()
     assert len(props) > 20
+
+
+@pytest.mark.parametrize("palette", sorted(PALETTES))
+def test_nothing_stands_on_the_arms_of_a_junction_or_hides_them(palette: str) -> None:
+    """The clip's junction at 100 m: nothing up to 14 m around it, and nothing on its arms."""
+    counts = LaneCounts(1, 1)
+    plain = clip_road(counts)
+    crossed = plain.model_copy(update={"junction": clip_junction(counts, 100.0)})
+    before, kept = props_of(plain, palette), props_of(crossed, palette)
+    assert 20 < len(kept) < len(before)
+
+    def reach_in(props: list[Prop]) -> list[Prop]:
+        found = []
+        for prop in props:
+            x, y = prop.mesh.corners[..., :2].reshape(-1, 2).T
+            near = (np.abs(x - 100.0) < 22.0) & (np.abs(y - 1.7) < 22.0)
+            on_arm = (np.abs(x - 100.0) < 6.0) & (np.abs(y - 1.7) < 65.0)
+            # Lamps reach over the road from where they stand.
+            low = prop.mesh.corners[..., 2].reshape(-1) < 2.0
+            if ((near | on_arm) & low).any():
+                found.append(prop)
+        return found
+
+    assert reach_in(before)
+    assert reach_in(kept) == []
 
 
 def test_what_stands_on_the_lanes_is_not_drawn() -> None:

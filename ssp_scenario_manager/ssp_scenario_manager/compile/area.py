@@ -28,6 +28,7 @@ from ssp_core.run_file.participants import (
     ParticipantSpec,
     TrafficSpec,
 )
+from ssp_core.run_file.road import JunctionRoad
 from ssp_core.run_file.values import Point
 from ssp_core.safety.fence import way_excess_m
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
@@ -35,6 +36,7 @@ from ssp_scenario_manager.compile.task import PlaceLink
 from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block, BlockLane, Library
+from ssp_scenario_manager.maps.routes import junction_roads
 from ssp_scenario_manager.maps.site import Region, Site, SiteBlock, region_polygon
 from ssp_scenario_manager.scenarios.base import CannotPlace, Cross, Drive, Plan
 from ssp_scenario_manager.scenarios.block_places import left_kerb_m, right_kerb_m
@@ -42,6 +44,8 @@ from ssp_scenario_manager.scenarios.motions import stopping_m
 
 # A map says nothing about a fence: it is drawn this far beyond sidewalks and road.
 FENCE_MARGIN_M = 3.0
+# Half of the lane that an object off the VUT's block has around its way.
+_WAY_HALF_M = 2.0
 # Nor about limits where K* leaves a side open.
 DEFAULT_SPEED_MPS = 16.0
 DEFAULT_ACCELERATION_MPS2 = 5.0
@@ -127,8 +131,28 @@ class OperatingArea:
         blocks = self.site.blocks if self.site is not None else []
         return next((found for found in blocks if found.id == block.block_id), None)
 
-    def geofence(self, block: Block) -> list[Point]:
-        """Return the site's fence; for a map, one around the block and its sidewalks.
+    def routes_with(self, block: Block) -> dict[str, Block]:
+        """Return the routes through the junction of a route, by their ids; none of another block.
+
+        The library has them where an event asked for junctions (``with_routes``).
+        """
+        if block.passage is None:
+            return {}
+        routes = (one for one in self.library.blocks if one.junction == block.junction)
+        return {route.block_id: route for route in routes if route.passage is not None}
+
+    def junction_roads(self, block: Block) -> list[JunctionRoad]:
+        """Return the roads of the junction that a route leads through; none of another block."""
+        if block.passage is None or block.junction is None:
+            return []
+        return junction_roads(self.library, block.junction)
+
+    def geofence(self, block: Block, ways: Sequence[Sequence[Point]] = ()) -> list[Point]:
+        """Return the site's fence; for a map, one around the block, its sidewalks, and some ways.
+
+        Args:
+            block: that the VUT drives along.
+            ways: of objects, off the block.
 
         Raises:
             CannotPlace: the block comes back to itself, so that its fence encloses no area.
@@ -141,7 +165,7 @@ class OperatingArea:
         problem = outline_problem(fence)
         if problem is not None:
             raise CannotPlace(f"a fence around the block {problem[0]}")
-        return fence
+        return _around(fence, ways) if any(map(len, ways)) else fence
 
     def regions(self, name: Literal["ot_reachable", "safe_stop_zones"]) -> list[list[Point]]:
         """List the regions where an OT can be, or where a run may end in a hurry.
@@ -155,6 +179,23 @@ class OperatingArea:
             for i, region in enumerate(found)
             if site is not None
         ]
+
+
+def _around(fence: Sequence[Point], ways: Sequence[Sequence[Point]]) -> list[Point]:
+    """Return the outline, counter-clockwise, of a fence and of the room around some ways."""
+    import shapely  # type: ignore[import-untyped]  # slow to import, no types
+
+    half = _WAY_HALF_M + FENCE_MARGIN_M
+    strips = [
+        shapely.LineString([*way[:1], *way]).buffer(half, cap_style="square", join_style="mitre")
+        for way in ways
+        if way
+    ]
+    whole = shapely.union_all([shapely.Polygon(fence), *strips]).simplify(_SEAM_M)
+    outline = shapely.get_coordinates(whole.exterior if hasattr(whole, "exterior") else whole)
+    if not shapely.Polygon(outline).exterior.is_ccw:
+        outline = outline[::-1]
+    return [(float(x), float(y)) for x, y in outline[:-1]]
 
 
 def strip_polygon(
@@ -222,7 +263,7 @@ def check_reachable(
     Raises:
         CannotPlace: one doesn't; with the place.
     """
-    import shapely  # type: ignore[import-untyped]  # slow to import, no types
+    import shapely  # slow to import
 
     # Regions that follow each other along a road meet at a seam.
     drawn = [shapely.Polygon(region).buffer(_SEAM_M, join_style="mitre") for region in regions]

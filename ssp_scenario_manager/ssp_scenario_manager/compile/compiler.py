@@ -190,6 +190,8 @@ def compile_task(
     validated = None
     if request.validated_by is not None:
         validated = read_validation(request.validated_by, version)
+    if "junction" in event.topology.segment.words:
+        area = replace(area, library=with_routes(area.library))
     order = Order(
         event=event,
         version=version,
@@ -199,8 +201,6 @@ def compile_task(
         preferred=validated.values if validated is not None else {},
     )
     library = area.library
-    if "junction" in event.topology.segment.words:
-        library = with_routes(library)
     chosen = choose_block(
         library,
         score_blocks(event, library),

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
 import ssp_core
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
-from ssp_core.run_file.participants import LaneChange, TrafficSpec, TriggerSpec
-from ssp_core.run_file.road import Lane, PartialCrossing, Road
-from ssp_core.run_file.values import Start
+from ssp_core.run_file.participants import FollowPath, LaneChange, TrafficSpec, TriggerSpec
+from ssp_core.run_file.road import JunctionRoad, Lane, PartialCrossing, Road
+from ssp_core.run_file.values import Point, Start
 from ssp_core.world.reference_line import NotOneToOne
 from ssp_scenario_manager.compile.area import (
     OperatingArea,
@@ -182,7 +182,10 @@ def realise(order: Order, block: Block) -> Realisation:
         CannotPlace: it doesn't fit, or leaves what the place allows; the message says where and by
             how much.
     """
-    plans = order.kind.plans(Setting(order.event, block, order.limits, order.preferred))
+    setting = Setting(
+        order.event, block, order.limits, order.preferred, order.area.routes_with(block)
+    )
+    plans = order.kind.plans(setting)
     first: CannotPlace | None = None
     for plan in islice(plans, MOST_RUN):
         try:
@@ -242,12 +245,15 @@ def _realised(order: Order, block: Block, plan: Plan) -> Realisation:
     return Realisation(block, plan, task, tuple(left_out))
 
 
-def road_of(block: Block, event_at_m: float | None = None) -> Road:
+def road_of(
+    block: Block, event_at_m: float | None = None, junction: Sequence[JunctionRoad] = ()
+) -> Road:
     """Return the block as the road of a run, with all its marked crossings.
 
     Args:
         block: in frame map.
         event_at_m: arc length of the crossing that the event takes place on; None: on none.
+        junction: roads of the junction that it leads through.
     """
     origin = block.line.pose(0.0)
     marked = sorted(block.crossings_s_m, key=lambda s: s != event_at_m)
@@ -274,6 +280,7 @@ def road_of(block: Block, event_at_m: float | None = None) -> Road:
         ],
         speed_limit_mps=block.speed_limit_mps or Road.model_fields["speed_limit_mps"].default,
         scenery=list(block.scenery),
+        junction=list(junction),
     )
 
 
@@ -297,8 +304,8 @@ def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
         site_version=area.link.sha256,
         seed=order.seed,
         mode="lockstep",
-        road=road_of(block, _marked_crossing(block, plan)),
-        geofence=area.geofence(block),
+        road=road_of(block, _marked_crossing(block, plan), area.junction_roads(block)),
+        geofence=area.geofence(block, [_way_of_act(told)] if block.passage else []),
         vut=told.vut,
         driver=told.driver,
         targets=list(told.targets),
@@ -312,6 +319,12 @@ def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
         look=area.look,
         datum=None if area.site is None else area.site.datum,
     )
+
+
+def _way_of_act(told: Motions) -> list[Point]:
+    """Return the way that the initiator's act leads over; none of an act on its present path."""
+    act = told.trigger.manoeuvre
+    return list(act.motion.path) if isinstance(act, FollowPath) else []
 
 
 def _trigger(event: Event, block: Block, plan: Plan, told: Motions, limits: Limits) -> TriggerSpec:

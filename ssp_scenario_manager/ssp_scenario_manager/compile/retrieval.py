@@ -207,11 +207,19 @@ def places(event: Event, block: Block) -> Met:
             lacking.append(f"{name} needs a lane to the left of the VUT's")
         elif place == "right_lane" and not any(i > 0 for i in mine):
             lacking.append(f"{name} needs a lane to the right of the VUT's")
+        elif place in ("left_road", "right_road") and not _crossed_from(block, place):
+            lacking.append(f"{name} needs a road from the {place.partition('_')[0]}")
         elif place == "oncoming_lane" and not block.backward_lanes:
             lacking.append(f"{name} needs an oncoming lane")
     if not lacking:
         return MET
     return Met(1.0 - len(lacking) / len(event.participants), "; ".join(lacking))
+
+
+def _crossed_from(block: Block, place: str) -> bool:
+    """Tell whether another route crosses a route from the side of ``left_road`` or another."""
+    conflicts = () if block.passage is None else block.passage.conflicts
+    return any(c.kind == "crossing" and place == f"{c.comes_from}_road" for c in conflicts)
 
 
 # -- part C ---------------------------------------------------------------------------------------
@@ -294,7 +302,7 @@ def curvature(event: Event, block: Block) -> Met:
 
 def kerb_sides(event: Event) -> Collection[str]:
     """Return the sides of the road beyond which a participant waits or to which it walks."""
-    if event.interaction.relation == "crossing":
+    if event.interaction.relation == "crossing" and not KINDS[event.interaction.type].at_junction:
         return ("right", "left")
     found = {who.region.place for who in event.participants.values()}
     return tuple(s for s in ("right", "left") if f"{s}_kerb" in found)

@@ -116,6 +116,8 @@ def _spatial(event: Event) -> Iterator[_Edge]:
         elif place.endswith("kerb"):
             side = place.removesuffix("_kerb")
             yield edge("adjacent", place, "road", f"topology.{side}_boundary")
+        elif place.endswith("_road"):
+            yield edge("adjacent", place, "road", "topology.segment")
         elif place == "oncoming_lane":
             yield edge("adjacent", place, "road", "topology.lanes_opposite")
     # Both kinds of zone lie in the VUT's lane (METHOD 1: they are cut out of its swept corridor).

@@ -199,7 +199,14 @@ class Region(Strict):
     """A participant's region at the clip's begin, in words and intervals relative to the VUT."""
 
     place: Literal[
-        "vut_lane", "left_lane", "right_lane", "right_kerb", "left_kerb", "oncoming_lane"
+        "vut_lane",
+        "left_lane",
+        "right_lane",
+        "right_kerb",
+        "left_kerb",
+        "oncoming_lane",
+        "left_road",
+        "right_road",
     ]
     along: Literal["at", "ahead", "beside", "behind"] = Field(
         description="at: the VUT's own entry; else relative to it"

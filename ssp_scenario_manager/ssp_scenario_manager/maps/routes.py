@@ -11,14 +11,18 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 
 from ssp_core.geometry import FloatArray, Pose2, wrap_angle
+from ssp_core.run_file.road import JunctionRoad, Lane
+from ssp_core.run_file.values import Start
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.maps.block import (
     Block,
     BlockLane,
+    Boundary,
     Conflict,
     ConflictArea,
     Library,
@@ -45,6 +49,12 @@ _STRAIGHT_STEP_M = 5.0
 _STEP_M = 0.5
 _BEYOND_M = 10.0
 _JOINED_M = 0.2
+# A route that turns by less goes straight on.
+STRAIGHT_ON_RAD = math.radians(30.0)
+# Carriageways whose middles are this near to each other where they meet the junction are one arm.
+_ONE_ARM_M = 0.5
+# So much of each arm is part of a junction's surroundings.
+ARM_M = 60.0
 # Lines that meet at a smaller angle don't cross.
 _LEAST_ANGLE_RAD = 0.05
 
@@ -137,6 +147,24 @@ def _joined_line(legs: Sequence[_Leg]) -> tuple[ReferenceLine, list[float]]:
     return line, [float(end) for end in ends * (line.length_m / ends[-1])]
 
 
+def _lanes_beside(first: _Leg, last: _Leg) -> list[BlockLane]:
+    """Return the lanes beside that of a route which its approach and its exit have in one place."""
+    beyond = [replace(lane, y_m=lane.y_m - last.lane.y_m) for lane in last.block.lanes]
+    return [
+        BlockLane(y_m, min(lane.width_m, other.width_m), lane.forward, lane.name)
+        for lane in first.block.lanes
+        if lane is not first.lane
+        for other in beyond
+        if other.forward == lane.forward
+        and abs(other.y_m - (y_m := lane.y_m - first.lane.y_m)) <= LANES_MEET_M
+    ]
+
+
+def _if_same(straight: bool, first: Boundary, last: Boundary) -> Boundary:
+    """Return what a route that goes straight on has beside it, where approach and exit agree."""
+    return first if straight and first == last else "any"
+
+
 def _route(legs: Sequence[_Leg]) -> Block:
     """Return the block of a route, without its conflicts.
 
@@ -149,16 +177,22 @@ def _route(legs: Sequence[_Leg]) -> Block:
     junction = inside[0].block.junction
     width_m = min(leg.lane.width_m for leg in legs)
     limits = [x for leg in legs if (x := leg.block.speed_limit_mps) is not None]
+    turn_rad = wrap_angle(
+        last.block.line.pose(0.0).yaw_rad - first.block.line.pose(first.block.length_m).yaw_rad
+    )
+    own = BlockLane(0.0, width_m, forward=True, name=first.lane.name)
+    straight = abs(turn_rad) < STRAIGHT_ON_RAD
+    beside = _lanes_beside(first, last) if straight else []
     return Block(
         block_id=f"junction {junction}: {first.block.block_id} > {via} > {last.block.block_id}",
         line=line,
-        lanes=(BlockLane(0.0, width_m, forward=True, name=first.lane.name),),
+        lanes=tuple(sorted((own, *beside), key=lambda lane: lane.y_m)),
         road_type=first.block.road_type,
         segment="junction",
-        left_boundary="any",
-        right_boundary="any",
-        sidewalk_left_m=0.0,
-        sidewalk_right_m=0.0,
+        left_boundary=_if_same(straight, first.block.left_boundary, last.block.left_boundary),
+        right_boundary=_if_same(straight, first.block.right_boundary, last.block.right_boundary),
+        sidewalk_left_m=straight * min(first.block.sidewalk_left_m, last.block.sidewalk_left_m),
+        sidewalk_right_m=straight * min(first.block.sidewalk_right_m, last.block.sidewalk_right_m),
         permitted=frozenset({"keep_lane", "stop"}),
         entrances=(first.block.block_id,),
         exits=(last.block.block_id,),
@@ -170,10 +204,7 @@ def _route(legs: Sequence[_Leg]) -> Block:
             via=tuple(leg.block.block_id for leg in inside),
             start_s_m=ends[0],
             end_s_m=ends[-2],
-            turn_rad=wrap_angle(
-                last.block.line.pose(0.0).yaw_rad
-                - first.block.line.pose(first.block.length_m).yaw_rad
-            ),
+            turn_rad=turn_rad,
         ),
     )
 
@@ -193,7 +224,8 @@ class _Track:
             begin = route.passage.start_s_m
             end = min(end, route.passage.end_s_m + _BEYOND_M)
         s = np.linspace(begin, end, max(2, math.ceil((end - begin) / _STEP_M) + 1))
-        return cls(s, route.line.to_map_many(s, 0.0), 0.5 * route.lanes[0].width_m)
+        (own,) = (lane for lane in route.lanes if lane.y_m == 0.0)
+        return cls(s, route.line.to_map_many(s, 0.0), 0.5 * own.width_m)
 
 
 def _run(hit: FloatArray, at: int) -> tuple[int, int]:
@@ -342,6 +374,50 @@ def with_routes(library: Library) -> Library:
         library,
         blocks=tuple(sorted((*library.blocks, *routes), key=lambda block: block.block_id)),
         rejected=(*library.rejected, *refused),
+    )
+
+
+def junction_roads(library: Library, junction: str) -> list[JunctionRoad]:
+    """Return the connecting roads of a junction and its arms, each road once."""
+    inside = [block for block in library.blocks if block.junction == junction and not block.passage]
+    known = {block.block_id: block for block in library.blocks if block.junction != junction}
+    arms: dict[str, Literal["start", "end"]] = {}
+    for block in inside:
+        arms |= {name: "end" for name in block.entrances if name in known}
+    for block in inside:
+        arms |= {name: "start" for name in block.exits if name in known and name not in arms}
+    found = [_junction_road(block, block.line, "both") for block in inside]
+    mouths: list[tuple[float, float]] = []
+    for name, end in arms.items():
+        block = known[name]
+        middle_m = 0.5 * (block.left_edge_m + block.right_edge_m)
+        mouth = block.line.to_map(block.length_m if end == "end" else 0.0, middle_m)
+        # Both directions of a road are blocks, each with all lanes.
+        if any(math.dist(mouth, other) < _ONE_ARM_M for other in mouths):
+            continue
+        mouths.append(mouth)
+        part = min(ARM_M, block.length_m)
+        low = block.length_m - part if end == "end" else 0.0
+        found.append(_junction_road(block, block.line.section(low, low + part), end))
+    return found
+
+
+def _junction_road(
+    block: Block, line: ReferenceLine, end: Literal["start", "end", "both"]
+) -> JunctionRoad:
+    return JunctionRoad(
+        origin=Start(x_m=line.origin.x_m, y_m=line.origin.y_m, yaw_rad=line.origin.yaw_rad),
+        length_m=line.length_m,
+        pieces=[] if line.is_straight else list(line.pieces),
+        lanes=[
+            Lane(
+                y_m=lane.y_m,
+                width_m=lane.width_m,
+                direction="forward" if lane.forward else "backward",
+            )
+            for lane in block.lanes
+        ],
+        junction_at=end,
     )
 
 

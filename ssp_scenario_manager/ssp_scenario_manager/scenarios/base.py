@@ -7,7 +7,7 @@ docs/adding-an-event.md says what else knows of kinds.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from ssp_core.motion.encounter import Observable
@@ -52,11 +52,12 @@ class Wait:
 
 @dataclass(frozen=True, slots=True)
 class Cross:
-    """Straight to another place."""
+    """A way to another place: straight, or over further places in between."""
 
     goal: BlockPoint
     speed_mps: float
     acceleration_mps2: float
+    via: tuple[BlockPoint, ...] = ()
 
 
 Act = LaneChange | Cross | Brake | Hold
@@ -118,12 +119,14 @@ class Setting:
         limits: Ω_safe, by place and K*.
         preferred: speeds and gaps that are tried first, by field path: what a person prefers or,
             for the track, what was validated in simulation.
+        routes: through the junctions of the place, by their ids.
     """
 
     event: Event
     block: Block
     limits: Limits
     preferred: Mapping[str, float]
+    routes: Mapping[str, Block] = field(default_factory=dict)
 
 
 class CannotPlace(Exception):
@@ -149,6 +152,7 @@ class Kind:
         manoeuvres: that the road must permit.
         plans: ways to place the event, from what is preferred on. Raises CannotPlace where there
             is none.
+        at_junction: it takes place on routes through a junction, and nowhere else.
     """
 
     name: str
@@ -166,4 +170,5 @@ class Kind:
     same_direction_lanes: int
     manoeuvres: Callable[[Event], frozenset[str]]
     plans: Callable[[Setting], Iterator[Plan]]
+    at_junction: bool = False
     vut_intents: frozenset[str] = frozenset({"keep_lane"})

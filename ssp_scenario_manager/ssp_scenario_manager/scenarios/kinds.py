@@ -4,10 +4,19 @@ from __future__ import annotations
 
 from ssp_scenario_manager.scenarios.base import Kind
 from ssp_scenario_manager.scenarios.crossing import OCCLUDED_CROSSING, VRU_CROSSING
+from ssp_scenario_manager.scenarios.crossing_car import CROSSING_CAR
 from ssp_scenario_manager.scenarios.cut_in import CUT_IN
 from ssp_scenario_manager.scenarios.lead_braking import LEAD_BRAKING
 from ssp_scenario_manager.scenarios.slow_lead import SLOW_LEAD
 
 KINDS: dict[str, Kind] = {
-    kind.name: kind for kind in (CUT_IN, LEAD_BRAKING, OCCLUDED_CROSSING, SLOW_LEAD, VRU_CROSSING)
+    kind.name: kind
+    for kind in (
+        CROSSING_CAR,
+        CUT_IN,
+        LEAD_BRAKING,
+        OCCLUDED_CROSSING,
+        SLOW_LEAD,
+        VRU_CROSSING,
+    )
 }

@@ -145,7 +145,7 @@ def _manoeuvre(line: ReferenceLine, trigger: Trigger, before: Drive | Wait) -> M
     return FollowPath(
         kind="follow_path",
         motion=Motion(
-            path=[line.to_map(p.s_m, p.l_m) for p in (before.start, act.goal)],
+            path=[line.to_map(p.s_m, p.l_m) for p in (before.start, *act.via, act.goal)],
             cruise_mps=act.speed_mps,
             acceleration_mps2=act.acceleration_mps2,
             deceleration_mps2=act.acceleration_mps2,

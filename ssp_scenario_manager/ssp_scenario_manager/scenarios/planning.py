@@ -124,7 +124,7 @@ def wrong_order(event: Event, still: Prediction) -> list[str]:
 
 # What every body of a class can do, m/s^2: hardest acceleration and braking. Beyond it a reference
 # would be refused.
-_BODY_MPS2: dict[ObjectWord, tuple[float, float]] = {
+BODY_MPS2: dict[ObjectWord, tuple[float, float]] = {
     "pedestrian": (2.4, 2.9),
     "cyclist": (1.7, 3.4),
     "truck": (1.7, 4.8),
@@ -195,7 +195,7 @@ def adaptation_of(
     """
     if gap_s is None:
         return None
-    up, down = _BODY_MPS2[told.target(told.trigger.object_id).object_class]
+    up, down = BODY_MPS2[told.target(told.trigger.object_id).object_class]
     most = round(_SHARE_OF_LIMIT * most_mps2, 3)
     return Adaptation(
         anchor=anchor,

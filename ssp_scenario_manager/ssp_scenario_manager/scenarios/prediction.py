@@ -26,6 +26,8 @@ from ssp_scenario_manager.triggers.conditions import Snapshot, condition_text
 from ssp_scenario_manager.triggers.evaluator import TriggerWatch
 
 _VULNERABLE = frozenset({ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST})
+# A vehicle that drives across the VUT's path faster than this crosses it.
+_CROSSING_MPS = 0.5
 
 
 def foreseen_address(object_id: str, execute_s: float) -> Address:
@@ -96,7 +98,8 @@ class Players:
             if meeting.gap_m <= 0.1:
                 continue
             along = meeting.along_mps > abs(meeting.towards_mps)
-            if other.object_class in _VULNERABLE and not along:
+            across = abs(meeting.towards_mps) > max(_CROSSING_MPS, abs(meeting.along_mps))
+            if across or (other.object_class in _VULNERABLE and not along):
                 if not (meeting.in_corridor or math.isfinite(meeting.object_arrival_s)):
                     continue
                 ahead, rate = 0.0, 0.0

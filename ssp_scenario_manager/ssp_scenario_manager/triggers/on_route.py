@@ -10,6 +10,7 @@ import numpy as np
 from ssp_core.geometry import FloatArray, Polyline, wrap_angle
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import FollowPath, ParticipantSpec
+from ssp_core.run_file.road import JunctionRoad
 from ssp_core.run_file.values import Path2
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_core.world.sumo_network import OVERHANG_M
@@ -37,11 +38,14 @@ def off_route(spec: RunSpec) -> list[str]:
             problems += _off_start(spec, who, path)
         known.add(who.id)
         beyond_m = _BEYOND_ENDS_M if who is spec.vut else OVERHANG_M
-        outside = _first_outside(line, path, _strips(spec, who), beyond_m)
-        if outside is not None:
+        outside = _outside(line, path, _strips(spec, who), beyond_m)
+        if who is not spec.vut:
+            outside = _off_junction(spec.road.junction, outside)
+        if len(outside):
             what = "the VUT's lanes" if who is spec.vut else "its surroundings"
+            x_m, y_m = outside[0]
             problems.append(
-                f"{field}: x {outside[0]:.1f} m, y {outside[1]:.1f} m lies off the run's road "
+                f"{field}: x {x_m:.1f} m, y {y_m:.1f} m lies off the run's road "
                 f"and {what} (road.origin, road.lanes)"
             )
     return problems
@@ -97,10 +101,10 @@ def _strips(spec: RunSpec, who: ParticipantSpec) -> list[tuple[float, float]]:
     return [(right, left)]
 
 
-def _first_outside(
+def _outside(
     line: ReferenceLine, path: Path2, strips: Sequence[tuple[float, float]], beyond_m: float
-) -> FloatArray | None:
-    """Return the first point of a path that lies in no strip along the road, or None."""
+) -> FloatArray:
+    """Return the points of a path that lie in no strip along the road, in order."""
     points = np.array(path, dtype=np.float64)
     s, offset = line.to_local_many(points).T
     inside = np.zeros(len(points), dtype=bool)
@@ -108,4 +112,14 @@ def _first_outside(
         inside |= (offset >= right) & (offset <= left)
     # NaN, where the road has no such place, is inside of nothing.
     inside &= (s >= -beyond_m) & (s <= line.length_m + beyond_m)
-    return None if inside.all() else points[int(np.argmin(inside))]
+    return points[~inside]
+
+
+def _off_junction(roads: Sequence[JunctionRoad], points: FloatArray) -> FloatArray:
+    """Return the points that lie on no road of the junction, in order."""
+    for road in roads if len(points) else ():
+        s, offset = ReferenceLine.of_road(road).to_local_many(points).T
+        inside = (s >= -_BEYOND_ENDS_M) & (s <= road.length_m + _BEYOND_ENDS_M)
+        inside &= (offset >= road.right_edge_m) & (offset <= road.left_edge_m)
+        points = points[~inside]
+    return points

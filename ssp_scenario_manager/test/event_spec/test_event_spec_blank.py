@@ -44,7 +44,8 @@ def seconds(value: float) -> dict[str, Any]:
 def fill_in(path: Path) -> None:
     """What an author reads off a clip: the road, and when the phases start."""
     value = yaml.safe_load(path.read_text())
-    for name, word in ROAD.items():
+    crossed = KINDS[value["interaction"]["type"]].at_junction
+    for name, word in (ROAD | ({"segment": "junction"} if crossed else {})).items():
         value["topology"][name]["value"] = word
     starts = {"approach": 0.0, "trigger": 2.0, "conflict": 3.0, "resolution": 6.0, "end": 8.0}
     ends = list(starts.values())[1:]

@@ -43,7 +43,8 @@ from ssp_scenario_manager.scenarios.motions import motions
 from ssp_scenario_manager.scenarios.values import classes_of
 from tests.support.blocks import block_of as made_block
 
-EVENTS = tuple(sorted(KINDS))
+# Where roads cross: test_maps_crossing_car.py.
+EVENTS = tuple(sorted(name for name, kind in KINDS.items() if not kind.at_junction))
 # The usual driver is so careful behind a lead that no conflict comes.
 BEHIND_A_LEAD = {
     "lead_braking": {"headway_s": 0.8},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -16,8 +17,16 @@ from ssp_core.run_file.road import CurvePiece
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.compile.retrieval import score_block, score_blocks, ties
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.maps.block import Block, BlockLane, ConflictArea, Library
+from ssp_scenario_manager.maps.block import (
+    Block,
+    BlockLane,
+    Conflict,
+    ConflictArea,
+    Library,
+    Passage,
+)
 from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.routes import with_routes
 from ssp_scenario_manager.maps.site import find_shipped, load_site, site_library
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from tests.support.blocks import block_of
@@ -62,6 +71,8 @@ def metres(low: float) -> dict[str, Any]:
 def shipped(name: str) -> Event:
     value = load_model(Event, find_shipped(name, "event")).model_dump(by_alias=True)
     value["topology"] |= TOPOLOGY
+    if KINDS[name].at_junction:
+        value["topology"]["segment"] = fixed("junction")
     lanes_least = 2 if name == "cut_in" else 1
     value["topology"]["lanes_same_direction"] = varying({"min": lanes_least, "max": 4})
     value["constraints"]["site"] = {
@@ -72,6 +83,13 @@ def shipped(name: str) -> Event:
     vut = value["constraints"]["speeds"]["vut"]
     vut["approach"] = {"min": low, "max": high, "unit": "m/s"}
     return Event.model_validate(value)
+
+
+def shipped_whole(name: str) -> Event:
+    """A shipped event; where roads cross, as it is, since these sites leave no choice."""
+    return (
+        load_model(Event, find_shipped(name, "event")) if KINDS[name].at_junction else event(name)
+    )
 
 
 def event(name: str, **parts: dict[str, Any]) -> Event:
@@ -118,17 +136,32 @@ def lanes(forward: int, backward: int, width_m: float = 3.5) -> tuple[BlockLane,
 
 @pytest.mark.parametrize("name", EVENTS)
 def test_a_block_that_suits_scores_one(name: str) -> None:
-    (score,) = score_blocks(event(name), library(made_block()))
+    block = made_block()
+    if KINDS[name].at_junction:
+        crossed = Conflict("other", "crossing", 150.0, 80.0, math.pi / 2, 146.0, 154.0)
+        passage = Passage(("inside",), 140.0, 160.0, 0.0, (crossed,))
+        block = replace(block, segment="junction", junction="j", passage=passage)
+    (score,) = score_blocks(event(name), library(block))
     assert (score.topology, score.interaction, score.constraints) == (1.0, 1.0, 1.0)
     assert score.total == pytest.approx(1.0)
     assert score.eligible
     assert score.reasons == []
 
 
-@pytest.mark.parametrize("name", EVENTS)
-@pytest.mark.parametrize("site", ["boulevard", "north_track", "south_loop"])
+@pytest.mark.parametrize(
+    ("name", "site"),
+    [
+        (name, site)
+        for name in EVENTS
+        for site in (
+            ("crossroads", "cross_track")
+            if KINDS[name].at_junction
+            else ("boulevard", "north_track", "south_loop")
+        )
+    ],
+)
 def test_shipped_events_fit_shipped_sites(name: str, site: str) -> None:
-    scores = score_blocks(event(name), site_library(load_site(site)[0]))
+    scores = score_blocks(shipped_whole(name), with_routes(site_library(load_site(site)[0])))
     assert len(ties(scores)) == 1
     assert scores[0].eligible
 

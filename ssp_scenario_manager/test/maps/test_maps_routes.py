@@ -60,7 +60,10 @@ def test_a_route_is_the_lane_of_approach_connecting_road_and_exit(crossroads: Pa
     assert straight.length_m == pytest.approx(140.0)
     assert (passage(straight).start_s_m, passage(straight).end_s_m) == pytest.approx((60.0, 80.0))
     assert passage(straight).turn_rad == pytest.approx(0.0, abs=1e-9)
-    assert [(x.y_m, x.width_m, x.forward) for x in straight.lanes] == [(0.0, 3.5, True)]
+    # The lane beside it is there before and beyond the junction; a turn has its own lane alone.
+    lanes = [(x.y_m, x.width_m, x.forward) for x in straight.lanes]
+    assert lanes == [(0.0, 3.5, True), (pytest.approx(3.5), 3.5, False)]
+    assert [(x.y_m, x.width_m, x.forward) for x in left.lanes] == [(0.0, 3.5, True)]
     # The lane of the turn has a radius of 11.75 m around (-10, -10).
     assert passage(left).turn_rad == pytest.approx(math.pi / 2)
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):

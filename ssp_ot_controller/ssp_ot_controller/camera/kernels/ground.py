@@ -17,6 +17,13 @@ import numpy as np
 from ssp_core.run_file.road import Lane, Road
 from ssp_ot_controller.camera.kernels.bend import Bend, locate
 from ssp_ot_controller.camera.kernels.jit import Array, inlined
+from ssp_ot_controller.camera.kernels.junction import (
+    SHARE,
+    JunctionGround,
+    build_junction,
+    mean_of,
+    touches,
+)
 from ssp_ot_controller.camera.kernels.palettes import Colour, Palette
 from ssp_ot_controller.camera.kernels.shading import noise_at
 
@@ -132,6 +139,7 @@ class Ground(NamedTuple):
         zebras_m: middles, right and left borders of zebras, in order, shape (n, 3); those that
             cross the whole road have infinite borders, and stop lines.
         marking: blue, green, red.
+        junction: that the road leads through.
     """
 
     sums: Array
@@ -140,6 +148,7 @@ class Ground(NamedTuple):
     zebras_m: Array
     textured: bool
     marking: Colour
+    junction: JunctionGround
 
 
 def build_ground(road: Road, palette: Palette, texture: bool) -> Ground:
@@ -163,6 +172,7 @@ def build_ground(road: Road, palette: Palette, texture: bool) -> Ground:
         zebras_m=np.array(road.zebras_m, dtype=np.float64).reshape(-1, 3),
         textured=texture,
         marking=palette.marking,
+        junction=build_junction(road, palette),
     )
 
 
@@ -291,6 +301,18 @@ def _colour(
         stop = crossing + half + STOP_DISTANCE_M
         mark += backward * _band(x, wx, stop, stop + STOP_WIDTH_M)
         mark = min(1.0, mark)
+    if touches(ground.junction, x, y, wx, wy):
+        rest = 1.0 - mean_of(ground.junction, x, y, wx, wy, SHARE)
+        if mark > 0.0:
+            blue += mark * (ground.marking[0] - blue)
+            green += mark * (ground.marking[1] - green)
+            red += mark * (ground.marking[2] - red)
+            mark = 0.0
+        blue = rest * blue + mean_of(ground.junction, x, y, wx, wy, 0)
+        green = rest * green + mean_of(ground.junction, x, y, wx, wy, 1)
+        red = rest * red + mean_of(ground.junction, x, y, wx, wy, 2)
+        strength = rest * strength + mean_of(ground.junction, x, y, wx, wy, GRAIN)
+        paving = rest * paving + mean_of(ground.junction, x, y, wx, wy, PAVING)
     if mark > 0.0:
         blue += mark * (ground.marking[0] - blue)
         green += mark * (ground.marking[1] - green)
@@ -325,6 +347,8 @@ def _plain_strip(ground: Ground, x: float, y: float, wx: float, wy: float) -> in
 
     Footprints with the same number have the same colour, and so has the ground between them.
     """
+    if touches(ground.junction, x, y, wx, wy):
+        return -1
     strips, values = ground.strips, ground.values
     last = strips.shape[1] - 1
     low = (y - wy / 2 + HALF_WIDTH_M) * CELLS_PER_M

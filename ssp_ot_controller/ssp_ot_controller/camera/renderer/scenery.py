@@ -8,7 +8,7 @@ what is placed keeps clear of the map's.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,9 +16,11 @@ import numpy as np
 
 from ssp_core.geometry import Box, Pose2, box_distance
 from ssp_core.run_file.road import Building, Road, SceneryItem, Sign, Tree
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_core.world.scenery import BEFORE_M, BEYOND_M, Clearance, half_extent_m, item_pose
 from ssp_ot_controller.camera.kernels.bend import Bend, block_line, offsets_of
 from ssp_ot_controller.camera.kernels.jit import Array
+from ssp_ot_controller.camera.kernels.junction import is_own_arm
 from ssp_ot_controller.camera.kernels.palettes import Palette
 from ssp_ot_controller.camera.meshes import roadside
 from ssp_ot_controller.camera.meshes.mesh import Mesh
@@ -33,6 +35,9 @@ _SAME_PLACE_M = 0.01
 _LIMIT_FROM_M, _LIMIT_EVERY_M = 30.0, 120.0  # from where one comes in
 _CROSSING_AHEAD_M = 8.0
 _SIGN_BESIDE_M = 0.5  # beyond the sidewalk
+# Free beside a junction's arms, and so far around it that the arms are seen from the road.
+_BESIDE_ARM_M, _SIGHT_M = 1.0, 14.0
+_ARM_STEP_M = 8.0
 
 
 @dataclass(frozen=True)
@@ -145,6 +150,7 @@ class _Roadside:
         clear = Clearance(self._line, [(lane.y_m, lane.width_m) for lane in road.lanes])
         self.items = [item for item in road.scenery if clear.problem(item) is None]
         self.poses = [item_pose(item, self._line) for item in self.items]
+        self._junction = list(_around_junction(road))
 
     def put(
         self,
@@ -171,11 +177,13 @@ class _Roadside:
         return [Prop(mesh.placed(pose), pose.x_m, pose.y_m, 1.5 * reach, shadow)]
 
     def _is_taken(self, pose: Pose2, low: Array, high: Array) -> bool:
-        """Tell whether an item of the map stands where a mesh of these extents would."""
+        """Tell whether an item of the map, or a junction, is where a mesh of these extents is."""
         half_x, half_y = ((high - low) / 2).tolist()[:2]
         x, y = pose.to_parent(*((low + high) / 2).tolist()[:2])
         room = (half_x + _ROOM_M, half_x + _ROOM_M, 2.0 * (half_y + _ROOM_M))
         box = Box(Pose2(x, y, pose.yaw_rad), *room)
+        if any(box_distance(box, free) == 0.0 for free in self._junction):
+            return True
         for item, there in zip(self.items, self.poses, strict=True):
             length, width = half_extent_m(item)
             if box_distance(box, Box(there, length, length, 2.0 * width)) == 0.0:
@@ -200,6 +208,27 @@ class _Roadside:
         if abs(offsets[0] - l_m) > _SAME_PLACE_M:
             return None
         return None if (side.sign * (offsets - side.edge_m)).min() < _CLEAR_M else pose
+
+
+def _around_junction(road: Road) -> Iterator[Box]:
+    """Yield boxes, in the block's frame, on which nothing stands: a junction and its arms."""
+    walk_m = max(road.sidewalk_left_m, road.sidewalk_right_m)
+    frame, own = road.origin.pose, ReferenceLine.of_road(road)
+    for one in road.junction:
+        if one.junction_at != "both" and is_own_arm(own, one):
+            continue
+        line = ReferenceLine.of_road(one)
+        beside_m = _SIGHT_M if one.junction_at == "both" else walk_m + _BESIDE_ARM_M
+        half_m = 0.5 * (one.left_edge_m - one.right_edge_m) + beside_m
+        middle_m = 0.5 * (one.left_edge_m + one.right_edge_m)
+        steps = max(1, math.ceil(one.length_m / _ARM_STEP_M))
+        reach_m = 0.5 * one.length_m / steps
+        reach_m += beside_m if one.junction_at == "both" else 0.0
+        for k in range(steps):
+            pose = line.pose((k + 0.5) * one.length_m / steps)
+            x, y = frame.to_local(*pose.to_parent(0.0, middle_m))
+            turned = Pose2(x, y, pose.yaw_rad - frame.yaw_rad)
+            yield Box(turned, reach_m, reach_m, 2.0 * half_m)
 
 
 def build_scenery(

@@ -175,5 +175,5 @@ def map_file(task: Task, block: Block, map_text: str | None) -> MapFile:
         name = PurePath(task.place.name).name
         return MapFile(name, map_text.encode(), own=False, heights=Heights(map_text, block))
     name = PurePath(task.place.name).name.split(".")[0]
-    data = opendrive_map(block, name, provenance(task))
+    data = opendrive_map(block, name, provenance(task), task.run.road.junction)
     return MapFile(f"{name}.xodr", data, own=True, heights=Heights(None))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from scenariogeneration import xodr  # type: ignore[import-untyped]  # it ships no types
 
 from ssp_core.errors import InputError
-from ssp_core.run_file.road import CurvePiece
+from ssp_core.run_file.road import CurvePiece, JunctionRoad
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.maps.block import WIDEST_GAP_M, Block, BlockLane
 
 # The standard library's, which only builds and writes here: nothing is parsed.
@@ -211,7 +213,7 @@ def _crossing(number: int, s_m: float, right: float, left: float) -> ET.Element:
     return element
 
 
-def _road(block: Block) -> xodr.Road:
+def _road(block: Block, number: int) -> xodr.Road:
     sides = _sides(block)
     plan = xodr.PlanView()
     s = 0.0
@@ -224,7 +226,7 @@ def _road(block: Block) -> xodr.Road:
     lanes.add_laneoffset(xodr.LaneOffset(0.0, sides.middle_m))
     lanes.add_lanesection(_lane_section(block, sides))
     rule = xodr.TrafficRule.LHT if sides.left_hand_traffic else xodr.TrafficRule.RHT
-    road = xodr.Road(1, plan, lanes, name=block.block_id, rule=rule)
+    road = xodr.Road(number, plan, lanes, name=block.block_id, rule=rule)
     kind = _ROAD_TYPES.get(block.road_type)
     if kind is not None or block.speed_limit_mps is not None:
         road.add_type(kind or xodr.RoadType.unknown, 0.0, speed=block.speed_limit_mps)
@@ -239,19 +241,55 @@ def _road(block: Block) -> xodr.Road:
     return road
 
 
-def opendrive_map(block: Block, name: str, provenance: Mapping[str, str]) -> bytes:
-    """Make an OpenDRIVE 1.5 map with one road, id 1.
+def _off_block(block: Block, roads: Sequence[JunctionRoad]) -> Iterator[Block]:
+    """Yield the roads of a junction that don't lie on a block, as blocks of their own."""
+    for number, road in enumerate(roads):
+        line = ReferenceLine.of_road(road)
+        middle_m = 0.5 * (road.left_edge_m + road.right_edge_m)
+        ends = np.array([line.to_map(s_m, middle_m) for s_m in (0.0, road.length_m)])
+        local = block.line.to_local_many(ends)
+        on_block = (local[:, 1] > block.right_edge_m) & (local[:, 1] < block.left_edge_m)
+        if on_block.all():
+            continue
+        yield Block(
+            block_id=f"{block.junction} {number}",
+            line=line,
+            lanes=tuple(
+                BlockLane(lane.y_m, lane.width_m, lane.direction == "forward", f"lane {i}")
+                for i, lane in enumerate(sorted(road.lanes, key=lambda lane: lane.y_m))
+            ),
+            road_type=block.road_type,
+            segment="junction",
+            left_boundary="any",
+            right_boundary="any",
+            sidewalk_left_m=0.0,
+            sidewalk_right_m=0.0,
+            permitted=frozenset({"keep_lane"}),
+            speed_limit_mps=block.speed_limit_mps,
+        )
+
+
+def opendrive_map(
+    block: Block,
+    name: str,
+    provenance: Mapping[str, str],
+    junction: Sequence[JunctionRoad] = (),
+) -> bytes:
+    """Make an OpenDRIVE 1.5 map with one road, id 1, and others where it leads through a junction.
 
     Args:
         block: in frame map.
         name: of the map.
         provenance: what it was made from and by what, as user data of the map.
+        junction: roads of the junction, each of which becomes a road without links.
 
     Raises:
         InputError: the block's lanes can't be put into OpenDRIVE.
     """
     drive = xodr.OpenDrive(name)
-    drive.add_road(_road(block))
+    drive.add_road(_road(block, 1))
+    for number, other in enumerate(_off_block(block, junction), 2):
+        drive.add_road(_road(other, number))
     root = drive.get_element()
     road, header = root.find("road"), root.find("header")
     if road is None or header is None:
@@ -260,9 +298,10 @@ def opendrive_map(block: Block, name: str, provenance: Mapping[str, str]) -> byt
         objects = ET.SubElement(road, "objects")
         objects.extend(_crossing(i, *zebra) for i, zebra in enumerate(block.zebras_m, 1))
     # The standard wants user data last, scenariogeneration puts it first.
-    for data in road.findall("userData"):
-        road.remove(data)
-        road.append(data)
+    for one in root.findall("road"):
+        for data in one.findall("userData"):
+            one.remove(data)
+            one.append(data)
     header.set("date", FIXED_DATE)
     header.set("vendor", "SSP")
     offsets = block.left_edge_m, block.right_edge_m

@@ -34,6 +34,7 @@ from ssp_core.run_file.participants import (
     TriggerSpec,
 )
 from ssp_core.run_file.values import Point
+from ssp_core.vocabulary import ObjectClass
 from ssp_scenario_manager.compile.targets.foreseen import (
     FIRING_LAG_S,
     PLAYER_LAG_S,
@@ -281,7 +282,8 @@ def _manoeuvre(
     start = firing(run, trigger, delay_s, seen, chart.heights)
     if isinstance(manoeuvre, FollowPath):
         later_s = delay_s - trigger.lead_time_s
-        walk = _walk(who, name, manoeuvre.motion, start, later_s, chart.heights)
+        faster = _first_ramp(who, manoeuvre.motion, later_s, delay_s + FIRING_LAG_S, seen)
+        walk = _walk(who, name, manoeuvre.motion, start, faster, chart.heights)
         return _group(who.id, name, walk)
     cruise, starts_s = _path_of(who).cruise_mps, delay_s + FIRING_LAG_S
     to_mps = manoeuvre.to_mps if isinstance(manoeuvre, Brake) else manoeuvre.cruise_mps
@@ -310,12 +312,32 @@ def _lane_change(
     return xosc.RelativeLaneChangeAction(goal.ids, who.id, dynamics, offset)
 
 
+def _first_ramp(
+    who: ParticipantSpec, motion: Motion, later_s: float, starts_s: float, seen: Foreseen
+) -> Ramp:
+    """Return the speed from standstill on of a path of its own.
+
+    Args:
+        who: whose path it is.
+        motion: along its path.
+        later_s: delay of its beginning against that of a session.
+        starts_s: when a player begins it, s after the trigger fires.
+        seen: the session.
+    """
+    nominal = journey(motion).start
+    if who.cls not in (ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST):
+        return seen.act(0.0, nominal, starts_s)
+    # A session's ramp is rounded, and lags behind a straight one by half of the rounding.
+    lag_s = max(0.0, DEFAULT_RAMP_S - 2.0 * later_s)
+    return replace(nominal, duration_s=nominal.duration_s + lag_s)
+
+
 def _walk(
     who: ParticipantSpec,
     name: str,
     motion: Motion,
     start: _Start,
-    later_s: float,
+    faster: Ramp,
     heights: Heights,
 ) -> list[xosc.Event]:
     """Make the events of a path of its own: speed up from standstill, and stop at its end.
@@ -325,7 +347,7 @@ def _walk(
         name: that the events' names begin with.
         motion: along its path.
         start: the condition that starts it.
-        later_s: delay of its beginning against that of a session.
+        faster: its speed from standstill on.
         heights: of the map.
     """
     points = times_along(motion)
@@ -334,9 +356,6 @@ def _walk(
         xosc.Polyline([t for t, _, _ in points], [position((x, y), heights) for _, x, y in points])
     )
     trip = journey(motion)
-    # A session's ramp is rounded, and lags behind a straight one by half of the rounding.
-    lag_s = max(0.0, DEFAULT_RAMP_S - 2.0 * later_s)
-    faster = replace(trip.start, duration_s=trip.start.duration_s + lag_s)
     follow = xosc.FollowTrajectoryAction(trajectory, xosc.FollowingMode.position)
     stop_name = f"{name}_stop"
     stop = driven(f"{stop_name}_starts", who.id, trip.braking_from_m)

@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 import defusedxml.ElementTree as safe_xml
 import numpy as np
 
-from ssp_core.geometry import FloatArray, Pose2, wrap_angle
+from ssp_core.geometry import FloatArray, Polyline, Pose2, wrap_angle
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.compile.targets.goal_lane import lane_beside
 
@@ -80,7 +80,7 @@ class _Body:
     l_m: float = 0.0
     speed: Callable[[float], float] | None = None
     shift: _Shift | None = None
-    path: tuple[tuple[float, float], tuple[float, float]] | None = None
+    path: Polyline | None = None
     walked_m: float = 0.0
     track: list[tuple[float, float, float, float]] = field(default_factory=list)
 
@@ -230,11 +230,7 @@ class _Player:
             body.shift = _Shift(body.l_m, goal, distance_m)
         elif found.tag == "FollowTrajectoryAction":
             places = [e.attrib for e in found.iterfind(".//Vertex//WorldPosition")]
-            first, last = places[0], places[-1]
-            body.path = (
-                (float(first["x"]), float(first["y"])),
-                (float(last["x"]), float(last["y"])),
-            )
+            body.path = Polyline([(float(at["x"]), float(at["y"])) for at in places])
         else:
             raise NotOfSubset(found.tag)
 
@@ -277,12 +273,8 @@ class _Player:
     def _walk(body: _Body, way_m: float) -> None:
         if body.path is None:
             raise ValueError("it has no path")
-        (x0, y0), (x1, y1) = body.path
-        length_m = math.dist((x0, y0), (x1, y1))
-        body.walked_m = min(length_m, body.walked_m + way_m)
-        share = body.walked_m / length_m
-        yaw = math.atan2(y1 - y0, x1 - x0)
-        body.pose = Pose2(x0 + share * (x1 - x0), y0 + share * (y1 - y0), yaw)
+        body.walked_m = min(body.path.length_m, body.walked_m + way_m)
+        body.pose = body.path.pose(body.walked_m)
 
 
 def _body(element: Element) -> _Body:

@@ -164,9 +164,11 @@ _NO_LANE_BESIDE = {"left_lane": ("leftmost",), "right_lane": ("rightmost",)}
 _SIDE_OF = {
     "left_lane": "left",
     "left_kerb": "left",
+    "left_road": "left",
     "oncoming_lane": "left",
     "right_lane": "right",
     "right_kerb": "right",
+    "right_road": "right",
 }
 _SEEN = {("vut_lane", "ahead"): "front", ("vut_lane", "behind"): "rear"} | {
     (place, along): seen.format(side)

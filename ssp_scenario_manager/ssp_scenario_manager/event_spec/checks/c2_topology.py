@@ -183,6 +183,14 @@ def path_meets_the_corridor(view: View) -> Iterator[Failure]:
             )
 
 
+def roads_cross_at_a_junction(view: View) -> Iterator[Failure]:
+    """Check that a kind which takes place on routes has a junction as its segment, everywhere."""
+    words = set(view.event.topology.segment.words)
+    if view.kind and view.kind.at_junction and words - {"junction"}:
+        reason = f"{view.kind.name} takes place where roads cross"
+        yield _fail(view, reason, "junction", "topology.segment", "interaction.type")
+
+
 def segment_fits_curvature(view: View) -> Iterator[Failure]:
     """Check that curvature and segment agree: a straight has a radius of 1000 m or more."""
     segments, path = set(view.event.topology.segment.words), view.road("curvature")
@@ -212,6 +220,7 @@ TOPOLOGY_PREDICATES: tuple[Predicate, ...] = (
     road_permits_it,
     initiator_comes_from_there,
     path_meets_the_corridor,
+    roads_cross_at_a_junction,
     segment_fits_curvature,
     lanes_are_changed_on_open_road,
 )

@@ -180,7 +180,7 @@ _TARGET = Question(
     (
         Ask(
             "place",
-            "Lane or kerb, in the VUT's direction of travel.",
+            "Lane, kerb or other road of a junction, in the VUT's direction of travel.",
             words=(
                 "vut_lane",
                 "left_lane",
@@ -188,6 +188,8 @@ _TARGET = Question(
                 "left_kerb",
                 "right_kerb",
                 "oncoming_lane",
+                "left_road",
+                "right_road",
             ),
         ),
         Ask("along", "Relative to the VUT.", words=("ahead", "beside", "behind")),

@@ -1,0 +1,241 @@
+"""A vehicle crosses the VUT's straight way over a junction, from left or right (relation crossing).
+
+VUT and vehicle each follow a route over a connecting road of the map's junction. The vehicle waits
+at the junction's edge on its arm, and drives off when the trigger fires.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from ssp_core.geometry import wrap_angle
+from ssp_core.motion.encounter import corridor_half_m, is_crossing
+from ssp_core.motion.state import Size
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.block import Block, Conflict, Passage
+from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
+from ssp_scenario_manager.scenarios.base import (
+    BlockPoint,
+    CannotPlace,
+    Cross,
+    Drive,
+    Kind,
+    Plan,
+    Setting,
+    Trigger,
+    Wait,
+)
+from ssp_scenario_manager.scenarios.block_places import (
+    ahead_of,
+    end_of,
+    rectangle,
+    station_of,
+    vut_lane_indices,
+    within_block,
+)
+from ssp_scenario_manager.scenarios.motions import HOLD_S, cruise_reached_s, driver_travel
+from ssp_scenario_manager.scenarios.planning import BODY_MPS2, Draft, plans_on
+from ssp_scenario_manager.scenarios.prediction import Prediction
+from ssp_scenario_manager.scenarios.values import (
+    acceleration_limit,
+    approach_acceleration,
+    choose,
+    chosen,
+    fixed,
+    size_of,
+    speed_bounds,
+    vehicle_speed_limit,
+)
+
+_VUT_BRAKING_MPS2 = 3.0
+# The vehicle's way goes on so far beyond the junction, and is sampled at this step.
+_BEYOND_M = 40.0
+_STEP_M = 1.0
+
+
+def _manoeuvres(_event: Event) -> frozenset[str]:
+    return frozenset({"keep_lane"})
+
+
+def side_of(event: Event) -> str:
+    """Return the side that the vehicle comes from."""
+    return event.interaction.dominant_motion.rpartition("_")[2]
+
+
+def _passage(block: Block) -> Passage:
+    """Return the part of a route in its junction, on which the VUT goes straight on.
+
+    Raises:
+        CannotPlace: the block is no route, or it turns.
+    """
+    if block.passage is None:
+        raise CannotPlace("it leads over no connecting road of a junction")
+    turn_rad = abs(block.passage.turn_rad)
+    if turn_rad >= STRAIGHT_ON_RAD:
+        raise CannotPlace(
+            f"it turns by {math.degrees(turn_rad):.0f} deg in the junction; the VUT goes straight "
+            f"on, which is less than {math.degrees(STRAIGHT_ON_RAD):.0f} deg"
+        )
+    return block.passage
+
+
+def crossed_at(event: Event, block: Block, routes: Mapping[str, Block]) -> tuple[Conflict, Block]:
+    """Return the first conflict with a route that crosses straight on from K*'s side, and it.
+
+    Raises:
+        CannotPlace: there is none.
+    """
+    side = side_of(event)
+    for conflict in _passage(block).conflicts:
+        other = routes.get(conflict.route)
+        if other is None or other.passage is None:
+            continue
+        straight = abs(other.passage.turn_rad) < STRAIGHT_ON_RAD
+        across = conflict.kind == "crossing" and is_crossing(wrap_angle(conflict.angle_rad))
+        if straight and across and conflict.comes_from == side:
+            return conflict, other
+    raise CannotPlace(f"0 routes of its junction cross it straight on from the {side}, needs 1")
+
+
+def _vut_start(
+    block: Block, vut: Size, speed_mps: float, rate: float, below_s: float, crossing_s_m: float
+) -> BlockPoint:
+    """Return the VUT's start, from which it drives at cruise speed before the trigger.
+
+    Raises:
+        CannotPlace: the approach is too short.
+    """
+    driven, _ = driver_travel(speed_mps, rate, cruise_reached_s(speed_mps, rate) + HOLD_S)
+    needed = vut.front_m + driven + speed_mps * below_s
+    start = round(ahead_of(block, crossing_s_m, -needed, 0.0), 3)
+    if start < vut.rear_m:
+        raise CannotPlace(
+            f"the VUT needs {needed + vut.rear_m:.0f} m up to where it is crossed, and the route "
+            f"has {crossing_s_m:.0f} m"
+        )
+    return BlockPoint(start, 0.0)
+
+
+def _way(
+    block: Block, other: Block, size: Size, line_distance_m: float
+) -> tuple[Wait, tuple[BlockPoint, ...]]:
+    """Return the vehicle's place before the junction, and its way over its own route.
+
+    Raises:
+        CannotPlace: its arm is too short, or it leaves the frame of the VUT's route.
+    """
+    if other.passage is None:
+        raise CannotPlace("the vehicle's way is no route")
+    start = other.passage.start_s_m - line_distance_m - size.front_m
+    within_block(other, size, start, "the vehicle that crosses")
+    end = min(other.passage.end_s_m + _BEYOND_M, end_of(other, size))
+    if end <= other.passage.end_s_m:
+        raise CannotPlace(f"the road beyond the junction is {end - start:.0f} m too short for it")
+    stations = np.linspace(start, end, max(2, math.ceil((end - start) / _STEP_M) + 1))
+    if other.line.is_straight:
+        stations = stations[[0, -1]]
+    local = block.line.to_local_many(other.line.to_map_many(stations, 0.0))
+    if not np.isfinite(local).all():
+        raise CannotPlace("the VUT's route bends too much for a way across it")
+    places = tuple(BlockPoint(round(s, 3), round(y, 3)) for s, y in local.tolist())
+    yaw = other.line.pose(start).yaw_rad - block.line.pose(places[0].s_m).yaw_rad
+    return Wait(places[0], wrap_angle(yaw)), places[1:]
+
+
+def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
+    event, block = setting.event, setting.block
+    name = event.interaction.initiator
+    conflict, other = crossed_at(event, block, setting.routes)
+    vut, vehicle = size_of(event, event.vut_id), size_of(event, name)
+    v, below = values["vut_speed"], values["below"]
+    rate = approach_acceleration(event, event.vut_id, setting.limits)
+    start = _vut_start(block, vut, v, rate, below, conflict.s_m)
+    waits, way = _way(block, other, vehicle, values["line_distance"])
+    near_s = conflict.s_m - corridor_half_m(vehicle.width_m)
+    gap = station_of(block, start.s_m, near_s, 0.0) - vut.front_m
+    told = {name: fixed(event, f"participants.{name}.region.gap", "m", gap, "as cruise needs")}
+    return Draft(
+        vut=Drive(start, v, end_of(block, vut), rate, _VUT_BRAKING_MPS2),
+        targets={name: waits},
+        trigger=Trigger(
+            object_id=name,
+            quantity="time_to_arrival",
+            below=below,
+            anchor=BlockPoint(conflict.s_m, 0.0),
+            act=Cross(
+                goal=way[-1],
+                speed_mps=values["crossing_speed"],
+                acceleration_mps2=values["acceleration"],
+                via=way[:-1],
+            ),
+            not_before_s=round(0.5 * (cruise_reached_s(v, rate) + HOLD_S), 1),
+        ),
+        chosen=chosen(told, {name: gap}),
+    )
+
+
+def _plans(setting: Setting) -> Iterator[Plan]:
+    event, block, limits = setting.event, setting.block, setting.limits
+    name, vut = event.interaction.initiator, event.vut_id
+    conflict, _ = crossed_at(event, block, setting.routes)
+    if block.lanes.index(next(x for x in block.lanes if x.y_m == 0.0)) not in [
+        block.lanes.index(block.forward_lanes[i]) for i in vut_lane_indices(event, block)
+    ]:
+        wanted = " or ".join(event.topology.vut_lane.words)
+        raise CannotPlace(f"it goes on from a lane that is not the {wanted} one")
+    pick = partial(choose, event, preferred=setting.preferred)
+    _, most = speed_bounds(event, name, ("trigger", "conflict", "resolution"))
+    c = "constraints"
+    fastest = vehicle_speed_limit(event, limits, block)
+    hardest = BODY_MPS2[event.participants[name].class_][0]
+    choices = {
+        "vut_speed": pick(f"{c}.speeds.{vut}.approach", "m/s", at_most=fastest),
+        "below": pick(f"{c}.trigger.below", "s"),
+        "crossing_speed": pick(
+            f"{c}.manoeuvre.crossing_speed", "m/s", at_most=min(most, limits.speed_mps)
+        ),
+        "line_distance": pick(f"{c}.manoeuvre.line_distance", "m"),
+        "acceleration": pick(
+            f"{c}.manoeuvre.acceleration",
+            "m/s^2",
+            at_most=min(hardest, acceleration_limit(event, limits)),
+        ),
+    }
+    half = corridor_half_m(size_of(event, vut).width_m)
+    # METHOD 1: both swept corridors cross here, at the angle of the routes.
+    along = corridor_half_m(size_of(event, name).width_m) / abs(math.sin(conflict.angle_rad))
+    along += half / abs(math.tan(conflict.angle_rad))
+
+    def zone(_draft: Draft, _seen: Prediction, _conflict: BlockPoint) -> tuple[BlockPoint, ...]:
+        return rectangle(conflict.s_m - along, conflict.s_m + along, -half, half)
+
+    for plan in plans_on(setting, CROSSING_CAR.observable, choices, partial(_draft, setting), zone):
+        yield replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m))
+
+
+CROSSING_CAR = Kind(
+    name="crossing_car",
+    relation="crossing",
+    zone="corridor_crossing",
+    observable="lateral",
+    dominant_motions=frozenset({"crossing_from_left", "crossing_from_right"}),
+    initiator_classes=frozenset({"car", "truck", "bus", "motorcycle"}),
+    initiator_places={
+        "crossing_from_left": frozenset({"left_road"}),
+        "crossing_from_right": frozenset({"right_road"}),
+    },
+    first="initiator",
+    manoeuvre={"crossing_speed": "m/s", "line_distance": "m", "acceleration": "m/s^2"},
+    trigger_quantities=frozenset({"time_to_arrival"}),
+    needs_occluder=False,
+    uses_arrival_gap=True,
+    same_direction_lanes=1,
+    manoeuvres=_manoeuvres,
+    plans=_plans,
+    at_junction=True,
+)

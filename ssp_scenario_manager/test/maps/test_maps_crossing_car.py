@@ -1,0 +1,270 @@
+"""The event crossing_car: over which roads it leads, what it needs, and that it happens."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from ssp_core.geometry import point_in_polygon
+from ssp_core.motion.encounter import corridor_half_m
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import FollowPath
+from ssp_core.vocabulary import Verdict
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.sumo_network import write_network
+from ssp_scenario_manager.compile.area import OperatingArea
+from ssp_scenario_manager.compile.choose import NotChosen
+from ssp_scenario_manager.compile.compiler import Request, compile_task, load_area
+from ssp_scenario_manager.compile.place import Order, Realisation, realise
+from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
+from ssp_scenario_manager.compile.task import PlaceLink, sealed
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.block import Block
+from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.routes import junction_roads, with_routes
+from ssp_scenario_manager.maps.site import find_shipped
+from ssp_scenario_manager.run.in_process import run_in_process
+from ssp_scenario_manager.scenarios.base import CannotPlace
+from ssp_scenario_manager.triggers.on_route import off_route
+
+STRAIGHT = "junction market: west_in > west_east lanes[0] > east_out"
+RIGHT_TURN = "junction market: west_in > west_south lanes[0] > south_out"
+# The connecting road that the car takes, by the side that it comes from.
+OVER = {"right": "south_north", "left": "north_south"}
+PHASES_BUT_APPROACH = ("trigger", "conflict", "resolution")
+_OTHER = {"left": "right", "right": "left"}
+
+
+def event(side: str = "right", object_class: str = "car", **constraints: Any) -> Event:
+    """The shipped event, from a side and of a class, with parts of C changed."""
+    value = load_event("crossing_car")[0].model_dump(mode="json", by_alias=True)
+    if side == "left":
+        for part in ("participants", "motion", "interaction"):
+            text = re.sub("left|right", lambda found: _OTHER[found[0]], yaml.safe_dump(value[part]))
+            value[part] = yaml.safe_load(text)
+    value["participants"]["ot1"]["class"] = object_class
+    if constraints:
+        value["participants"]["ot1"]["region"]["gap"] = {"min": 5, "max": 200, "unit": "m"}
+    for name, given in constraints.items():
+        value["constraints"][name] |= given
+    return Event.model_validate(value)
+
+
+@cache
+def ground(site: str) -> OperatingArea:
+    area = load_area(site, None)[0]
+    return replace(area, library=with_routes(area.library))
+
+
+def route(area: OperatingArea, name: str = STRAIGHT) -> Block:
+    (found,) = (block for block in area.library.blocks if block.block_id == name)
+    return found
+
+
+def made(wanted: Event, area: OperatingArea, name: str = STRAIGHT) -> Realisation:
+    return realise(Order(wanted, "sha256:test", area, "sumo", 1, {}), route(area, name))
+
+
+def way_of(run: RunSpec) -> np.ndarray[Any, Any]:
+    manoeuvre = run.triggers[0].manoeuvre
+    assert isinstance(manoeuvre, FollowPath)
+    return np.array(manoeuvre.motion.path)
+
+
+@pytest.mark.parametrize(
+    ("side", "object_class", "site"),
+    [
+        ("right", "car", "crossroads"),
+        ("left", "car", "crossroads"),
+        ("right", "motorcycle", "crossroads"),
+        ("right", "truck", "crossroads"),
+        ("right", "car", "cross_track"),
+        ("left", "motorcycle", "cross_track"),
+    ],
+)
+def test_it_runs_valid_over_the_connecting_roads(side: str, object_class: str, site: str) -> None:
+    area = ground(site)
+    run = made(event(side, object_class), area).task.run.model_copy(update={"camera": None})
+    result, record = run_in_process(run)
+    assert result.verdict is Verdict.VALID, result.reasons
+    assert result.passing.other_first
+    # The car keeps to the middle of the lane of its connecting road, while it is in the junction.
+    known = {block.block_id: block for block in area.library.blocks}
+    inside = known[OVER[side]].line
+    local = inside.to_local_many(np.array([(s.x_m, s.y_m) for s in record.truths("ot1")]))
+    there = local[(local[:, 0] > 0.0) & (local[:, 0] < inside.length_m)]
+    assert len(there) > 20
+    assert np.abs(there[:, 1]).max() < 0.15
+    # So does the VUT.
+    own = known["west_east"].line
+    local = own.to_local_many(np.array([(s.x_m, s.y_m) for s in record.truths("vut")]))
+    there = local[(local[:, 0] > 0.0) & (local[:, 0] < own.length_m)]
+    assert len(there) > 20
+    assert np.abs(there[:, 1]).max() < 0.15
+
+
+def test_the_car_waits_before_the_junction_on_its_own_arm() -> None:
+    area = ground("crossroads")
+    found = made(event(), area)
+    (car,) = found.task.run.targets
+    arm = {block.block_id: block for block in area.library.blocks}["south_in"]
+    s_m, l_m = arm.line.to_local(car.start.x_m, car.start.y_m)
+    assert car.approach is None
+    assert l_m == pytest.approx(-1.75, abs=1e-3)
+    front_m = arm.length_m - s_m - car.size.front_m
+    chosen = {tuning.field: tuning.value for tuning in found.task.tunings}
+    assert front_m == pytest.approx(chosen["constraints.manoeuvre.line_distance"], abs=0.01)
+    assert 0.5 <= front_m <= 3.0
+    yaw = arm.line.pose(arm.length_m).yaw_rad
+    assert math.cos(car.start.yaw_rad - yaw) == pytest.approx(1.0)
+
+
+def test_the_zone_is_where_both_swept_corridors_cross() -> None:
+    """METHOD 1: cars are 1.8 m wide, 0.3 m are on each side; the lanes cross at (1.75, -1.75)."""
+    task = made(event(), ground("crossroads")).task
+    half = corridor_half_m(1.8)
+    xs, ys = zip(*((p.x_m, p.y_m) for p in task.conflict_zone), strict=True)
+    assert (min(xs), max(xs)) == pytest.approx((1.75 - half, 1.75 + half), abs=2e-3)
+    assert (min(ys), max(ys)) == pytest.approx((-1.75 - half, -1.75 + half), abs=2e-3)
+    assert task.anchors["vut"].conflict.x_m == pytest.approx(1.75 - half, abs=2e-3)
+
+
+def test_the_run_has_the_roads_of_the_junction() -> None:
+    area = ground("crossroads")
+    run = made(event(), area).task.run
+    # Four arms, each once, and twelve connecting roads of one lane.
+    assert [one.junction_at for one in run.road.junction].count("end") == 4
+    assert [one.junction_at for one in run.road.junction].count("both") == 12
+    assert [one.junction_at for one in run.road.junction].count("start") == 0
+    assert [(x.y_m, x.direction) for x in run.road.lanes] == [(0.0, "forward"), (3.5, "backward")]
+    assert off_route(run) == []
+    # Without them the car's way lies off the run's road.
+    road = run.road.model_copy(update={"junction": []})
+    far = run.triggers[0].manoeuvre
+    assert isinstance(far, FollowPath)
+    path = [*far.motion.path, (far.motion.path[-1][0], 60.0)]
+    motion = far.motion.model_copy(update={"path": path})
+    trigger = run.triggers[0].model_copy(
+        update={"manoeuvre": far.model_copy(update={"motion": motion})}
+    )
+    changed = run.model_copy(update={"triggers": [trigger]})
+    assert off_route(changed) == []
+    (said,) = off_route(changed.model_copy(update={"road": road}))
+    assert "lies off the run's road and its surroundings" in said
+
+
+def test_a_road_without_a_junction_is_written_as_before() -> None:
+    run = made(event(), ground("crossroads")).task.run
+    plain = run.road.model_copy(update={"junction": []})
+    assert "junction" not in plain.model_dump(mode="json")
+    assert "junction" in run.road.model_dump(mode="json")
+
+
+@pytest.mark.parametrize(
+    ("wanted", "name", "said"),
+    [
+        (event(), RIGHT_TURN, "it turns by 90 deg in the junction"),
+        (event(), "west_in", "it leads over no connecting road of a junction"),
+        (
+            event(trigger={"below": {"min": 16, "max": 16, "unit": "s"}}),
+            STRAIGHT,
+            r"the VUT needs \d+ m up to where it is crossed, and the route has 162 m",
+        ),
+        (
+            event(manoeuvre={"line_distance": {"min": 160, "max": 160, "unit": "m"}}),
+            STRAIGHT,
+            "the vehicle that crosses would start at s = ",
+        ),
+        (
+            event(trigger={"below": {"min": 1, "max": 1, "unit": "s"}}),
+            STRAIGHT,
+            r"ot1 wouldn't reach the conflict point first: after the trigger ot1 takes [\d.]+ s",
+        ),
+    ],
+)
+def test_what_doesnt_fit_is_refused_with_its_quantity(wanted: Event, name: str, said: str) -> None:
+    with pytest.raises(CannotPlace, match=said):
+        made(wanted, ground("crossroads"), name)
+
+
+def test_without_a_road_from_that_side_there_is_no_event() -> None:
+    area = ground("crossroads")
+    kept = [block for block in area.library.blocks if "south_in" not in block.block_id]
+    library = replace(area.library, blocks=tuple(kept))
+    with pytest.raises(CannotPlace, match="0 routes of its junction cross it straight on from the"):
+        made(event(), replace(area, library=library))
+
+
+def test_deleting_the_junction_refuses_it(tmp_path: Path) -> None:
+    site = yaml.safe_load(find_shipped("crossroads", "site").read_text())
+    kept = [block for block in site["blocks"] if "junction" not in block]
+    for block in kept:
+        block.pop("leads_to", None)
+    path = tmp_path / "crossroads.site.yaml"
+    path.write_text(yaml.safe_dump(site | {"blocks": kept}))
+    with pytest.raises(NotChosen) as caught:
+        compile_task(Request(event="crossing_car", target="sumo", site=str(path)))
+    assert "segment straight, needs junction (identity)" in str(caught.value)
+
+
+def test_a_maps_fence_has_room_for_the_cars_way(crossroads: Path) -> None:
+    """A map says nothing about a fence; the one of the VUT's road alone would leave the car out."""
+    library = with_routes(load_library(crossroads))
+    link = PlaceLink(kind="opendrive", name="x.xodr", sha256=library.sha256)
+    area = OperatingArea(link, library, None, crossroads.read_bytes(), "x.xodr")
+    name = "junction 9: road w backward > road we forward lane -1 > road e forward"
+    wanted = event(
+        trigger={"below": {"min": 3.2, "max": 3.4, "unit": "s"}},
+        speeds={
+            "vut": {p: {"min": 0, "max": 7, "unit": "m/s"} for p in PHASES_BUT_APPROACH}
+            | {"approach": {"min": 6, "max": 7, "unit": "m/s"}}
+        },
+    )
+    run = made(wanted, area, name).task.run
+    for x_m, y_m in way_of(run).tolist():
+        assert point_in_polygon(x_m, y_m, run.geofence)
+    assert not point_in_polygon(30.0, 30.0, run.geofence)
+
+
+def test_sumo_gets_the_roads_of_the_junction(tmp_path: Path) -> None:
+    road = made(event(), ground("crossroads")).task.run.road
+    text = write_network(road, tmp_path).path.read_text()
+    lanes = sum(len(one.lanes) for one in road.junction)
+    assert len(set(re.findall(r'<edge id="(junction_\d+_\d+)"', text))) == lanes == 20
+
+
+def test_arms_that_both_directions_share_are_one(crossroads: Path) -> None:
+    found = junction_roads(load_library(crossroads), "9")
+    arms = [one for one in found if one.junction_at != "both"]
+    assert len(found) - len(arms) == 3
+    assert len(arms) == 4
+    for arm in arms:
+        assert arm.length_m == 60.0
+        line = ReferenceLine.of_road(arm)
+        at = line.pose(arm.length_m if arm.junction_at == "end" else 0.0)
+        assert math.hypot(at.x_m, at.y_m) == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_openscenario_plays_it_on_a_map_that_has_the_arms(side: str, tmp_path: Path) -> None:
+    """The export plays itself: the gap to the car is the session's to 0.3 m, else it refuses."""
+    found = made(event(side), ground("cross_track"))
+    task = sealed(found.task.model_copy(update={"target": "openscenario", "chosen_by": "score"}))
+    export_openscenario(task, found.block, None, tmp_path)
+    library = load_library(tmp_path / "cross_track.xodr")
+    (car,) = task.run.targets
+    lanes = []
+    for block in library.blocks:
+        s_m, l_m = block.line.to_local_many(np.array([(car.start.x_m, car.start.y_m)]))[0]
+        if 0.0 <= s_m <= block.length_m:
+            lanes += [x for x in block.forward_lanes if abs(x.y_m - l_m) < 0.01]
+    assert lanes
