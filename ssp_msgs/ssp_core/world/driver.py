@@ -86,7 +86,7 @@ class Question:
             model is shown it as it is.
         seed: for drivers that sample, ``Driven.sampling_seed``.
         run: hash of the driven run, for interfaces whose sessions have names; no model is shown it
-            as it is.
+            as it is, and it is empty for a driver that sees no frames.
     """
 
     number: int

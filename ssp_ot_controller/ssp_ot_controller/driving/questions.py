@@ -70,7 +70,9 @@ class Questions:
     ) -> None:
         self.ended = ""
         self._run = run
-        self._seed, self._run_hash = driven.sampling_seed(run.seed), run.driven_hash
+        self._seed = driven.sampling_seed(run.seed)
+        # An event and its event-free twin differ by it: a driver of ours gets none.
+        self._run_hash = run.driven_hash if isinstance(driver, SeeingDriver) else ""
         self._observable_s = driven.observable_s
         self._driver = driver
         # None: it is measured.
