@@ -29,7 +29,7 @@ from ssp_core.run_file.participants import (
     ParticipantSpec,
     TimeToArrival,
 )
-from ssp_core.run_file.road import Lane, Road
+from ssp_core.run_file.road import JunctionRoad, Lane, Road
 from ssp_core.run_file.values import Point
 from ssp_core.vocabulary import Role
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
@@ -183,6 +183,19 @@ def _road_lines(road: Road) -> Iterator[RoadLine]:
             yield RoadLine("centre", centre if lane.direction == "forward" else centre[::-1])
     if reference := _beside(line, road.length_m, 0.0):
         yield RoadLine("reference", reference)
+    for one in road.junction:
+        yield from _junction_lines(one)
+
+
+def _junction_lines(road: JunctionRoad) -> Iterator[RoadLine]:
+    """Yield the edges of an arm, and the lanes of an arm or a connecting road."""
+    line = ReferenceLine.of_road(road)
+    for l_m in (road.left_edge_m, road.right_edge_m) if road.junction_at != "both" else ():
+        if edge := _beside(line, road.length_m, l_m):
+            yield RoadLine("edge", edge)
+    for lane in road.lanes:
+        if centre := _beside(line, road.length_m, lane.y_m):
+            yield RoadLine("centre", centre if lane.direction == "forward" else centre[::-1])
 
 
 def _dividers(lanes: Sequence[Lane]) -> list[tuple[float, bool]]:

@@ -19,6 +19,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import FollowPath
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.road_drawing import drawing_of
 from ssp_core.world.sumo_network import write_network
 from ssp_scenario_manager.compile.area import OperatingArea
 from ssp_scenario_manager.compile.choose import NotChosen
@@ -233,6 +234,19 @@ def test_a_maps_fence_has_room_for_the_cars_way(crossroads: Path) -> None:
     for x_m, y_m in way_of(run).tolist():
         assert point_in_polygon(x_m, y_m, run.geofence)
     assert not point_in_polygon(30.0, 30.0, run.geofence)
+
+
+def test_the_view_from_above_has_the_arms_and_the_zone() -> None:
+    run = made(event(), ground("crossroads")).task.run
+    drawn = drawing_of(run)
+    bare = drawing_of(run.model_copy(update={"road": run.road.model_copy(update={"junction": []})}))
+    more = drawn.road_lines[len(bare.road_lines) :]
+    assert [line.kind for line in more].count("edge") == 2 * 4
+    assert [line.kind for line in more].count("centre") == 20
+    # The lane that the car takes leads up to the junction on the arm from the south.
+    ends = [line.points[-1] for line in more if line.kind == "centre"]
+    assert any(end == pytest.approx((1.75, -9.75), abs=1e-6) for end in ends)
+    assert [zone.name for zone in drawn.conflict_zones] == ["ot1"]
 
 
 def test_sumo_gets_the_roads_of_the_junction(tmp_path: Path) -> None:
