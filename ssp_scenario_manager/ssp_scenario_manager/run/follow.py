@@ -15,6 +15,7 @@ from ssp_core.clock import seconds_to_ns
 from ssp_core.processes import NodeProcess, ProcessGroup
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
+from ssp_core.safety.liveness import WORLD_SILENT_LOCKSTEP_S
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.driver import sees_frames
 from ssp_scenario_manager.ros.fault_injector import FaultEndpoints
@@ -36,7 +37,7 @@ START_TIMEOUT_S = 90.0
 # After a process died, the session itself should end within this time; then it is ended.
 END_TIMEOUT_S = 20.0
 # Objects that hear no manager any more, or a world that goes on after a pause: time to stand.
-STANDSTILL_S = 20.0
+STANDSTILL_S = 30.0
 # A session doesn't begin before its camera can draw. The first start in a checkout compiles the
 # kernels: some 20 s on a quiet machine, two minutes seen where seven others were at work.
 SLOW_START_S = 300.0
@@ -46,7 +47,8 @@ MODEL_START_S = 630.0
 FIRST_START = "its first start in a checkout compiles the camera's kernels (once, about 20 s)"
 # Beyond the heartbeat's limit, for an object to say on the wall's clock that it was passed.
 NOTICED_S = 0.5
-# A truth this old comes from a world that is dead or stands still, and so does all in it.
+# A truth this old comes from a world that is dead or stands still, and so does all in it. One in
+# lockstep that lives may still wait for who died; WORLD_SILENT_LOCKSTEP_S is its limit.
 WORLD_GONE_S = 2.0
 # The manager tells of itself every second; objects stop long before. A busy host may delay it.
 SILENT_S = 10.0
@@ -483,8 +485,15 @@ class _Following:
             waited_s = hands.wall_s - began_s
             if waited_s > until_s and (heard_s or 0.0) > began_s and hands.all_stand():
                 return
-            if hands.wall_s - max(heard_s or began_s, began_s) > WORLD_GONE_S:
+            if hands.wall_s - max(heard_s or began_s, began_s) > self._world_gone_s():
                 return
+
+    def _world_gone_s(self) -> float:
+        """Return the age of the newest truth at which the world counts as gone, s."""
+        world = self._group.processes.get(names.SIL_WORLD)
+        lives = world is not None and world.returncode is None
+        waits = lives and self._spec.mode == "lockstep"
+        return WORLD_SILENT_LOCKSTEP_S if waits else WORLD_GONE_S
 
     def _followed(self, outcome: RunOutcome) -> Followed:
         client, hands, injector = self._client, self._hands, self._injector

@@ -219,6 +219,21 @@ def test_what_holds_is_sent_nothing_and_drives_beside_the_middle(
     assert played["ot1"][-1, 2] == pytest.approx(case.task.run.targets[0].start.y_m, abs=0.01)
 
 
+def test_what_only_stands_is_told_to_stand_where_the_vut_is_the_users(
+    case_of: Any, xsd: Any, tmp_path: Path
+) -> None:
+    """A story of OpenSCENARIO has an act at least."""
+    case = case_of("slow_lead")
+    run = case.task.run
+    (lead,) = run.targets
+    stands = changed(case, targets=[lead.model_copy(update={"approach": None})])
+    for file in export_openscenario(stands, case.block, None, tmp_path)[:2]:
+        document = etree.parse(file)
+        assert xsd.validate(document), xsd.error_log
+        acts = [act.get("name") for act in document.iter("Act")]
+        assert acts == (["act_stands"] if "external" in file.name else ["approach"])
+
+
 def test_a_lane_change_goes_one_lane_right_over_the_distance_of_its_time(
     case_of: Any, tmp_path: Path
 ) -> None:

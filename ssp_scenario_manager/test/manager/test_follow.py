@@ -103,6 +103,49 @@ def test_a_manager_that_lives_and_gives_no_result_doesnt_keep_the_run(
     )
 
 
+@pytest.mark.parametrize(("world_lives", "ends_s"), [(True, 13.0), (False, 2.2)])
+def test_objects_that_lost_their_manager_stop_however_long_a_world_in_lockstep_waits_for_it(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch, world_lives: bool, ends_s: float
+) -> None:
+    """On a saturated machine it takes ten seconds to drop who was killed, and goes on then."""
+    now_s, died_s = [100.0], 101.0
+    world = MagicMock(returncode=None if world_lives else 1)
+    manager = dead(names.SCENARIO_MANAGER)
+    group = MagicMock(processes={names.SIL_WORLD: world, names.SCENARIO_MANAGER: manager})
+    group.ended.side_effect = lambda: [manager] if now_s[0] >= died_s else []
+    client = quiet_client(was_armed=True)
+    client.outcome = None
+
+    class Truth:
+        """What is heard of the world: nothing for ten seconds, then two seconds of braking."""
+
+        wall_s = property(lambda _: now_s[0])
+
+        def __init__(self, *_: object) -> None:
+            self.began_s = now_s[0]
+
+        def heard_at(self) -> float:
+            return now_s[0] if world_lives and now_s[0] > died_s + 10.1 else died_s
+
+        def all_stand(self) -> bool:
+            return world_lives and now_s[0] >= died_s + 12.1
+
+    def spin(timeout_s: float) -> None:
+        now_s[0] += timeout_s
+        assert now_s[0] < 200.0, "the run was not ended"
+
+    client.spin.side_effect = spin
+    monkeypatch.setattr(follow, "RunClient", lambda *_, **__: client)
+    monkeypatch.setattr(follow, "FaultEndpoints", Truth)
+    monkeypatch.setattr(follow, "time", MagicMock(monotonic=lambda: now_s[0]))
+    lockstep = run.model_copy(update={"mode": "lockstep"})
+    outcome = follow.follow(
+        lockstep, group, Path("run.yaml"), Path("bag"), MagicMock(), follow.Interrupt()
+    ).outcome
+    assert outcome.verdict is Verdict.INVALID_HARNESS
+    assert now_s[0] - died_s == pytest.approx(ends_s, abs=1.0)
+
+
 @pytest.mark.parametrize("after_s", [4.0, 120.0, 1e6])
 def test_a_camera_that_compiles_its_kernels_is_waited_for_before_the_run_begins(
     run: RunSpec, monkeypatch: pytest.MonkeyPatch, after_s: float

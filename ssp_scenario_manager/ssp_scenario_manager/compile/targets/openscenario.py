@@ -191,15 +191,23 @@ def _storyboard(run: RunSpec, chart: MapFile, seen: Foreseen, external: bool) ->
 
     groups = [] if external else [_vut_drive(seen)]
     groups += [_approach(who, run, seen) for who in run.targets if who.approach is not None]
-    story = xosc.Story("story")
+    acts = []
     if groups:
-        story.add_act(_act("approach", after("approach_starts", 0.0), stop("approach"), groups))
+        acts.append(_act("approach", after("approach_starts", 0.0), stop("approach"), groups))
     for trigger in run.triggers:
         name, group = f"act_{trigger.id}", _manoeuvre(run, trigger, chart, seen)
         if group is None:
             continue
         start = after(f"{trigger.id}_not_before", trigger.not_before_s)
-        story.add_act(_act(name, start, stop(name), [group]))
+        acts.append(_act(name, start, stop(name), [group]))
+    if not acts:
+        # A story has an act at least, and of an object that only stands there is nothing to tell.
+        still = _event("stands", _at("stands_starts", TARGET_START_S), _speed(Ramp(0.0, 0.0)))
+        group = _group(run.initiator_id, "stands", [still])
+        acts.append(_act("act_stands", after("act_starts", 0.0), stop("act_stands"), [group]))
+    story = xosc.Story("story")
+    for act in acts:
+        story.add_act(act)
     board = xosc.StoryBoard(init, stop("storyboard"))
     board.add_story(story)
     return board
