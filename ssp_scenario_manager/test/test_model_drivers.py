@@ -21,7 +21,7 @@ from ssp_core.bag.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.latency import Latency
-from ssp_core.run_file.model import Camera, RunSpec, load_run
+from ssp_core.run_file.model import Camera, Fault, RunSpec, load_run
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.driver import (
     Answer,
@@ -32,6 +32,7 @@ from ssp_core.world.driver import (
     model_facts,
     try_driver,
 )
+from ssp_core.world.driver_answers import NODE_ANSWERS_FILE, append_answer
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_ot_controller.driving.frames import QuestionFrames
@@ -40,13 +41,20 @@ from ssp_scenario_manager.closed_loop.answers import answers_of
 from ssp_scenario_manager.closed_loop.outcome import Outcome, outcome_of, told_of
 from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver
 from ssp_scenario_manager.closed_loop.runs import Job, rows_of
+from ssp_scenario_manager.closed_loop.sessions import told_of_session
 from ssp_scenario_manager.closed_loop.single import parse_drive
 from ssp_scenario_manager.closed_loop.start import Start, make_start
 from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS
 from ssp_scenario_manager.closed_loop.top_view import top_view
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
-from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
+from ssp_scenario_manager.run.in_process import (
+    InProcessResult,
+    Record,
+    run_in_process,
+    run_recorded,
+)
+from ssp_scenario_manager.run.sweep import for_one_process
 from ssp_scenario_manager.session import outbox
 
 SEED = 1
@@ -509,6 +517,29 @@ def test_a_question_that_is_not_the_recorded_one_is_our_fault(start: Start, fold
     assert changes[-1].state is SessionPhase.ABORTING
     assert changes[-1].verdict.name == "INVALID_HARNESS"
     assert "isn't the one that was recorded" in outcome.why
+
+
+def test_a_session_that_an_operator_aborted_asks_its_model_nothing_more(
+    start: Start, folder: Path, tmp_path: Path
+) -> None:
+    """A model that hangs would be waited for in the event-free twin."""
+    shutil.copy(folder / "driving_models.py", tmp_path / "model_for_an_hour.py")
+    options = python(tmp_path, "keep", function="model_for_an_hour:keep")
+    run = for_one_process(driven_run(start, options, latency_s=0.5), camera=True)
+    abort = Fault(kind="operator_abort", at_s=start.hand_over_s + 0.5)
+    aborted = run.model_copy(update={"faults": [abort]})
+    (tmp_path / "run.yaml").write_text(aborted.model_dump_json(by_alias=True))
+    _, record, _ = run_recorded(aborted, tmp_path / "run.yaml", tmp_path / "bag", print)
+    assert run.driven is not None
+    for one in answers_of(run.driven, record):
+        append_answer(tmp_path / NODE_ANSWERS_FILE, one)
+    (tmp_path / "model_for_an_hour.py").unlink()
+    told, why = told_of_session(None, None, aborted, tmp_path / "bag")
+    assert (told["driven"]["outcome"], why) == ("fence", ""), told
+    assert told["driven"]["needless"].startswith("the operator aborted")
+    kept = json.loads((tmp_path / "answers.json").read_text())
+    assert kept["event"]
+    assert kept["free"] == []
 
 
 def test_a_trajectory_is_what_the_adapter_reads(start: Start, folder: Path) -> None:

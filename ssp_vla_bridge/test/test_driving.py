@@ -302,6 +302,7 @@ def test_a_model_that_is_closed_while_it_is_asked_ends_the_question(tmp_path: Pa
     question.start()
     asked.read_text()  # until it is opened at the other end
     process.close()
+    process.close()
     question.join()
     (given,) = got
     assert isinstance(given, GivenAnswer)

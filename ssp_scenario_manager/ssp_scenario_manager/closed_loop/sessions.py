@@ -23,7 +23,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_core.world.driver_answers import NODE_ANSWERS_FILE, given_answers
 from ssp_core.world.plant import StepReport
-from ssp_scenario_manager.closed_loop.answers import KeptAnswers
+from ssp_scenario_manager.closed_loop.answers import Asked, KeptAnswers
 from ssp_scenario_manager.closed_loop.before import Before, failed_for
 from ssp_scenario_manager.closed_loop.single import is_kept, told_of_run
 from ssp_scenario_manager.closed_loop.start import without_operator
@@ -57,7 +57,14 @@ def told_of_session(
         result = replace(
             result, verdict=Verdict.ABORTED, reasons=abort.reasons, aborted_ns=abort.at_ns
         )
+        if kept is None and answers is not None:
+            # Who aborts a session waits for no model: it isn't asked in the event-free twin.
+            kept = KeptAnswers(Asked.of(spec.driven), answers, ())
     told = told_of_run(run, result, record, folder=bag.parent, kept=kept)
+    if kept is not None and not kept.free:
+        told["driven"]["needless"] = (
+            "the operator aborted, and the model wasn't asked without the event"
+        )
     why = heard if isinstance(heard, str) else _difference(heard.truths, record.reports)
     if why:
         told["driven"] |= failed_for(why)

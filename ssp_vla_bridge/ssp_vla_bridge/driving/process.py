@@ -194,6 +194,7 @@ class ModelProcess:
         context = _context()
         # A process that is closed while it is asked ends, and then the question does.
         self._asking = threading.Lock()
+        self._is_closed = False
         self._connection, theirs = context.Pipe()
         arguments = (theirs, model, backend_name, dict(options), adapter, dict(os.environ))
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
@@ -286,6 +287,9 @@ class ModelProcess:
 
     def close(self) -> None:
         """End the process, from any thread: a question that is open is answered by its end."""
+        if self._is_closed:
+            return
+        self._is_closed = True
         self.interrupt()
         with self._asking:
             self._connection.close()
