@@ -258,10 +258,13 @@ def run_ablation(
         ControlFailed: an arm doesn't keep the event at the source's own place.
         InputError: the folder holds something else, or a file isn't valid.
     """
-    _claim(folder, sealed_plan(plan))
+    sealed = sealed_plan(plan)
+    _claim(folder, sealed)
     control, todo = control_jobs(plan), place_jobs(plan)
     path = folder / ROWS_FILE
-    rows = _whole_jobs(rows_there(path), [*control, *todo], path)
+    names = [SOURCE_PLACE] * len(control)
+    names += [name for name, _ in sealed["places"] for _ in ARMS]
+    rows = _whole_jobs(rows_there(path), [*control, *todo], names, path)
     write_text(path, lines_of([COLUMNS, *rows]))
     total = sum(len(job.seeds) for job in (*control, *todo))
     on_rows(len(rows), total)
@@ -306,6 +309,8 @@ def check_control(realisations: Sequence[Realisation]) -> None:
 def sealed_plan(plan: Plan) -> dict[str, Any]:
     """Return what an ablation's folder is of: plan, files by their hashes, and sources."""
     event, version, _ = checked_event(plan.event)
+    # What can't be read is told before a folder is claimed.
+    read_source(event, plan.source)
     grounds = [ground_of(*place, event) for place in plan.places]
     names = [ground.name for ground in grounds]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -325,7 +330,7 @@ def sealed_plan(plan: Plan) -> dict[str, Any]:
         "sources": sources,
         "event": event.name,
         "event_version": version,
-        "places": {ground.name: ground.area.link.sha256 for ground in grounds},
+        "places": [[ground.name, ground.area.link.sha256] for ground in grounds],
         "source": None if plan.source is None else _hash_of(plan.source),
         "realisations": plan.realisations,
         "seed": plan.seed,
@@ -360,15 +365,17 @@ def _claim(folder: Path, sealed: Mapping[str, Any]) -> None:
     write_json(path, json.loads(json.dumps(sealed)))
 
 
-def _whole_jobs(rows: Sequence[Row], jobs: Sequence[Job], path: Path) -> list[Row]:
+def _whole_jobs(
+    rows: Sequence[Row], jobs: Sequence[Job], names: Sequence[str], path: Path
+) -> list[Row]:
     """Return the rows of jobs that were finished; a job that was cut off is run again."""
     kept: list[Row] = []
-    for job in jobs:
+    for job, name in zip(jobs, names, strict=False):
         part = list(rows[len(kept) : len(kept) + len(job.seeds)])
         if len(part) < len(job.seeds):
             break
         for seed, row in zip(job.seeds, part, strict=True):
-            if len(row) != len(COLUMNS) or row[1:3] != [job.arm, str(seed)]:
+            if len(row) != len(COLUMNS) or row[:3] != [name, job.arm, str(seed)]:
                 raise InputError(
                     "holds another ablation's realisation",
                     file=path,

@@ -285,7 +285,7 @@ class Trials:
         return session(run_of(self._frame, self._ground, made))
 
 
-Error = Callable[[Trial], float]
+Error = Callable[[ArmRun, Trial], float]
 
 
 def best_of(trials: Trials, runs: Iterable[ArmRun], error: Error, enough_m: float) -> ArmRun:
@@ -294,7 +294,7 @@ def best_of(trials: Trials, runs: Iterable[ArmRun], error: Error, enough_m: floa
     Args:
         trials: the budget.
         runs: in the order in which they are tried.
-        error: of a trial, m.
+        error: of an answer and its trial, m.
         enough_m: an error at which nothing further is tried.
 
     Raises:
@@ -309,7 +309,7 @@ def best_of(trials: Trials, runs: Iterable[ArmRun], error: Error, enough_m: floa
         if trial.refused:
             why = why or trial.refused
             continue
-        found = error(trial)
+        found = error(made, trial)
         if best is None or found < BETTER * best[0]:
             best = found, made
         if found <= enough_m:

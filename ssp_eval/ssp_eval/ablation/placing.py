@@ -219,9 +219,11 @@ def timed_motion(
     Raises:
         NoRun: it leaves the fence, or there is no time for its run-up.
     """
-    way = np.hypot(*(places_m - places_m[0]).T)
-    if way.max() < 0.1:
-        return Start(x_m=float(places_m[0, 0]), y_m=float(places_m[0, 1]), yaw_rad=0.0), None
+    # Noise of the places is no motion, and who creeps stands.
+    steady = _smoothed(places_m, _SMOOTHED_OVER[-1])
+    if np.hypot(*np.gradient(steady, times_s, axis=0).T).max() < STANDS_MPS:
+        x, y = steady.mean(axis=0)
+        return Start(x_m=float(x), y_m=float(y), yaw_rad=0.0), None
     a = approach_mps2(object_class, ground.limits)
     places_m = _drivable(times_s, places_m, most_mps2(object_class, ground.limits))
     way = np.hypot(*(places_m - places_m[0]).T)
@@ -241,15 +243,20 @@ def timed_motion(
     raise NoRun("its observed track leaves the fence")
 
 
+def _smoothed(places: FloatArray, count: int) -> FloatArray:
+    """Return the means of places over so many instants, shape (n, 2)."""
+    half = min(count // 2, len(places) - 1)
+    # Mirrored in its ends, so that a steady motion stays as it is.
+    padded = np.pad(places, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
+    window = np.ones(2 * half + 1) / (2 * half + 1)
+    return np.stack([np.convolve(c, window, "valid") for c in padded.T], axis=1)
+
+
 def _drivable(times: FloatArray, places: FloatArray, most: tuple[float, float]) -> FloatArray:
     """Smooth a track as little as its body needs to drive it."""
     smooth = places
     for count in _SMOOTHED_OVER:
-        half = count // 2
-        # Mirrored in its ends, so that a steady motion stays as it is.
-        padded = np.pad(places, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
-        window = np.ones(count) / count
-        smooth = np.stack([np.convolve(c, window, "valid") for c in padded.T], axis=1)
+        smooth = _smoothed(places, count)
         speed = np.hypot(*np.gradient(smooth, times, axis=0).T)
         change = np.gradient(speed, times)
         if change.max() <= most[0] and -change.min() <= most[1]:

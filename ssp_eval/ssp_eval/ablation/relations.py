@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ssp_core.geometry import wrap_angle
 from ssp_core.motion.state_series import states_of
 from ssp_core.run_file.participants import (
     Brake,
@@ -84,6 +85,11 @@ class Change:
     rate_mps2: float
 
 
+def _comes(course: Course) -> bool:
+    """Tell whether an object heads against the VUT at first."""
+    return abs(wrap_angle(float(course.heading_rad[0]))) > np.pi / 2
+
+
 def change_of(course: Course, relations: Relations) -> Change | None:
     """Return the change of an object's motion; None: it goes on as it was seen first."""
     t, speed, left = relations.times_s, course.speed_mps, course.left_m
@@ -110,7 +116,9 @@ def change_of(course: Course, relations: Relations) -> Change | None:
         begins.append(float(t[int(np.argmax(done >= 0.5))]) - 0.5 * duration_s)
     at_s = max(0.0, min(begins))
     ahead_m = float(np.interp(at_s - _LEAD_S, t, course.ahead_m))
-    gap_m = ahead_m - size_of(relations.vut_class).front_m - size_of(course.object_class).rear_m
+    size = size_of(course.object_class)
+    near_m = size.front_m if _comes(course) else size.rear_m
+    gap_m = ahead_m - size_of(relations.vut_class).front_m - near_m
     return Change(at_s, gap_m, shift_m, duration_s, to_mps, rate)
 
 
@@ -179,7 +187,7 @@ class _Solver:
                 stands = float(course.speed_mps[k]) < STANDS_MPS
                 if stands and k:
                     continue
-                forward = abs(float(course.heading_rad[k])) < np.pi / 2
+                forward = abs(wrap_angle(float(course.heading_rad[k]))) < np.pi / 2
                 l_m = lane.y_m + float(course.left_m[k])
                 found.append(Body(course.object_class, l_m, forward, stands))
         return found
@@ -206,14 +214,20 @@ class _Solver:
             a = approach_mps2(course.object_class, self.ground.limits)
             motion = None
             if speed > STANDS_MPS:
-                s_m = ahead_of(block, s_m, -reference_travel(speed, a, fires_s), l_m)
-                end_m = end_of(block, size_of(course.object_class))
-                if not size_of(course.object_class).rear_m <= s_m < end_m:
+                along = -1.0 if _comes(course) else 1.0
+                s_m = ahead_of(block, s_m, -along * reference_travel(speed, a, fires_s), l_m)
+                size, last_m = size_of(course.object_class), block.length_m
+                end_m = end_of(block, size)
+                if along < 0.0:
+                    end_m = last_m - end_m
+                if not size.rear_m <= s_m <= last_m - size.rear_m or along * (end_m - s_m) <= 0.0:
                     raise NoRun(f"{course.object_id} would start beyond the lane's end")
                 motion = Motion(
                     path=block.line.path(s_m, end_m, l_m), cruise_mps=speed, acceleration_mps2=a
                 )
-            start = start_pose(block.line, BlockPoint(s_m, l_m), 0.0 if motion else heading)
+            if motion is not None:
+                heading = np.pi if _comes(course) else 0.0
+            start = start_pose(block.line, BlockPoint(s_m, l_m), heading)
             spec = ParticipantSpec(
                 id=course.object_id,
                 object_class=course.object_class.word,
@@ -259,7 +273,7 @@ class _Solver:
         rate = min(max(share * share * change.rate_mps2, 0.1), most)
         if spec.approach is None:
             t = self.relations.times_s
-            way_m = float(np.trapezoid(course.speed_mps, t)) / share
+            way_m = float(np.trapezoid(course.speed_mps, t))
             yaw = spec.start.yaw_rad
             x, y = spec.start.x_m, spec.start.y_m
             goal = (x + way_m * np.cos(yaw), y + way_m * np.sin(yaw))
@@ -281,14 +295,15 @@ class _Solver:
             )
         return LaneChange(
             kind="lane_change",
-            lateral_shift_m=change.shift_m,
+            # To its own left.
+            lateral_shift_m=-change.shift_m if _comes(course) else change.shift_m,
             duration_s=max(change.duration_s / share, 0.5),
             cruise_mps=max(to_mps, 0.5),
             deceleration_mps2=rate,
             run_out_s=_RUN_OUT_S,
         )
 
-    def error_m(self, trial: Trial) -> float:
+    def error_m(self, made: ArmRun, trial: Trial) -> float:
         """Return the rms departure of executed from given relative places, from the change on, m.
 
         Instants count from the one at which a motion changed, and without one from the foreseen.
@@ -297,11 +312,12 @@ class _Solver:
         if not fired:
             return np.inf
         vut = states_of(trial.series, VUT)
+        share = self._share(made.block)
         squares = []
         for course in self.relations.courses:
             other = states_of(trial.series, course.object_id)
             for state, own in zip(other, vut, strict=False):
-                at_s = self.at_s + state.stamp_ns * 1e-9 - fired[0]
+                at_s = self.at_s + share * (state.stamp_ns * 1e-9 - fired[0])
                 if not self.at_s - _BEFORE_S <= at_s <= self.at_s + _AFTER_S:
                     continue
                 ahead, left = own.pose.to_local(state.x_m, state.y_m)

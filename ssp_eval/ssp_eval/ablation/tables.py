@@ -7,21 +7,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+import numpy as np
+
 from ssp_eval.ablation.campaign import ARMS, Realisation
 from ssp_eval.ablation.ground import VUT_SPREAD
 from ssp_eval.data.audit import FIELDS
+from ssp_eval.statistics.comparisons import step_down
 from ssp_eval.statistics.paired import (
+    Shares,
     Test,
     hodges_lehmann,
     mcnemar,
+    paired_difference,
     rate_interval,
     signed_rank,
 )
 from ssp_eval.statistics.resampling import NO_INTERVAL, Interval, t_interval
 from ssp_eval.statistics.table import Column, Table, Value
 
-# Below this a paired test counts as a difference.
-SIGNIFICANT = 0.05
 _NOTES = (
     "A realisation is a place and a seed. Shares are of all realisations of an arm, with Wilson's "
     "interval of 95 %; KPR and EPD are means over those that were measured, with Student's. Event "
@@ -152,7 +155,7 @@ class Pair:
     Args:
         n: realisations that both have.
         difference: first less second: of shares, or Hodges and Lehmann's shift.
-        test: over realisations.
+        test: over realisations; None: all of a place are alike, and say nothing of each other.
         by_place: over places, each of which counts once.
     """
 
@@ -162,7 +165,7 @@ class Pair:
     n: int
     difference: float | None
     interval: Interval
-    test: Test
+    test: Test | None
     by_place: Test
 
 
@@ -201,8 +204,14 @@ def _shares(realisations: Sequence[Realisation], first: str, second: str, measur
     more = sum(one[key] > other[key] for key in both)
     fewer = sum(one[key] < other[key] for key in both)
     difference = (more - fewer) / len(both) if both else None
+    if measure.key == "compiled":
+        return Pair(first, second, measure.key, len(both), difference, NO_INTERVAL, None, by_place)
+    interval = NO_INTERVAL
+    if both:
+        flags = [np.array([side[key] for key in both]) for side in (one, other)]
+        interval = paired_difference(Shares.of(*flags), len(both))
     test = mcnemar(more, fewer)
-    return Pair(first, second, measure.key, len(both), difference, NO_INTERVAL, test, by_place)
+    return Pair(first, second, measure.key, len(both), difference, interval, test, by_place)
 
 
 def _values(realisations: Sequence[Realisation], first: str, second: str, key: str) -> Pair:
@@ -238,9 +247,10 @@ def pairs_table(realisations: Sequence[Realisation]) -> Table:
     )
     rows = [
         (
-            *(one.first, one.second, one.measure, one.n, one.test.more, one.test.fewer),
+            *(one.first, one.second, one.measure, one.n),
+            *((None, None) if one.test is None else (one.test.more, one.test.fewer)),
             *(one.difference, one.interval.low, one.interval.high),
-            *(one.test.p, one.by_place.p, one.by_place.p_least),
+            *(None if one.test is None else one.test.p, one.by_place.p, one.by_place.p_least),
         )
         for one in pairs_of(realisations)
     ]
@@ -285,17 +295,32 @@ def tables_of(realisations: Sequence[Realisation]) -> list[Table]:
 
 
 def findings(realisations: Sequence[Realisation]) -> list[str]:
-    """Say for what structure matters: where it differs from an arm without it, and where not."""
+    """Say for what structure matters: where it differs from an arm without it, and on how much.
+
+    A p is over places, each counted once, and adjusted after Holm for all that is compared.
+    """
+    pairs = [one for one in pairs_of(realisations) if one.first == ARMS[0]]
+    adjusted = step_down([one.by_place.p for one in pairs])
     found = []
-    pairs = pairs_of(realisations)
     for other in ARMS[1:]:
-        own = [one for one in pairs if (one.first, one.second) == (ARMS[0], other)]
         differing = [
-            f"{_TITLES.get(one.measure, one.measure.upper())} {one.difference:+.2f} "
-            f"(p {one.test.p:.2g})"
-            for one in own
-            if one.test.p < SIGNIFICANT and one.difference is not None
+            f"{_TITLES.get(one.measure, one.measure.upper())} {one.difference:+.2f} on "
+            f"{one.by_place.more + one.by_place.fewer} place(s), p {p:.2g}"
+            for one, p in zip(pairs, adjusted, strict=True)
+            if one.second == other and one.difference and one.by_place.p_least < 1.0
         ]
-        told = "; ".join(differing) or "no measure differs"
+        told = "; ".join(differing) or "nothing differs on more than one place"
         found.append(f"{ARMS[0]} less {other}: {told}")
+        single = [
+            f"{_TITLES.get(one.measure, one.measure.upper())} {one.difference:+.2f}"
+            for one in pairs
+            if one.second == other and one.difference and one.by_place.p_least >= 1.0
+        ]
+        if single:
+            found.append(f"  on a single place: {', '.join(single)}")
+    least = min((one.by_place.p_least for one in pairs), default=1.0)
+    found.append(
+        f"p over places, after Holm for {len(pairs)} comparisons; before it none can be under "
+        f"{least:.2g} on so few places"
+    )
     return found

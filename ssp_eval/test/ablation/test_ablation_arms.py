@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -235,6 +237,80 @@ def test_a_track_is_smoothed_as_little_as_its_body_needs_and_one_at_constant_spe
     drawn = np.interp(at + 0.5 - 5.0, given.times_s, places[:, 1])
     seen = at + 0.5 - 5.0 <= given.times_s[-1]
     assert np.abs(way[seen, 1] - drawn[seen]).max() < 0.1
+
+
+def noisy(given: Tracks, sigma_m: float) -> Tracks:
+    """Return tracks whose objects' places have the noise of a receiver."""
+    rng = np.random.default_rng(5)
+    others = tuple(
+        replace(
+            one,
+            x_m=one.x_m + rng.normal(0.0, sigma_m, len(one.x_m)),
+            y_m=one.y_m + rng.normal(0.0, sigma_m, len(one.y_m)),
+        )
+        for one in given.others
+    )
+    return replace(given, others=others)
+
+
+def test_a_body_that_stands_does_so_whatever_its_receivers_noise() -> None:
+    event = load("occluded_crossing")
+    ground = source_ground(read_source(event).road, event)
+    given = noisy(tracks("occluded_crossing"), 0.03)
+    truck = next(one for one in given.others if one.object_id == "ot2")
+    places = np.stack((truck.x_m, truck.y_m), axis=1)
+    block = ground.blocks[0]
+    start, motion = timed_motion(given.times_s + 9.0, places, truck.object_class, ground, block)
+    assert motion is None
+    assert (start.x_m, start.y_m) == pytest.approx(places.mean(axis=0), abs=0.02)
+
+
+def test_a_body_that_creeps_stands() -> None:
+    event = load("cut_in")
+    ground = ground_of("boulevard", None, event)
+    times = np.arange(0.0, 9.0, 1.0 / 24.0)
+    places = np.stack((100.0 + 0.2 * times / 9.0, 0.0 * times), axis=1)
+    start, motion = timed_motion(times + 9.0, places, ObjectClass.CAR, ground, ground.blocks[0])
+    assert motion is None
+    assert start.x_m == pytest.approx(100.1, abs=0.01)
+
+
+def oncoming(given: Relations) -> Relations:
+    """Return relations whose object comes towards the VUT, 60 m further on."""
+    (one,) = given.courses
+    ahead = 80.0 - 2.0 * given.vut_speed_mps[0] * given.times_s
+    turned = replace(one, ahead_m=ahead, heading_rad=one.heading_rad + np.pi)
+    return replace(given, courses=(turned,))
+
+
+def test_an_object_that_comes_towards_the_vut_is_laid_out_against_the_lane() -> None:
+    event, version, _ = checked_event("cut_in")
+    ground = source_ground(read_source(event).road, event)
+    trials = Played(frame_of(event, version), ground, budget=1)
+    made = by_relations(oncoming(relations("cut_in")), ground, trials)
+    (other,) = made.targets
+    assert other.approach is not None
+    assert abs(other.start.yaw_rad) == pytest.approx(np.pi)
+    assert other.approach.path[-1][0] < other.approach.path[0][0] - 100.0
+    # In an oncoming lane, since it heads along none of the VUT's.
+    assert other.start.y_m >= 2 * LANE_M - 0.1
+
+
+def test_a_place_that_carries_less_speed_makes_all_slower_and_no_way_shorter() -> None:
+    event, version, _ = checked_event("vru_crossing")
+    ground = source_ground(read_source(event).road, event)
+    slow = replace(ground, limits=ground.limits.model_copy(update={"speed_mps": 6.0}))
+    given, ways, speeds = relations("vru_crossing"), [], []
+    for place in (ground, slow):
+        trials = Played(frame_of(event, version), place, budget=1)
+        made = by_relations(given, place, trials)
+        act = made.triggers[0].manoeuvre
+        assert act.kind == "follow_path"
+        (x0, y0), (x1, y1) = act.motion.path
+        ways.append(math.hypot(x1 - x0, y1 - y0))
+        speeds.append(act.motion.cruise_mps / made.driver.cruise_mps)
+    assert ways[0] == pytest.approx(ways[1])
+    assert speeds[0] == pytest.approx(speeds[1])
 
 
 def test_a_track_that_leaves_the_fence_makes_no_run() -> None:

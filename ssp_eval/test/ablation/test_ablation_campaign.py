@@ -99,6 +99,7 @@ def test_an_ablation_goes_on_where_it_stopped_to_the_same_bytes(
     [
         (["--seed", "9"], "seed differ"),
         (["--maps", "boulevard"], "stands twice: boulevard"),
+        (["--source", "nowhere"], "nowhere"),
     ],
 )
 def test_the_folder_of_another_ablation_or_a_place_named_twice_is_refused(
@@ -114,6 +115,27 @@ def test_the_folder_of_another_ablation_or_a_place_named_twice_is_refused(
     more = ["--sites", "boulevard"] if args[0] == "--maps" else list(args)
     assert main([*ARGS, *more, "--out", out]) == 1
     assert what in capsys.readouterr().err
+
+
+def test_the_order_of_places_is_part_of_an_ablation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(campaign, "rows_of", played(lambda _job: 1.0, []))
+    out = tmp_path / "out"
+    assert main([*ARGS, "--out", str(out)]) == 0
+    turned = ["ablate", "cut_in", "--sites", "south_loop", "--sites", "boulevard"]
+    assert main([*turned, "--realisations", "4", "--out", str(out)]) == 1
+    assert "is of another ablation: places differ" in capsys.readouterr().err
+    file = out / "realisations.csv"
+    file.write_text(file.read_text().replace("boulevard,structure,1", "south_loop,structure,1"))
+    assert main([*ARGS, "--out", str(out)]) == 1
+    assert "realisations.csv:5: holds another ablation's" in capsys.readouterr().err
+
+
+def test_a_source_that_cannot_be_read_leaves_the_folder_free(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main([*ARGS, "--source", str(tmp_path / "nowhere"), "--out", str(out)]) == 1
+    assert [path.name for path in out.iterdir() if not path.name.startswith(".")] == []
 
 
 def test_a_folder_with_something_else_and_no_place_are_refused(
@@ -151,21 +173,35 @@ def test_the_table_has_shares_of_all_realisations_with_wilsons_interval() -> Non
 def test_pairs_are_tested_on_the_same_realisations_and_on_places() -> None:
     found = {(one.first, one.second, one.measure): one for one in pairs_of(realisations())}
     admitted = found["structure", "tracks", "admitted"]
+    assert admitted.test is not None
     assert (admitted.test.more, admitted.test.fewer) == (6, 0)
     assert admitted.test.p == pytest.approx(2 / 2**6)
     assert admitted.difference == pytest.approx(0.6)
+    # Newcombe's interval of 1.0 less 0.4 of ten pairs.
+    assert admitted.interval.low is not None
+    assert 0.2 < admitted.interval.low < 0.6 < (admitted.interval.high or 0.0)
     assert admitted.by_place.p == pytest.approx(0.5)
     kpr = found["structure", "relations", "kpr"]
+    assert kpr.test is not None
     assert (kpr.n, kpr.test.p) == (5, 1.0)
-    assert found["relations", "tracks", "compiled"].test.fewer == 5
+    # An arm makes a run for a place once: its realisations there say nothing of each other.
+    compiled = found["relations", "tracks", "compiled"]
+    assert compiled.test is None
+    assert (compiled.difference, compiled.by_place.fewer, compiled.by_place.p) == (-0.5, 1, 1.0)
     lost = found["structure", "tracks", "lost"]
+    assert lost.test is not None
     assert (lost.n, lost.test.fewer) == (10, 6)
     # A field is asked of runs alone, and so on the place on which both arms made one.
     field = found["structure", "relations", "topology"]
-    assert (field.n, field.test.more, field.test.fewer) == (5, 0, 0)
+    assert (field.n, field.difference) == (5, 0.0)
+
+
+def test_findings_count_places_and_claim_nothing_that_so_few_cannot_show() -> None:
     told = findings(realisations())
-    assert told[0] == "structure less relations: no measure differs"
-    assert told[1].startswith("structure less tracks: admitted +0.60 (p 0.031); event lost -0.60")
+    assert told[0] == "structure less relations: nothing differs on more than one place"
+    assert told[1] == "  on a single place: compiled +0.50, valid +0.50, admitted +0.50"
+    assert told[2].startswith("structure less tracks: admitted +0.60 on 2 place(s), p 1; event")
+    assert told[-1].endswith("before it none can be under 0.5 on so few places")
 
 
 def test_fields_are_shares_of_the_runs_that_an_arm_made() -> None:
