@@ -64,6 +64,7 @@ class Seat:
         geometry: of the camera.
         motion: to the last bit, from a client of ours; None: it sent none.
         used_s: time of the last call, monotonic.
+        is_leaving: it gives its place to a new one, and to no other.
         is_over: it ends, or will as soon as its model is loaded.
     """
 
@@ -74,6 +75,7 @@ class Seat:
     geometry: CameraGeometry | None = None
     motion: bytes | None = None
     used_s: float = field(default_factory=time.monotonic)
+    is_leaving: bool = False
     is_over: bool = False
     lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -85,8 +87,9 @@ class Seat:
     @property
     def is_idle(self) -> bool:
         """Tell whether its client is gone."""
-        is_ready = self.driver is not None and not self.is_over and not self.lock.locked()
-        return is_ready and time.monotonic() - self.used_s >= IDLE_S
+        is_ready = self.driver is not None and not self.lock.locked()
+        is_here = is_ready and not (self.is_over or self.is_leaving)
+        return is_here and time.monotonic() - self.used_s >= IDLE_S
 
 
 class BridgePolicy(BaseDriver):
@@ -118,25 +121,27 @@ class BridgePolicy(BaseDriver):
         """Seats that are taken: those of sessions, and those whose processes begin or end."""
         return len(self._seats)
 
-    def idle(self) -> str:
-        """Return the session that gives its place to a new one; empty: none has to, or can."""
-        with self._lock:
-            if len(self._seats) < self.most_sessions:
-                return ""
-            idle = [(one.used_s, uuid) for uuid, one in self._seats.items() if one.is_idle]
-        return min(idle)[1] if idle else ""
+    def take(self, session: str, seat: Seat) -> tuple[str, str]:
+        """Take a seat for a session that begins.
 
-    def take(self, session: str, seat: Seat) -> str:
-        """Take a seat for a session that begins; return why there is none, or the empty text."""
+        Returns:
+            Why there is none, or the empty text; the idle session that has to be closed before this
+            is called again, or the empty text.
+        """
         with self._lock:
             if session in self._seats:
-                return EXISTS
+                return EXISTS, ""
             if self._is_over:
-                return "the server ends"
-            if len(self._seats) >= self.most_sessions:
-                return f"there are {self.most_sessions} sessions already, which is the most"
-            self._seats[session] = seat
-        return ""
+                return "the server ends", ""
+            if len(self._seats) < self.most_sessions:
+                self._seats[session] = seat
+                return "", ""
+            idle = [(one.used_s, uuid) for uuid, one in self._seats.items() if one.is_idle]
+            if not idle:
+                return f"there are {self.most_sessions} sessions already, which is the most", ""
+            leaves = min(idle)[1]
+            self._seats[leaves].is_leaving = True
+        return "", leaves
 
     def leave(self, session: str) -> None:
         """Free the seat of a session that didn't begin."""

@@ -55,10 +55,12 @@ class BridgeServicer(EgodriverServicer):
     ) -> proto.SessionRequestStatus:
         """Begin a session; one whose client doesn't wait any more ends at once."""
         uuid = request.session_uuid
-        if idle := self._policy.idle():
-            super().close_session(proto.DriveSessionCloseRequest(session_uuid=idle), context)
         seat = Seat(context.is_active, _metadata(context, exact.CAMERA))
-        if why := self._policy.take(uuid, seat):
+        why, idle = self._policy.take(uuid, seat)
+        while idle:
+            super().close_session(proto.DriveSessionCloseRequest(session_uuid=idle), context)
+            why, idle = self._policy.take(uuid, seat)
+        if why:
             exists, full = grpc.StatusCode.ALREADY_EXISTS, grpc.StatusCode.RESOURCE_EXHAUSTED
             context.abort(exists if why == EXISTS else full, why)
         try:
@@ -216,6 +218,8 @@ def _not_bound(at: Listening) -> str:
             tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             tried.bind(address)
             tried.listen()
+    except UnicodeError:
+        return f"{at.host!r} is no name of a host; give another --host"
     except OSError as error:
         is_port = error.errno in (errno.EADDRINUSE, errno.EACCES)
         return f"{error.strerror}; give another {'--port' if is_port else '--host'}"

@@ -242,13 +242,17 @@ def test_a_port_that_another_server_has_is_not_shared() -> None:
             pass
 
 
-def test_a_host_of_another_machine_is_told_as_such() -> None:
+@pytest.mark.parametrize(
+    ("host", "why"),
+    [
+        ("192.0.2.1", "Cannot assign requested address; give another --host"),
+        ("x..y", "'x..y' is no name of a host; give another --host"),
+    ],
+)
+def test_a_host_that_is_not_this_machine_is_told_as_such(host: str, why: str) -> None:
     policy = BridgePolicy(model("constant_velocity"))
-    there = Listening(host="192.0.2.1", port=0, insecure=True)
-    with (
-        pytest.raises(HostError, match="Cannot assign requested address; give another --host"),
-        serving(policy, "alpasim", there),
-    ):
+    there = Listening(host=host, port=0, insecure=True)
+    with pytest.raises(HostError, match=why), serving(policy, "alpasim", there):
         pass
 
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import grpc  # type: ignore[import-untyped] # has no types
 import pytest
@@ -201,12 +201,24 @@ def test_a_place_is_given_to_a_new_session_once_no_call_came_for_long(
         assert policy.held == 1
 
 
+def test_each_new_session_has_an_idle_place_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two that begin at once close two idle ones, and a name that is there closes none."""
+    monkeypatch.setattr(policies, "IDLE_S", 0.0)
+    policy = BridgePolicy(model("constant_velocity"), most_sessions=2)
+    for name in ("a", "b"):
+        policy.take(name, Seat(lambda: True, driver=cast("Any", object())))
+    assert policy.take("a", Seat(lambda: True)) == (policies.EXISTS, "")
+    new = [policy.take(name, Seat(lambda: True)) for name in ("c", "d", "e")]
+    assert [why.split(" ")[0] for why, _ in new] == ["", "", "there"]
+    assert sorted(idle for _, idle in new) == ["", "a", "b"]
+
+
 def test_what_a_session_keeps_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(policies, "_MOST_FRAME_BYTES", 100)
     policy = BridgePolicy(model("constant_velocity"), camera="front")
     cameras = {name: FakeCamera().available_camera() for name in ("front", "rear")}
     session = SessionState("one", 1, "", cameras)
-    assert policy.take("one", Seat(lambda: True)) == ""
+    assert policy.take("one", Seat(lambda: True)) == ("", "")
     policy.on_session_start(session)
     for k in range(10):
         for name in ("front", "rear", "unheard"):
