@@ -209,6 +209,7 @@ WIDE_RECORDS = {
     "ImportRecord",
     "Judgement",
     "Limits",
+    "ModelEntry",
     "RecordingEntry",
     "RunSpec",
     "SiteBlock",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -132,7 +133,8 @@ class VutDriver(Node):
         if phase is SessionPhase.ABORTING and not self._is_over:
             self._is_over = True
             if self._work and isinstance(self._driver, SeeingDriver):
-                self._driver.close()
+                # A server may take its time to end; the node goes on to say that it waits.
+                threading.Thread(target=self._driver.close, daemon=True).start()
 
     def _do(self, take: Callable[[], None]) -> None:
         """Take what arrived, and answer: at once, or in the thread that waits for the model."""
