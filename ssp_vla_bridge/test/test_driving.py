@@ -307,3 +307,4 @@ def test_a_model_that_is_closed_while_it_is_asked_ends_the_question(tmp_path: Pa
     (given,) = got
     assert isinstance(given, GivenAnswer)
     assert "its process" in given.ended
+    assert process.ask(request, 1.0) == GivenAnswer(None, ended="its process was ended")

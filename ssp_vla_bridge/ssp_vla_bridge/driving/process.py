@@ -238,6 +238,8 @@ class ModelProcess:
             timeout_s: of the driver.
         """
         with self._asking:
+            if self._is_closed:
+                return GivenAnswer(None, ended="its process was ended")
             return self._ask(request, timeout_s)
 
     def _ask(
