@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import pytest
@@ -79,13 +80,42 @@ def test_all_time_counts_where_the_kernel_tells_nothing() -> None:
     assert waiting.patience.passed_limit_s() == HANG_LIMIT_S
 
 
-def test_a_pause_of_the_world_and_what_was_waited_before_it_blame_nobody() -> None:
+def test_a_pause_of_the_world_counts_for_little_and_nothing_is_judged_before_the_next_look() -> (
+    None
+):
     waiting = Waiting()
     waiting.wait(HANG_LIMIT_S - LOOK_S, 1.0)
     waiting.now_s += BUSY_LIMIT_S + OWN_PAUSE_S
-    waiting.wait(2.0 * LOOK_S, 1.0)
+    waiting.wait(LOOK_S, 1.0)
+    assert waiting.patience.waited_s == pytest.approx(HANG_LIMIT_S - LOOK_S + OWN_PAUSE_S)
     assert not waiting.patience.may_end
-    assert waiting.patience.waited_s == pytest.approx(LOOK_S)
+    waiting.wait(2.0 * LOOK_S, 1.0)
+    assert waiting.patience.passed_limit_s() == HANG_LIMIT_S
+
+
+def test_a_world_that_is_itself_kept_waiting_again_and_again_drops_the_dead_in_time() -> None:
+    waiting = Waiting()
+    for look in itertools.count(1):
+        waiting.now_s += OWN_PAUSE_S if look % 34 == 0 else 0.0
+        waiting.wait(LOOK_S, 0.0)
+        if waiting.patience.may_end:
+            break
+        assert waiting.now_s < min(WORLD_HANG_S, WORLD_SILENT_LOCKSTEP_S)
+    assert waiting.now_s == pytest.approx(BUSY_LIMIT_S, abs=0.5)
+
+
+def test_a_camera_that_is_lost_beside_another_one_is_dropped_after_its_own_limit() -> None:
+    waiting, lost, dropped = Waiting(), ["front_camera", "ot1"], {}
+    while lost:
+        waiting.wait(LOOK_S, 1.0)
+        if waiting.patience.may_end:
+            now_ns = seconds_to_ns(waiting.now_s)
+            for one in waiting.patience.overdue(lost, "front_camera", now_ns):
+                lost.remove(one)
+                dropped[one] = waiting.now_s
+    assert dropped["ot1"] == pytest.approx(HANG_LIMIT_S, abs=2.0 * LOOK_S)
+    assert dropped["front_camera"] == pytest.approx(BUSY_LIMIT_S, abs=2.0 * LOOK_S)
+    assert waiting.patience.waited_s == 0.0
 
 
 def test_an_answer_begins_a_new_wait_between_two_looks() -> None:

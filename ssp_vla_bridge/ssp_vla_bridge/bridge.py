@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.motion.state import ObjectState
-from ssp_core.node_interface import Level, Status
+from ssp_core.node_interface import QOS, Level, Status
 from ssp_vla_bridge.messages import (
     TASK,
     CameraGeometry,
@@ -92,6 +92,9 @@ class RequestQueue:
 
 # Answers without a listener are kept up to this number.
 MOST_HELD = 256
+# A topic's queue holds so many: more at once would push one another out.
+MOST_AT_ONCE = QOS["VLA"].depth
+RELEASE_PERIOD_NS = NS_PER_S // 20
 A = TypeVar("A")
 
 
@@ -108,6 +111,8 @@ class HeldAnswers(Generic[A]):
     def __init__(self, worth_ns: int) -> None:
         self._worth_ns = worth_ns
         self._held: deque[tuple[int, A]] = deque(maxlen=MOST_HELD)
+        # When those that were released last were, ns.
+        self._released: deque[int] = deque(maxlen=MOST_AT_ONCE)
 
     def hold(self, answer: A, now_ns: int) -> bool:
         """Take an answer; return True when the oldest one gave way to it."""
@@ -115,20 +120,30 @@ class HeldAnswers(Generic[A]):
         self._held.append((now_ns + self._worth_ns, answer))
         return full
 
-    def release(self, heard: bool, now_ns: int) -> list[A]:
-        """Return the answers to publish now, and forget those that are worth nothing any more.
+    def release(self, heard: bool, now_ns: int) -> tuple[list[A], int]:
+        """Take the answers out that are to be published now, and those that are too old.
 
         Args:
             heard: the publisher has a listener.
             now_ns: the steady clock, ns.
+
+        Returns:
+            The answers to publish, so many as a queue of the topic holds; how many were given up,
+            since they are worth nothing any more.
         """
+        given_up = 0
         while self._held and self._held[0][0] < now_ns:
             self._held.popleft()
-        if not heard:
-            return []
-        answers = [answer for _, answer in self._held]
-        self._held.clear()
-        return answers
+            given_up += 1
+        answers: list[A] = []
+        while heard and self._held and self._has_room(now_ns):
+            answers.append(self._held.popleft()[1])
+            self._released.append(now_ns)
+        return answers, given_up
+
+    def _has_room(self, now_ns: int) -> bool:
+        is_full = len(self._released) == MOST_AT_ONCE
+        return not is_full or now_ns - self._released[0] >= RELEASE_PERIOD_NS
 
 
 # Latencies and errors of this many answers are looked at; an error counts for this long.

@@ -15,7 +15,13 @@ from hypothesis import strategies as st
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_vla_bridge.backend import BACKENDS, check_options, make_backend, parse_options, respond
-from ssp_vla_bridge.bridge import MOST_HELD, HeldAnswers, RequestQueue
+from ssp_vla_bridge.bridge import (
+    MOST_AT_ONCE,
+    MOST_HELD,
+    RELEASE_PERIOD_NS,
+    HeldAnswers,
+    RequestQueue,
+)
 from ssp_vla_bridge.messages import (
     Answer,
     EgoSample,
@@ -189,19 +195,26 @@ def test_answers_wait_for_a_listener_as_long_as_they_are_worth_something():
     held = HeldAnswers[str](60 * NS_PER_S)
     assert not held.hold("a", 0)
     assert not held.hold("b", 30 * NS_PER_S)
-    assert held.release(False, 60 * NS_PER_S) == []
-    assert held.release(True, 60 * NS_PER_S) == ["a", "b"]
-    assert held.release(True, 60 * NS_PER_S) == []
+    assert held.release(False, 60 * NS_PER_S) == ([], 0)
+    assert held.release(True, 60 * NS_PER_S) == (["a", "b"], 0)
+    assert held.release(True, 60 * NS_PER_S) == ([], 0)
     held.hold("c", 0)
     held.hold("d", 1)
-    assert held.release(True, 60 * NS_PER_S + 1) == ["d"]
+    assert held.release(True, 60 * NS_PER_S + 1) == (["d"], 1)
 
 
-def test_answers_that_nobody_hears_are_bounded():
-    held = HeldAnswers[int](NS_PER_S)
+def test_answers_that_nobody_hears_are_bounded_and_released_as_fast_as_a_queue_takes_them():
+    held = HeldAnswers[int](60 * NS_PER_S)
     assert not any(held.hold(k, 0) for k in range(MOST_HELD))
     assert held.hold(MOST_HELD, 0)
-    assert held.release(True, 0) == list(range(1, MOST_HELD + 1))
+    released = []
+    for k in range(MOST_HELD // MOST_AT_ONCE):
+        now_ns = k * RELEASE_PERIOD_NS
+        answers, given_up = held.release(True, now_ns)
+        assert (len(answers), given_up) == (MOST_AT_ONCE, 0)
+        assert held.release(True, now_ns + RELEASE_PERIOD_NS - 1) == ([], 0)
+        released += answers
+    assert released == list(range(1, MOST_HELD + 1))
 
 
 @pytest.mark.parametrize(("limit", "timeout_ns"), [(0, 1), (1, 0)])

@@ -284,9 +284,8 @@ class SilWorld(Node):
         lost = self._barrier.lost(self._world.step_index)
         if self._driver_waits(time.monotonic_ns()):
             lost.remove(names.VUT_DRIVER)
-        passed = {one: self._patience.passed_limit_s(one == names.FRONT_CAMERA) for one in lost}
-        overdue = {one: limit_s for one, limit_s in passed.items() if limit_s is not None}
         waited_s = self._patience.waited_s
+        overdue = self._patience.overdue(lost, names.FRONT_CAMERA, time.monotonic_ns())
         for participant, limit_s in overdue.items():
             self._barrier.drop(participant)
             self._driver_told = self._driver_told or participant == names.VUT_DRIVER
@@ -294,8 +293,6 @@ class SilWorld(Node):
                 # The manager watches the recorder by itself, and knows more of it.
                 continue
             self._announce(SafetyCode.PARTICIPANT_LOST, participant, waited_s, limit_s)
-        if overdue or not lost:
-            self._patience.begin(time.monotonic_ns())
 
     def _driver_waits(self, now_ns: int) -> bool:
         """Tell whether the driver's node says that it waits for the answer to this step's frame.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Collection
 from pathlib import Path
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
@@ -29,6 +30,7 @@ class Patience:
     def __init__(self, steady_ns: int) -> None:
         self._looked_ns = steady_ns
         self._idle_s: float | None = None
+        self._paused = False
         self.begin(steady_ns)
 
     def begin(self, steady_ns: int) -> None:
@@ -48,8 +50,9 @@ class Patience:
                 its processors; None where the kernel doesn't say, then all time counts.
         """
         passed_s = ns_to_seconds(steady_ns - max(self._looked_ns, self._since_ns))
-        if ns_to_seconds(steady_ns - self._looked_ns) > OWN_PAUSE_S:
-            self.begin(steady_ns)
+        self._paused = ns_to_seconds(steady_ns - self._looked_ns) > OWN_PAUSE_S
+        if self._paused:
+            self.waited_s += min(passed_s, OWN_PAUSE_S)
         else:
             self.waited_s += passed_s
             if idle_s is None or self._idle_s is None:
@@ -69,9 +72,28 @@ class Patience:
         Args:
             draws: the participant is the camera.
         """
+        if self._paused:
+            # What came meanwhile isn't read yet.
+            return None
         if self.waited_s > BUSY_LIMIT_S:
             return BUSY_LIMIT_S
         return HANG_LIMIT_S if self._spare_s > HANG_LIMIT_S and not draws else None
+
+    def overdue(self, lost: Collection[str], camera: str, steady_ns: int) -> dict[str, float]:
+        """Return those of the lost whose limit is passed, each with it, s.
+
+        A new wait begins where this is all of them; the camera's goes on beside those of others.
+
+        Args:
+            lost: participants that keep the world waiting.
+            camera: name of the one that draws.
+            steady_ns: the steady clock, ns.
+        """
+        passed = {one: self.passed_limit_s(one == camera) for one in lost}
+        overdue = {one: limit_s for one, limit_s in passed.items() if limit_s is not None}
+        if len(overdue) == len(lost):
+            self.begin(steady_ns)
+        return overdue
 
 
 class DriverHold:

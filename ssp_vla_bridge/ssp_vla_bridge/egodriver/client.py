@@ -55,6 +55,7 @@ _BEFORE_REVISIONS = "-carla-driver-interface-1."
 # gRPC's own words; a policy that runs out of memory has the same code.
 _LARGER_THAN_MAX = "Received message larger than max"
 ENDED = "it ended the session (terminate_session)"
+CLOSED = "its connection was closed"
 
 
 class CallFailedError(PeerError):
@@ -188,6 +189,8 @@ class EgodriverDriver:
             return repeated_answer(self._recorded, question)
         if self.problem:
             return GivenAnswer(None, ended=f"it can't be loaded: {self.problem}")
+        if self._channel is None:
+            return GivenAnswer(None, ended=CLOSED)
         begin_s = time.perf_counter()
         self._budget = _Budget(self._options.deadline_s, " for the whole question")
         try:
@@ -328,6 +331,9 @@ class EgodriverDriver:
         except grpc.RpcError as error:
             exceeded = budget.exceeded(call)
             raise CallFailedError(call, error.code(), error.details(), exceeded) from error
+        except ValueError as error:
+            # So says gRPC of a channel that was closed meanwhile, by an abort.
+            raise CallFailedError(call, grpc.StatusCode.CANCELLED, CLOSED, "") from error
         budget.took(call, time.perf_counter() - begin_s)
         return answer, done.initial_metadata() or ()
 

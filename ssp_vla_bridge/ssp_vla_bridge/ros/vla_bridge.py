@@ -240,7 +240,10 @@ class VlaBridge(Node):
 
     def _release(self) -> None:
         heard = self._publisher.get_subscription_count() > 0
-        for msg in self._held.release(heard, time.monotonic_ns()):
+        messages, given_up = self._held.release(heard, time.monotonic_ns())
+        if given_up:
+            self.get_logger().warning(f"{given_up} answer(s) lost: no listener came in time")
+        for msg in messages:
             self._publisher.publish(msg)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import pickle
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -171,6 +172,24 @@ def test_all_calls_of_a_question_have_one_deadline(
     assert got.ended == why
     # It is told at once that it is over.
     assert servicer.sent("close_session")
+
+
+def test_a_driver_that_an_abort_closes_ends_whether_it_is_asked_then_or_before() -> None:
+    class Aborted(Straight):
+        def took(self, call: str, message: Any, context: Any) -> None:
+            super().took(call, message, context)
+            if call == "submit_route":
+                one.close()
+
+    servicer = Aborted()
+    with serving(servicer) as url:
+        one = driver(url)
+        while_asked, afterwards = (one.give(question(step)) for step in (1, 2))
+        one.close()
+    assert not servicer.sent("drive")
+    # It closes in the midst of a call, or just before the next one.
+    assert re.match("(submit_route|drive) failed: CANCELLED: ", while_asked.ended)
+    assert afterwards.ended == "its connection was closed"
 
 
 @pytest.mark.parametrize(
