@@ -98,7 +98,7 @@ def measuring_alone(say: Callable[[str], None]) -> Iterator[None]:
     """
     path = _measuring_lock()
     try:
-        handle = _open_lock(path)
+        lock = _open_pair(path)
     except OSError as error:
         raise HostError(
             f"{path}, the lock of commands that measure latencies, can't be opened: "
@@ -109,7 +109,7 @@ def measuring_alone(say: Callable[[str], None]) -> Iterator[None]:
         "another command drives, or measures latencies, on this host, and would disturb what this "
         f"one measures: it goes on when that has ended ({path} is the lock)"
     )
-    with _held_lock(handle, fcntl.LOCK_EX, lambda: say(words)):
+    with _held_in_turn(lock, fcntl.LOCK_EX, lambda: say(words)):
         yield
 
 
@@ -125,7 +125,7 @@ def beside_measuring(say: Callable[[str], None]) -> Iterator[None]:
     """
     path = _measuring_lock()
     try:
-        handle = _open_lock(path)
+        lock = _open_pair(path)
     except OSError:
         yield
         return
@@ -133,7 +133,7 @@ def beside_measuring(say: Callable[[str], None]) -> Iterator[None]:
         "another command measures latencies on this host, and this one would disturb it: it goes "
         f"on when that has ended ({path} is the lock)"
     )
-    with _held_lock(handle, fcntl.LOCK_SH, lambda: say(words)):
+    with _held_in_turn(lock, fcntl.LOCK_SH, lambda: say(words)):
         yield
 
 
@@ -141,18 +141,40 @@ def _measuring_lock() -> Path:
     return LOCKS / "ssp-measuring" / "lock"
 
 
+def _open_pair(path: Path) -> tuple[int, int]:
+    """Open a lock, and the gate before it."""
+    handle = _open_lock(path)
+    try:
+        return handle, _open_lock(path.with_name("gate"))
+    except OSError:
+        os.close(handle)
+        raise
+
+
 @contextmanager
-def _held_lock(handle: int, kind: int, say: Callable[[], None]) -> Iterator[None]:
-    """Hold a lock; ``say`` is called where it is waited for."""
+def _held_in_turn(lock: tuple[int, int], kind: int, say: Callable[[], None]) -> Iterator[None]:
+    """Hold a lock; ``say`` is called where it is waited for.
+
+    Who waits for it keeps the gate shut, so that commands that share it don't go before one that
+    wants it alone.
+    """
+    handle, gate = lock
     try:
         try:
-            fcntl.flock(handle, kind | fcntl.LOCK_NB)
+            _lock_both(handle, kind | fcntl.LOCK_NB, gate, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             say()
-            fcntl.flock(handle, kind)
+            _lock_both(handle, kind, gate, fcntl.LOCK_EX)
+        finally:
+            os.close(gate)
         yield
     finally:
         os.close(handle)
+
+
+def _lock_both(handle: int, kind: int, gate: int, gate_kind: int) -> None:
+    fcntl.flock(gate, gate_kind)
+    fcntl.flock(handle, kind)
 
 
 def _host_folder(folder: Path) -> Path:

@@ -153,3 +153,12 @@ def test_a_hold_lasts_as_long_as_its_driver_says_so_and_is_told_once_a_period() 
     assert not hold.is_at(7, 4 * second + 1)
     told = [hold.is_to_be_told(k * second // 2, holds=k > 2) for k in range(8)]
     assert told == [False, False, False, False, True, False, True, False]
+
+
+def test_a_driver_that_waits_before_a_model_can_be_asked_holds_nothing() -> None:
+    hold = DriverHold(limit_s=3.0, period_s=1.0, first_step=1)
+    hold.hear(0)
+    hold.wait(0)
+    assert not hold.is_at(0, 0)
+    hold.wait(1)
+    assert hold.is_at(1, 0)

@@ -42,6 +42,7 @@ from ssp_scenario_manager.closed_loop.seal import sealed_starts
 from ssp_scenario_manager.closed_loop.single import kept_answers
 from ssp_scenario_manager.closed_loop.start import Start, make_start
 from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, rows_there
+from tests.support.waiting import DEADLINE_S
 
 SMALL = Camera(width_px=64, height_px=64)
 # It never answers alike twice: what comes again was kept.
@@ -346,6 +347,30 @@ def test_a_command_that_measures_and_one_that_does_not_go_one_after_the_other(
     assert "another command" in order[0]
     assert "measures latenc" in order[0]
     assert order[1:] == ["first", "second"]
+
+
+@pytest.mark.usefixtures("locks")
+def test_commands_that_measure_nothing_do_not_go_before_one_that_waits_to_measure() -> None:
+    """A stream of them would keep it waiting for ever."""
+    order: list[str] = []
+
+    def begin(kind: Any, name: str) -> threading.Thread:
+        waits = threading.Event()
+
+        def hold() -> None:
+            with kind(lambda _: waits.set()):
+                order.append(name)
+
+        thread = threading.Thread(target=hold)
+        thread.start()
+        assert waits.wait(DEADLINE_S), f"{name} doesn't wait"
+        return thread
+
+    with beside_measuring(order.append):
+        threads = [begin(measuring_alone, "measures"), begin(beside_measuring, "drives")]
+    for thread in threads:
+        thread.join()
+    assert order == ["measures", "drives"]
 
 
 def test_commands_that_measure_nothing_run_side_by_side_and_need_no_lock(locks: Path) -> None:

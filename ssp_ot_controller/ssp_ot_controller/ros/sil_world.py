@@ -105,7 +105,9 @@ class SilWorld(Node):
         self._started_ns = 0
         self._overrun_told = False
         self._driver_told = False
-        self._hold = DriverHold(BUSY_LIMIT_S, HOLD_TOLD_S)
+        driven = self._run.driven
+        is_asked_later = driven is not None and driven.first_request_s > 0.0
+        self._hold = DriverHold(BUSY_LIMIT_S, HOLD_TOLD_S, int(is_asked_later))
         self._make_endpoints()
 
     def _make_plant(self, carla: str, map_file: str) -> BodyPlant:

@@ -104,9 +104,12 @@ class DriverHold:
     Args:
         limit_s: a node that is silent for longer is lost, whatever it waited for.
         period_s: a hold is told so often.
+        first_step: the first at which a model can be asked. A driver that waits before waits for
+            the VUT's state, which isn't sent again.
     """
 
-    def __init__(self, limit_s: float, period_s: float) -> None:
+    def __init__(self, limit_s: float, period_s: float, first_step: int = 0) -> None:
+        self._first_step = first_step
         self._limit_ns, self._period_ns = seconds_to_ns(limit_s), seconds_to_ns(period_s)
         self.heard_ns: int | None = None
         self._step = -1
@@ -118,7 +121,8 @@ class DriverHold:
 
     def wait(self, step: int) -> None:
         """Take the driver's word that it waits at a step."""
-        self._step = step
+        if step >= self._first_step:
+            self._step = step
 
     def is_at(self, step: int, now_ns: int) -> bool:
         """Tell whether the driver waits at a step, and is alive."""

@@ -48,6 +48,8 @@ _KEPT_S = 10.0
 # server holds that one, for the same run elsewhere or for one that was cut off, the next is taken.
 _NAMES = uuid.UUID("5b0d6f0e-3f0b-4d55-9d5a-6c3b0a5c1c11")
 _MOST_NAMES = 64
+# For the end of a session, which an abort waits for.
+_CLOSE_S = 2.0
 _WORDS = 300
 # What was left out of whose answers, which is said once.
 _TOLD: set[tuple[str, str]] = set()
@@ -343,7 +345,7 @@ class EgodriverDriver:
         self._channel, self._session = None, ""
         if channel is None:
             return
-        self._budget = _Budget(self._options.deadline_s)
+        self._budget = _Budget(min(self._options.deadline_s, _CLOSE_S))
         try:
             if session:
                 self._call("close_session", proto.DriveSessionCloseRequest(session_uuid=session))
