@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import sys
-import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -31,13 +30,10 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.driver import (
     COMMANDED,
-    DriveReport,
-    RecordedAnswer,
     SeeingDriver,
     make_driver,
-    sees_frames,
 )
-from ssp_core.world.driver_answers import NODE_ANSWERS_FILE, answers_in_event, append_answer
+from ssp_core.world.driver_answers import NODE_ANSWERS_FILE, answers_in_event
 from ssp_core.world.event_messages import encode_limit
 from ssp_core.world.plant import LimitFact
 from ssp_msgs.msg import (
@@ -52,6 +48,7 @@ from ssp_msgs.msg import (
     WorldTick,
 )
 from ssp_ot_controller.bodies.dynamics import Command
+from ssp_ot_controller.driving.kept import KeptModel
 from ssp_ot_controller.driving.pilot import pilot_of
 from ssp_ot_controller.driving.seat import DriverSeat, DriverStep
 from ssp_ot_controller.ros.parameters import VUT_DRIVER
@@ -81,15 +78,17 @@ class VutDriver(Node):
         self._stop = stop
         self._failure: BaseException | None = None
         self._run, self._driven = run, driven
-        self._answers = Path(given["run_file"]).parent / NODE_ANSWERS_FILE
         recorded = answers_in_event(Path(given["answers"])) if given["answers"] else None
         # A model may load for minutes: it does so before anybody can see this node.
         self._driver = make_driver(driven.driver, driven.options, recorded)
         self._seat = DriverSeat(pilot_of(run, driven, self._driver))
-        # What is said of the end has been said, or an abort made it.
-        self._is_over = False
-        sees = sees_frames(driven.driver)
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="driver") if sees else None
+        self._is_end_told = False
+        self._model: KeptModel | None = None
+        self._worker: ThreadPoolExecutor | None = None
+        if isinstance(self._driver, SeeingDriver):
+            answers = Path(given["run_file"]).parent / NODE_ANSWERS_FILE
+            self._model = KeptModel(self._driver, answers)
+            self._worker = ThreadPoolExecutor(1, thread_name_prefix="driver")
         self._work: list[Future[None]] = []
         self._since_ns = 0
         self._held_step = -1
@@ -112,8 +111,8 @@ class VutDriver(Node):
         if self._driven.latency.measured:
             topic = names.vla_latency_topic(driver)
             self._said[topic] = pub(DiagnosticArray, topic, ros.COMMAND)
-        if self._worker is not None:
-            phase, take = names.SESSION_STATE, self._on_phase
+        if self._model is not None:
+            phase, take = names.SESSION_STATE, self._model.take_phase
             ros.subscribe_raw(self, SessionState, phase, _phase_of, take, ros.LATCHED, raw=False)
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(HOLD_PERIOD_S, self._on_hold_timer, clock=steady)
@@ -127,14 +126,6 @@ class VutDriver(Node):
     def _on_tick(self, tick: steps.WorldTick) -> None:
         self._held_step = tick.step
         self._do(lambda: self._seat.take_tick(tick))
-
-    def _on_phase(self, phase: SessionPhase) -> None:
-        """End a model whose answer nobody waits for any more."""
-        if phase is SessionPhase.ABORTING and not self._is_over:
-            self._is_over = True
-            if self._work and isinstance(self._driver, SeeingDriver):
-                # A server may take its time to end; the node goes on to say that it waits.
-                threading.Thread(target=self._driver.close, daemon=True).start()
 
     def _do(self, take: Callable[[], None]) -> None:
         """Take what arrived, and answer: at once, or in the thread that waits for the model."""
@@ -171,22 +162,17 @@ class VutDriver(Node):
         if answer is None:
             return
         if answer.report is not None:
-            self._keep(answer.report)
+            ended = answer.report.died
+            if self._model is not None:
+                self._model.keep(answer.report)
+                ended = self._model.ending(answer.report)
             drive = drive_messages(self._driven, self._run.vut.id, answer.report, answer.now_ns)
             for topic, message in drive:
                 self._said[topic].publish(message)
-            if answer.report.died and not self._is_over:
-                self._is_over = True
-                self._announce(f"it ended: {answer.report.died}", answer.now_ns)
+            if ended and not self._is_end_told:
+                self._is_end_told = True
+                self._announce(f"it ended: {ended}", answer.now_ns)
         self._send(answer)
-
-    def _keep(self, report: DriveReport) -> None:
-        """Keep a model's answer for the run in one process, but one that an abort cut off."""
-        asked, given = report.asked, report.given
-        if self._worker is None or asked is None or given is None:
-            return
-        if not (self._is_over and given.ended):
-            append_answer(self._answers, RecordedAnswer(asked.sha256, given))
 
     def _send(self, answer: DriverStep) -> None:
         """Send the command, which is the answer that the world waits for."""
