@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -241,18 +244,19 @@ def test_a_model_s_own_clock_doesn_t_shorten_its_latency(tmp_path: Path) -> None
     assert ask_python(tmp_path, "own_clock").latency.total_ns >= 200_000_000
 
 
+def is_over(pid: int) -> bool:
+    try:
+        stat = Path("/proc", str(pid), "stat").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+    return stat.rpartition(")")[2].split()[0] == "Z"
+
+
 def test_what_a_model_starts_ends_with_its_run(tmp_path: Path) -> None:
     got = ask_python(tmp_path, "helper")
     assert got.answer is not None
-    started = Path("/proc") / got.answer.text / "stat"
-
-    def is_over() -> bool:
-        try:
-            return started.read_text().rpartition(")")[2].split()[0] == "Z"
-        except (FileNotFoundError, ProcessLookupError):
-            return True
-
-    until(is_over, "the end of the helper's process")
+    started = int(got.answer.text)
+    until(lambda: is_over(started), "the end of the helper's process")
 
 
 def test_a_service_that_is_gone_ends_the_driver(service: Service) -> None:
@@ -285,6 +289,77 @@ def test_a_driver_waits_for_60_s_unless_it_says_otherwise() -> None:
     assert own.limit_s == 3.0
 
 
+def small_request() -> Request:
+    shown = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
+    return Request("1", 0, (Frame(0, shown),))
+
+
+DAEMON = """
+import os
+import time
+from pathlib import Path
+
+begun, begins = os.pipe()
+if not (pid := os.fork()):
+    os.setsid()
+    os.write(begins, b"1")
+    time.sleep(600.0)
+    os._exit(0)
+os.read(begun, 1)
+Path(__file__).with_name("pid").write_text(str(pid))
+
+
+def hang(request):
+    time.sleep(3600.0)
+"""
+
+
+def test_a_process_that_left_its_model_s_group_delays_no_answer(tmp_path: Path) -> None:
+    """It holds the model's end of the connection open."""
+    (tmp_path / "models_with_daemon.py").write_text(DAEMON)
+    options = {"function": "models_with_daemon:hang", "folder": str(tmp_path)}
+    process = ModelProcess("m", "python", options, "waypoints:ego_xy")
+    daemon = int((tmp_path / "pid").read_text())
+    try:
+        got = process.ask(small_request(), 0.1)
+        process.close()
+        assert not is_over(daemon)
+    finally:
+        os.kill(daemon, signal.SIGKILL)
+    assert isinstance(got, GivenAnswer)
+    assert got.ended == "gave no answer within its timeout_s of 0.1 s"
+
+
+OWNER = """
+import sys
+
+from ssp_vla_bridge.driving.process import ModelProcess
+from ssp_vla_bridge.messages import Frame, Request
+
+folder, shown = sys.argv[1:]
+options = {"function": "models_of_owner:hang", "folder": folder}
+process = ModelProcess("m", "python", options, "waypoints:ego_xy")
+process.ask(Request("1", 0, (Frame(0, bytes.fromhex(shown)),)), 3600.0)
+"""
+
+
+def test_a_model_that_is_asked_ends_with_its_owner_however_that_ends(tmp_path: Path) -> None:
+    asked = tmp_path / "asked"
+    os.mkfifo(asked)
+    (tmp_path / "models_of_owner.py").write_text(
+        "import os\nimport time\nfrom pathlib import Path\n\n\ndef hang(request):\n"
+        f"    Path({str(asked)!r}).write_text(str(os.getpid()))\n    time.sleep(3600.0)\n"
+    )
+    (frame,) = small_request().frames
+    owner = subprocess.Popen([sys.executable, "-c", OWNER, str(tmp_path), frame.jpeg.hex()])
+    try:
+        model_pid = int(asked.read_text())
+    finally:
+        owner.kill()
+        owner.wait()
+    until(lambda: is_over(model_pid), "the end of the model's process")
+
+
 def test_a_model_that_is_closed_while_it_is_asked_ends_the_question(tmp_path: Path) -> None:
     """A session that is aborted waits for no answer."""
     asked = tmp_path / "asked"
@@ -295,8 +370,7 @@ def test_a_model_that_is_closed_while_it_is_asked_ends_the_question(tmp_path: Pa
     )
     options = {"function": "hanging_models:hang", "folder": str(tmp_path)}
     process = ModelProcess("m", "python", options, "waypoints:ego_xy")
-    shown = cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
-    request = Request("1", 0, (Frame(0, shown),))
+    request = small_request()
     got: list[Any] = []
     question = threading.Thread(target=lambda: got.append(process.ask(request, 3600.0)))
     question.start()

@@ -13,12 +13,13 @@ import json
 import multiprocessing
 import os
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from ssp_core.clock import seconds_to_ns
@@ -139,6 +140,7 @@ def _serve(
     die_with_parent()
     # Of a group of its own, so that processes that the model starts end with it.
     os.setsid()
+    threading.Thread(target=_end_with_owner, daemon=True).start()
     # An interrupt ends the session, which ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.clear()
@@ -158,6 +160,21 @@ def _serve(
         except EOFError:
             return
         connection.send(measured_answer(backend, model, adapter, request))
+
+
+def _end_with_owner() -> None:
+    """End this process and its group when the process that asks it is gone, however it ended.
+
+    The parent by the kernel's account is the server that this process was forked from, which lives
+    for as long as a model does.
+    """
+    owner = multiprocessing.parent_process()
+    if owner is None:
+        return
+    wait([owner.sentinel])
+    if os.getpgrp() == os.getpid():
+        os.killpg(0, signal.SIGKILL)
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _context() -> multiprocessing.context.ForkServerContext:
@@ -253,7 +270,7 @@ class ModelProcess:
         exchange.join(timeout_s + _GRACE_S)
         if exchange.is_alive():
             self._kill()
-            exchange.join()
+            exchange.join()  # its connection is shut down
             return no_answer_within(timeout_s)
         if not got:
             latency = LatencyParts(seconds_to_ns(time.perf_counter() - begin_s))
@@ -283,9 +300,14 @@ class ModelProcess:
         self._process.join()
 
     def interrupt(self) -> None:
-        """End the process while another thread asks it, which gets that as its ending."""
+        """End the process while another thread asks it, which gets that as its ending.
+
+        The connection is shut down: a process that left the model's group may hold its other end.
+        """
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, signal.SIGKILL)
+        with suppress(OSError), socket.socket(fileno=os.dup(self._connection.fileno())) as end:
+            end.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         """End the process, from any thread: a question that is open is answered by its end."""
