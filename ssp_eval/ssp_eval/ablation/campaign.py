@@ -52,6 +52,7 @@ from ssp_scenario_manager.closed_loop.tables import Row, cell, lines_of, rows_th
 from ssp_scenario_manager.compile.compiler import checked_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.sweep import ordered_map
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
 Arm = Literal["structure", "relations", "tracks"]
 ARMS: tuple[Arm, ...] = ("structure", "relations", "tracks")
@@ -309,6 +310,15 @@ def check_control(realisations: Sequence[Realisation]) -> None:
 def sealed_plan(plan: Plan) -> dict[str, Any]:
     """Return what an ablation's folder is of: plan, files by their hashes, and sources."""
     event, version, _ = checked_event(plan.event)
+    if KINDS[event.interaction.type].at_junction:
+        raise InputError(
+            "takes place at a junction, and the arms without structure know no routes through one",
+            file=plan.event,
+            field="interaction.type",
+            value=event.interaction.type,
+            remedy="give an event of the open road: "
+            + ", ".join(name for name, kind in sorted(KINDS.items()) if not kind.at_junction),
+        )
     # What can't be read is told before a folder is claimed.
     read_source(event, plan.source)
     grounds = [ground_of(*place, event) for place in plan.places]

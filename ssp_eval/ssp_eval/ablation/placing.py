@@ -21,6 +21,7 @@ from ssp_core.safety.fence import way_excess_m
 from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.reference_line import NotOneToOne
 from ssp_eval.ablation.ground import VUT, Ground, NoRun
+from ssp_eval.ablation.source import STANDS_MPS
 from ssp_ot_controller.bodies.dynamics import LIMITS as BODIES
 from ssp_ot_controller.bodies.dynamics import tightened
 from ssp_scenario_manager.maps.block import Block, BlockLane
@@ -37,7 +38,6 @@ MOST_LANES = 3
 _AS_GOOD_M = 0.3
 # A fit that is no better.
 _SAME_M = 1e-6
-STANDS_MPS = 0.2
 _APPROACH_MPS2 = {ObjectClass.TRUCK: 1.2, ObjectClass.BUS: 1.2, ObjectClass.CYCLIST: 1.2}
 _VEHICLES = (ObjectClass.CAR, ObjectClass.TRUCK, ObjectClass.BUS, ObjectClass.MOTORCYCLE)
 # What a braking to a standstill at a lane's end takes, beside the way that was observed.

@@ -28,7 +28,6 @@ from ssp_core.world.reference_line import NotOneToOne
 from ssp_eval.ablation.ground import VUT, ArmRun, Ground, NoRun, Trial, Trials, best_of
 from ssp_eval.ablation.placing import (
     HEADWAYS_S,
-    STANDS_MPS,
     Body,
     Placement,
     approach_mps2,
@@ -39,7 +38,7 @@ from ssp_eval.ablation.placing import (
     slower_by,
     vut_of,
 )
-from ssp_eval.ablation.source import Course, Relations
+from ssp_eval.ablation.source import STANDS_MPS, Course, Relations
 from ssp_scenario_manager.maps.block import Block, BlockLane
 from ssp_scenario_manager.scenarios.base import BlockPoint
 from ssp_scenario_manager.scenarios.block_places import ahead_of, end_of

@@ -16,6 +16,7 @@ import numpy as np
 from ssp_core.errors import InputError
 from ssp_core.geometry import FloatArray
 from ssp_core.motion.state_series import Series, between
+from ssp_core.names import VUT_ID
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import ObjectClass
 from ssp_eval.audit.recording import read_recording
@@ -40,6 +41,10 @@ class Source:
     series: Series
     road: Road
     said_by: str
+
+
+# Slower than this a body stands, m/s.
+STANDS_MPS = 0.2
 
 
 @dataclass(frozen=True)
@@ -163,6 +168,14 @@ def _recorded(event: Event, path: Path) -> Source:
     first_s = at["start"].mid if "start" in at else 0.0
     last_s = at["end"].mid if "end" in at else recording.series[-1][0]
     part = between(recording.series, first_s, last_s)
+    vut = part[0][1].get(VUT_ID) if part else None
+    if vut is not None and vut.speed_mps < STANDS_MPS:
+        raise InputError(
+            f"shows the VUT at {vut.speed_mps:.2f} m/s at its start, from which no arm can begin",
+            file=path,
+            field="--source",
+            remedy="cut it so that it begins while the VUT drives (ssp bag cut)",
+        )
     return Source([(t - first_s, states) for t, states in part], road.road, recording.source)
 
 

@@ -27,7 +27,6 @@ from ssp_eval.ablation.ground import (
 )
 from ssp_eval.ablation.placing import (
     HEADWAYS_S,
-    STANDS_MPS,
     Body,
     Placement,
     approach_mps2,
@@ -38,7 +37,7 @@ from ssp_eval.ablation.placing import (
     timed_motion,
     vut_of,
 )
-from ssp_eval.ablation.source import Track, Tracks
+from ssp_eval.ablation.source import STANDS_MPS, Track, Tracks
 from ssp_scenario_manager.maps.block import Block, BlockLane
 from ssp_scenario_manager.scenarios.block_places import ahead_of
 from ssp_scenario_manager.scenarios.motions import driver_travel

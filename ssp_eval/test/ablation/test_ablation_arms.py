@@ -208,6 +208,22 @@ def test_a_recorded_source_is_cut_to_the_clip_of_its_event(
         read_source(event, tmp_path)
 
 
+def test_a_source_in_which_the_vut_stands_first_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a whole session does, whose VUT starts at its place."""
+    event = load("cut_in")
+    drawn = read_source(event)
+    first_s, first = drawn.series[0]
+    stands = first | {"vut": replace(first["vut"], speed_mps=0.0)}
+    recorded = SimpleNamespace(
+        series=[(first_s, stands), *drawn.series[1:]], road=RoadFacts(drawn.road), source="truth"
+    )
+    monkeypatch.setattr(source, "read_recording", lambda _path: recorded)
+    with pytest.raises(InputError, match=r"shows the VUT at 0\.00 m/s at its start"):
+        read_source(event, tmp_path)
+
+
 def test_a_source_that_does_not_show_everybody_all_the_time_is_refused() -> None:
     event = load("cut_in")
     drawn = read_source(event)

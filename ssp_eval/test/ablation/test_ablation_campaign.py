@@ -138,6 +138,16 @@ def test_a_source_that_cannot_be_read_leaves_the_folder_free(tmp_path: Path) -> 
     assert [path.name for path in out.iterdir() if not path.name.startswith(".")] == []
 
 
+def test_an_event_of_a_junction_is_refused_with_those_that_may_be_given(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    args = ["ablate", "crossing_car", "--sites", "crossroads", "--out", str(tmp_path / "out")]
+    assert main(args) == 1
+    told = capsys.readouterr().err
+    assert "takes place at a junction" in told
+    assert "cut_in" in told
+
+
 def test_a_folder_with_something_else_and_no_place_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -235,7 +235,7 @@ class VlaBridge(Node):
             self.get_logger().error(f"request {response.request_id!r}: {reason}")
             msg = response_to_msg(failure(response, ErrorCode.BACKEND, reason))
         if self._held.hold(msg, time.monotonic_ns()):
-            self.get_logger().warning("too many answers without a listener: the oldest one is lost")
+            self.get_logger().warning("too many answers wait to be sent: the oldest one is lost")
         self._release()
 
     def _release(self) -> None:
