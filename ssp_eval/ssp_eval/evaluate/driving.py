@@ -5,7 +5,7 @@ Its functions are those that ssp_core.world.driver asks a module of drivers for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -155,7 +155,10 @@ def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def make_driver(
-    name: str, options: Mapping[str, Any], recorded: Sequence[RecordedAnswer] | None = None
+    name: str,
+    options: Mapping[str, Any],
+    recorded: Sequence[RecordedAnswer] | None = None,
+    is_wanted: Callable[[], bool] = lambda: True,
 ) -> SeeingDriver:
     """Return a fresh driver, see ssp_core.world.driver.make_driver."""
     if EGODRIVER in options:
@@ -163,7 +166,7 @@ def make_driver(
         from ssp_vla_bridge.egodriver.client import EgodriverDriver
 
         return EgodriverDriver(name, read_options(options[EGODRIVER], name), recorded)
-    return BridgeDriver(bridge_model(name, options), recorded)
+    return BridgeDriver(bridge_model(name, options), recorded, is_wanted)
 
 
 def bridge_model(name: str, options: Mapping[str, Any]) -> DriverModel:

@@ -7,7 +7,7 @@ knows beside that stands in one field of its own, which is empty for all others.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -385,6 +385,7 @@ def make_driver(
     name: str,
     options: Mapping[str, Any],
     recorded: Sequence[RecordedAnswer] | None = None,
+    is_wanted: Callable[[], bool] = lambda: True,
 ) -> PlanDriver | SeeingDriver | None:
     """Return a fresh driver; None for one of COMMANDED, which the session leads itself.
 
@@ -392,13 +393,14 @@ def make_driver(
         name: of the driver.
         options: of it, as ``driver_options`` returned them.
         recorded: answers of a model in a run before, which it repeats; None: it is asked.
+        is_wanted: tells, while a model loads, whether it is still waited for.
 
     Raises:
         InputError: no such driver, or no such option.
     """
     if sees_frames(name):
         bridges = importlib.import_module(BRIDGE_MODULE)
-        model: SeeingDriver = bridges.make_driver(name, options, recorded)
+        model: SeeingDriver = bridges.make_driver(name, options, recorded, is_wanted)
         return model
     driver: PlanDriver | None
     driver = importlib.import_module(BASELINE_MODULE).make_driver(name, options)

@@ -80,7 +80,9 @@ class VutDriver(Node):
         self._run, self._driven = run, driven
         recorded = answers_in_event(Path(given["answers"])) if given["answers"] else None
         # A model may load for minutes: it does so before anybody can see this node.
-        self._driver = make_driver(driven.driver, driven.options, recorded)
+        self._driver = make_driver(
+            driven.driver, driven.options, recorded, lambda: stop.reason is None
+        )
         self._seat = DriverSeat(pilot_of(run, driven, self._driver))
         self._is_end_told = False
         self._model: KeptModel | None = None
