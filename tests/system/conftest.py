@@ -21,12 +21,14 @@ from typing import Any
 
 import pytest
 
+from ssp_core import names
 from ssp_core.environment import nobody_listens
 from tests.system.recordings import Recordings
 
 START_DEADLINE_S = 300.0
 END_DEADLINE_S = 300.0
 EVENTS = ("cut_in", "vru_crossing")
+Beside = Callable[..., subprocess.Popen[str]]
 # In lockstep, and with a trigger that never fires: a run that lasts until it is struck.
 LONG = """schema: ssp.faults/1
 faults: [{kind: trigger_never, at_s: 0.0}]
@@ -167,6 +169,37 @@ def start_session(tmp_path: Path, recordings: Recordings) -> Iterator[Any]:
         for pid in processes_of(session.folder).values():
             with suppress(ProcessLookupError):  # it has ended meanwhile
                 os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture
+def beside() -> Iterator[Beside]:
+    """Starts a process in the ROS domain of a session, and waits for its first line.
+
+    As soon as the session's own processes are started: both come up together.
+    """
+    started: list[subprocess.Popen[str]] = []
+
+    def start(session: Any, *command: str) -> subprocess.Popen[str]:
+        session.wait_for_process(names.OBJECT_TARGET)
+        pid = session.pid_of(names.OBJECT_TARGET)
+        told = Path(f"/proc/{pid}/environ").read_text().split("\0")
+        env = dict(item.split("=", 1) for item in told if "=" in item)
+        process = subprocess.Popen(
+            [sys.executable, *command],
+            env=env,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        started.append(process)
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from ssp_core.world.driver import driver_options
 from ssp_scenario_manager.closed_loop.start import make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
+from tests.system.conftest import Beside
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -40,7 +42,6 @@ def test_a_driver_leads_the_vut_over_dds_to_the_states_of_one_process(start_sess
 
 MODEL = """
 import pathlib
-import time
 
 ASKED = []
 SLOW_ONCE = pathlib.Path(__file__).with_name("slow")
@@ -50,18 +51,49 @@ def drive(request):
     ASKED.append(request)
     if len(ASKED) == 3 and not SLOW_ONCE.exists():
         SLOW_ONCE.touch()
-        time.sleep(4.0)
+        pathlib.Path(__file__).with_name("held").read_text()
     v = request.history[-1].speed_mps
     return "I keep my speed.", [(0.5 * v * k, 0.0) for k in range(11)]
+"""
+# Lets the model answer when the world has said a step again, twice: it holds for the model alone.
+LISTENER = """
+import collections
+import sys
+import rclpy
+from ssp_core import names, ros
+from ssp_core.cdr.steps import decode_tick
+from ssp_msgs import msg
+rclpy.init()
+node = ros.make_node("listener")
+said = collections.Counter()
+
+def hear(data):
+    tick = decode_tick(data)
+    said[tick.step] += tick.running
+
+node.create_subscription(msg.WorldTick, names.WORLD_TICK, hear, ros.STATE, raw=True)
+executor = ros.make_executor()
+executor.add_node(node)
+print("there", flush=True)
+while max(said.values(), default=0) < 3:
+    executor.spin_once(timeout_sec=0.2)
+open(sys.argv[1], "w").close()
 """
 
 
 def test_a_model_drives_over_dds_and_is_never_lost_for_being_slow(
-    start_session: Any, tmp_path: Path
+    start_session: Any, beside: Beside, tmp_path: Path
 ) -> None:
-    """Once it takes longer than the world waits for a node; its outcome would be ``harness``."""
+    """It answers once when the world has said that it holds; its outcome would be ``harness``."""
+    os.mkfifo(tmp_path / "held")
     (tmp_path / "slow_models.py").write_text(MODEL)
-    options = {"backend": "python", "function": "slow_models:drive", "folder": str(tmp_path)}
+    options: dict[str, Any] = {
+        "backend": "python",
+        "function": "slow_models:drive",
+        "folder": str(tmp_path),
+    }
+    # The hold has no other limit.
+    options["timeout_s"] = 600.0
     given = f"slow={json.dumps(options)}"
     # A start with a camera of few pixels, which cost nothing to draw.
     made = tmp_path / "start"
@@ -73,6 +105,7 @@ def test_a_model_drives_over_dds_and_is_never_lost_for_being_slow(
     session = start_session(
         str(made), "--drive", given, "--latency", "fixed:0.3", folder=tmp_path / "model"
     )
+    beside(session, "-c", LISTENER, str(tmp_path / "held"))
     result = session.finish()
     assert (result["verdict"], result["reasons"]) == ("valid", []), session.lines
     driven = result["driven"]

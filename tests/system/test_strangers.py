@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +11,7 @@ import pytest
 from ssp_core import names
 from ssp_core.safety.publishers import NAMELESS
 from tests.system import stranger
+from tests.system.conftest import Beside
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 # Hears what it can of a session, as a page, a recorder or a plot do, and says when it has.
@@ -39,38 +37,6 @@ while rclpy.ok():
 """
 # As the recorder says it, which may be sooner than the graph.
 RIVALS = "has messages of two publishers in turn"
-Beside = Callable[..., subprocess.Popen[str]]
-
-
-@pytest.fixture
-def beside() -> Iterator[Beside]:
-    """Starts a process in the ROS domain of a session, and waits for its first line.
-
-    As soon as the session's own processes are started: both come up together.
-    """
-    started: list[subprocess.Popen[str]] = []
-
-    def start(session: Any, *command: str) -> subprocess.Popen[str]:
-        session.wait_for_process(names.OBJECT_TARGET)
-        pid = session.pid_of(names.OBJECT_TARGET)
-        told = Path(f"/proc/{pid}/environ").read_text().split("\0")
-        env = dict(item.split("=", 1) for item in told if "=" in item)
-        process = subprocess.Popen(
-            [sys.executable, *command],
-            env=env,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        started.append(process)
-        assert process.stdout is not None
-        assert process.stdout.readline()
-        return process
-
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
 
 
 # One that the recorder hears, and one that it doesn't; each topic: test_publisher_watch.
