@@ -120,6 +120,10 @@ def fail(request):
     return keep(request)
 
 
+def fast(request):
+    return "I hurry.", [(8.5 * k, 0.0) for k in range(11)]
+
+
 def no_numbers(request):
     return "nan", [(float("nan"), 0.0)] * 11
 
@@ -517,6 +521,26 @@ def test_a_question_that_is_not_the_recorded_one_is_our_fault(start: Start, fold
     assert changes[-1].state is SessionPhase.ABORTING
     assert changes[-1].verdict.name == "INVALID_HARNESS"
     assert "isn't the one that was recorded" in outcome.why
+
+
+def test_a_session_that_passed_a_limit_asks_its_model_nothing_more(
+    start: Start, folder: Path
+) -> None:
+    """An abort ends the model, and the question of its step has no plan."""
+    options = driver_options("mine", python(folder, "fast"))
+    run = start.driven_by("mine", options, Latency(0.0))
+    assert run.driven is not None
+    whole, record = run_in_process(run)
+    at_ns = whole.aborted_ns
+    assert at_ns is not None
+    asked = [r.drive.asked for r in record.reports if r.drive is not None and r.drive.asked]
+    before = sum(question.stamp_ns <= at_ns for question in asked)
+    assert before < len(asked)
+    kept = answers_of(run.driven, record)[:before]
+    result, record = run_in_process(run, answers=kept)
+    outcome = outcome_of(run, run.driven, result, record, start.twin)
+    assert (outcome.kind, result.verdict.name) == ("fence", "FAILED_SAFETY")
+    assert (result.aborted_ns, result.reasons) == (at_ns, whole.reasons)
 
 
 def test_a_session_that_an_operator_aborted_asks_its_model_nothing_more(

@@ -198,6 +198,10 @@ class NotRecordedError(PeerError):
     """A run that is driven again asks another question than it did."""
 
 
+class AnswersOverError(NotRecordedError):
+    """A run that is driven again asks more questions than it did."""
+
+
 @dataclass(frozen=True, slots=True)
 class RecordedAnswer:
     """An answer of a run before, for driving that run again.
@@ -218,7 +222,7 @@ def repeated_answer(recorded: Sequence[RecordedAnswer], question: Question) -> G
     """
     at_s = ns_to_seconds(question.stamp_ns)
     if question.number > len(recorded):
-        raise NotRecordedError(f"no answer is recorded to a question about {at_s:.3f} s")
+        raise AnswersOverError(f"no answer is recorded to a question about {at_s:.3f} s")
     one = recorded[question.number - 1]
     if one.question != question.sha256:
         raise NotRecordedError(f"the question about {at_s:.3f} s isn't the one that was recorded")

@@ -25,7 +25,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import Participation
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
-from ssp_core.world.driver import NotRecordedError, RecordedAnswer
+from ssp_core.world.driver import AnswersOverError, NotRecordedError, RecordedAnswer
 from ssp_core.world.plant import FaultFact, StepReport, make_plant
 from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.run.result import Happened, misses, result_keys, rounded
@@ -155,7 +155,11 @@ def run_in_process(
     try:
         session.run()
     except NotRecordedError as error:
-        session.lose(names.VUT_DRIVER, str(error))
+        # An abort ended the model, which was asked nothing behind it.
+        if isinstance(error, AnswersOverError) and session.is_aborting:
+            session.leave()
+        else:
+            session.lose(names.VUT_DRIVER, str(error))
     except PeerError as error:
         session.lose(names.FRONT_CAMERA, str(error))
     finally:

@@ -100,6 +100,15 @@ class InProcessSession:
         )
         self.session.fail(lost)
         self._flush()
+        self.leave()
+
+    @property
+    def is_aborting(self) -> bool:
+        """True after an abort, until everything is known to stand."""
+        return self.session.state is SessionPhase.ABORTING
+
+    def leave(self) -> None:
+        """End a session that is aborted where it is, since its plant can't go on."""
         self.session.give_up_on_standstill(self._now_ns)
         self._flush()
         self._answer()
