@@ -19,6 +19,7 @@ from ssp_core.geometry import (
     outline_problem,
     point_in_polygon,
 )
+from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look, RunSpec
 from ssp_core.run_file.participants import (
@@ -147,12 +148,14 @@ class OperatingArea:
             return []
         return junction_roads(self.library, block.junction)
 
-    def geofence(self, block: Block, ways: Sequence[Sequence[Point]] = ()) -> list[Point]:
+    def geofence(
+        self, block: Block, ways: Sequence[tuple[Sequence[Point], Size]] = ()
+    ) -> list[Point]:
         """Return the site's fence; for a map, one around the block, its sidewalks, and some ways.
 
         Args:
             block: that the VUT drives along.
-            ways: of objects, off the block.
+            ways: of objects' rear axles, off the block, and the objects' sizes.
 
         Raises:
             CannotPlace: the block comes back to itself, so that its fence encloses no area.
@@ -165,7 +168,7 @@ class OperatingArea:
         problem = outline_problem(fence)
         if problem is not None:
             raise CannotPlace(f"a fence around the block {problem[0]}")
-        return _around(fence, ways) if any(map(len, ways)) else fence
+        return _around(fence, ways) if any(way for way, _ in ways) else fence
 
     def regions(self, name: Literal["ot_reachable", "safe_stop_zones"]) -> list[list[Point]]:
         """List the regions where an OT can be, or where a run may end in a hurry.
@@ -181,14 +184,14 @@ class OperatingArea:
         ]
 
 
-def _around(fence: Sequence[Point], ways: Sequence[Sequence[Point]]) -> list[Point]:
+def _around(fence: Sequence[Point], ways: Sequence[tuple[Sequence[Point], Size]]) -> list[Point]:
     """Return the outline, counter-clockwise, of a fence and of the room around some ways."""
     import shapely  # type: ignore[import-untyped]  # slow to import, no types
 
     half = _WAY_HALF_M + FENCE_MARGIN_M
     strips = [
-        shapely.LineString([*way[:1], *way]).buffer(half, cap_style="square", join_style="mitre")
-        for way in ways
+        shapely.LineString(_swept(way, size)).buffer(half, cap_style="flat", join_style="mitre")
+        for way, size in ways
         if way
     ]
     whole = shapely.union_all([shapely.Polygon(fence), *strips]).simplify(_SEAM_M)
@@ -196,6 +199,14 @@ def _around(fence: Sequence[Point], ways: Sequence[Sequence[Point]]) -> list[Poi
     if not shapely.Polygon(outline).exterior.is_ccw:
         outline = outline[::-1]
     return [(float(x), float(y)) for x, y in outline[:-1]]
+
+
+def _swept(way: Sequence[Point], size: Size) -> list[Point]:
+    """Return a way of rear axles, longer at both ends by what the object and the margin take."""
+    line = Polyline(way)
+    behind = line.pose(0.0).to_parent(-size.rear_m - FENCE_MARGIN_M, 0.0)
+    ahead = line.pose(line.length_m).to_parent(size.front_m + FENCE_MARGIN_M, 0.0)
+    return [behind, *way, ahead]
 
 
 def strip_polygon(

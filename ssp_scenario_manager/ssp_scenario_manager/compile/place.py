@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 import ssp_core
+from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
 from ssp_core.run_file.participants import FollowPath, LaneChange, TrafficSpec, TriggerSpec
@@ -305,7 +306,7 @@ def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
         seed=order.seed,
         mode="lockstep",
         road=road_of(block, _marked_crossing(block, plan), area.junction_roads(block)),
-        geofence=area.geofence(block, [_way_of_act(told)] if block.passage else []),
+        geofence=area.geofence(block, _ways_of_act(told) if block.passage else []),
         vut=told.vut,
         driver=told.driver,
         targets=list(told.targets),
@@ -321,10 +322,13 @@ def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
     )
 
 
-def _way_of_act(told: Motions) -> list[Point]:
+def _ways_of_act(told: Motions) -> list[tuple[list[Point], Size]]:
     """Return the way that the initiator's act leads over; none of an act on its present path."""
     act = told.trigger.manoeuvre
-    return list(act.motion.path) if isinstance(act, FollowPath) else []
+    sizes = {target.id: target.size for target in told.targets}
+    if not isinstance(act, FollowPath):
+        return []
+    return [(list(act.motion.path), sizes[told.trigger.object_id])]
 
 
 def _trigger(event: Event, block: Block, plan: Plan, told: Motions, limits: Limits) -> TriggerSpec:

@@ -16,8 +16,9 @@ import numpy as np
 from ssp_core.geometry import wrap_angle
 from ssp_core.motion.encounter import corridor_half_m, is_crossing
 from ssp_core.motion.state import Size
-from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.maps.block import Block, Conflict, Passage
+from ssp_core.run_file.model import Limits
+from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.maps.block import Block, Conflict, Passage, headings
 from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import (
     BlockPoint,
@@ -47,6 +48,7 @@ from ssp_scenario_manager.scenarios.values import (
     choose,
     chosen,
     fixed,
+    quantity_at,
     size_of,
     speed_bounds,
     vehicle_speed_limit,
@@ -84,13 +86,15 @@ def _passage(block: Block) -> Passage:
     return block.passage
 
 
-def crossed_at(event: Event, block: Block, routes: Mapping[str, Block]) -> tuple[Conflict, Block]:
-    """Return the first conflict with a route that crosses straight on from K*'s side, and it.
+def crossings(
+    event: Event, block: Block, routes: Mapping[str, Block]
+) -> list[tuple[Conflict, Block, Passage]]:
+    """Return conflicts with routes that cross straight on from K*'s side, and those, in order.
 
     Raises:
         CannotPlace: there is none.
     """
-    side = side_of(event)
+    side, found = side_of(event), []
     for conflict in _passage(block).conflicts:
         other = routes.get(conflict.route)
         if other is None or other.passage is None:
@@ -98,8 +102,42 @@ def crossed_at(event: Event, block: Block, routes: Mapping[str, Block]) -> tuple
         straight = abs(other.passage.turn_rad) < STRAIGHT_ON_RAD
         across = conflict.kind == "crossing" and is_crossing(wrap_angle(conflict.angle_rad))
         if straight and across and conflict.comes_from == side:
-            return conflict, other
-    raise CannotPlace(f"0 routes of its junction cross it straight on from the {side}, needs 1")
+            found.append((conflict, other, other.passage))
+    if not found:
+        raise CannotPlace(f"0 routes of its junction cross it straight on from the {side}, needs 1")
+    return found
+
+
+def _crossing_speed_limit(
+    event: Event, limits: Limits, other: Block, from_s_m: float, least_mps: float
+) -> float:
+    """Return the least of what road, place and K* allow the vehicle, also sideways, m/s.
+
+    Args:
+        event: the K*.
+        limits: of the place.
+        other: the vehicle's route.
+        from_s_m: arc length on it, from which its way leads.
+        least_mps: that K* demands.
+
+    Raises:
+        CannotPlace: the way bends too much for that.
+    """
+    fastest = vehicle_speed_limit(event, limits, other)
+    if other.line.is_straight:
+        return fastest
+    stations = np.arange(max(0.0, from_s_m), other.length_m, _STEP_M)
+    bend_1pm = float(np.abs(np.diff(headings(other.line, stations))).max(initial=0.0)) / _STEP_M
+    most_mps2 = acceleration_limit(event, limits)
+    if bend_1pm * fastest**2 <= most_mps2:
+        return fastest
+    in_bend = math.sqrt(most_mps2 / bend_1pm)
+    if in_bend < least_mps:
+        raise CannotPlace(
+            f"the vehicle's way bends with a radius of {1.0 / bend_1pm:.0f} m, where "
+            f"{most_mps2:g} m/s^2 allow {in_bend:.1f} m/s; K* wants at least {least_mps:g} m/s"
+        )
+    return in_bend
 
 
 def _vut_start(
@@ -122,20 +160,19 @@ def _vut_start(
 
 
 def _way(
-    block: Block, other: Block, size: Size, line_distance_m: float
+    block: Block, other: Block, passage: Passage, size: Size, line_distance_m: float
 ) -> tuple[Wait, tuple[BlockPoint, ...]]:
     """Return the vehicle's place before the junction, and its way over its own route.
 
     Raises:
         CannotPlace: its arm is too short, or it leaves the frame of the VUT's route.
     """
-    if other.passage is None:
-        raise CannotPlace("the vehicle's way is no route")
-    start = other.passage.start_s_m - line_distance_m - size.front_m
+    start = passage.start_s_m - line_distance_m - size.front_m
     within_block(other, size, start, "the vehicle that crosses")
-    end = min(other.passage.end_s_m + _BEYOND_M, end_of(other, size))
-    if end <= other.passage.end_s_m:
-        raise CannotPlace(f"the road beyond the junction is {end - start:.0f} m too short for it")
+    end = min(passage.end_s_m + _BEYOND_M, end_of(other, size))
+    if end <= passage.end_s_m:
+        short_m = passage.end_s_m - end
+        raise CannotPlace(f"the road beyond the junction is {short_m:.1f} m too short for it")
     stations = np.linspace(start, end, max(2, math.ceil((end - start) / _STEP_M) + 1))
     if other.line.is_straight:
         stations = stations[[0, -1]]
@@ -147,15 +184,17 @@ def _way(
     return Wait(places[0], wrap_angle(yaw)), places[1:]
 
 
-def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
+def _draft(
+    setting: Setting, crossing: tuple[Conflict, Block, Passage], values: Mapping[str, float]
+) -> Draft:
     event, block = setting.event, setting.block
     name = event.interaction.initiator
-    conflict, other = crossed_at(event, block, setting.routes)
+    conflict, other, passage = crossing
     vut, vehicle = size_of(event, event.vut_id), size_of(event, name)
     v, below = values["vut_speed"], values["below"]
     rate = approach_acceleration(event, event.vut_id, setting.limits)
     start = _vut_start(block, vut, v, rate, below, conflict.s_m)
-    waits, way = _way(block, other, vehicle, values["line_distance"])
+    waits, way = _way(block, other, passage, vehicle, values["line_distance"])
     near_s = conflict.s_m - corridor_half_m(vehicle.width_m)
     gap = station_of(block, start.s_m, near_s, 0.0) - vut.front_m
     told = {name: fixed(event, f"participants.{name}.region.gap", "m", gap, "as cruise needs")}
@@ -180,26 +219,49 @@ def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
 
 
 def _plans(setting: Setting) -> Iterator[Plan]:
-    event, block, limits = setting.event, setting.block, setting.limits
-    name, vut = event.interaction.initiator, event.vut_id
-    conflict, _ = crossed_at(event, block, setting.routes)
+    event, block = setting.event, setting.block
+    found = crossings(event, block, setting.routes)
     if block.lanes.index(next(x for x in block.lanes if x.y_m == 0.0)) not in [
         block.lanes.index(block.forward_lanes[i]) for i in vut_lane_indices(event, block)
     ]:
         wanted = " or ".join(event.topology.vut_lane.words)
         raise CannotPlace(f"it goes on from a lane that is not the {wanted} one")
+    refused: list[CannotPlace] = []
+    for crossing in found:
+        try:
+            yield from _plans_over(setting, crossing)
+        except CannotPlace as error:
+            refused.append(error)
+    if len(refused) == len(found):
+        raise refused[0]
+
+
+def _plans_over(setting: Setting, crossing: tuple[Conflict, Block, Passage]) -> Iterator[Plan]:
+    """Yield the plans in which the vehicle comes over one route.
+
+    Raises:
+        CannotPlace: there is none.
+    """
+    event, block, limits = setting.event, setting.block, setting.limits
+    name, vut = event.interaction.initiator, event.vut_id
+    conflict, other, passage = crossing
     pick = partial(choose, event, preferred=setting.preferred)
     _, most = speed_bounds(event, name, ("trigger", "conflict", "resolution"))
     c = "constraints"
     fastest = vehicle_speed_limit(event, limits, block)
     hardest = BODY_MPS2[event.participants[name].class_][0]
+    line_distance = pick(f"{c}.manoeuvre.line_distance", "m")
+    from_s_m = passage.start_s_m - max(line_distance.values) - size_of(event, name).front_m
+    speed = quantity_at(event, f"{c}.manoeuvre.crossing_speed")
+    least_mps = speed.si.low if isinstance(speed, Interval) else 0.0
+    crossing_mps = _crossing_speed_limit(event, limits, other, from_s_m, least_mps)
     choices = {
         "vut_speed": pick(f"{c}.speeds.{vut}.approach", "m/s", at_most=fastest),
         "below": pick(f"{c}.trigger.below", "s"),
         "crossing_speed": pick(
-            f"{c}.manoeuvre.crossing_speed", "m/s", at_most=min(most, limits.speed_mps)
+            f"{c}.manoeuvre.crossing_speed", "m/s", at_most=min(most, crossing_mps)
         ),
-        "line_distance": pick(f"{c}.manoeuvre.line_distance", "m"),
+        "line_distance": line_distance,
         "acceleration": pick(
             f"{c}.manoeuvre.acceleration",
             "m/s^2",
@@ -214,7 +276,8 @@ def _plans(setting: Setting) -> Iterator[Plan]:
     def zone(_draft: Draft, _seen: Prediction, _conflict: BlockPoint) -> tuple[BlockPoint, ...]:
         return rectangle(conflict.s_m - along, conflict.s_m + along, -half, half)
 
-    for plan in plans_on(setting, CROSSING_CAR.observable, choices, partial(_draft, setting), zone):
+    draft = partial(_draft, setting, crossing)
+    for plan in plans_on(setting, CROSSING_CAR.observable, choices, draft, zone):
         yield replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -15,9 +16,10 @@ import yaml
 
 from ssp_core.geometry import point_in_polygon
 from ssp_core.motion.encounter import corridor_half_m
+from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import FollowPath
-from ssp_core.vocabulary import Verdict
+from ssp_core.vocabulary import ObjectClass, Verdict
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_core.world.road_drawing import drawing_of
 from ssp_core.world.sumo_network import write_network
@@ -35,6 +37,7 @@ from ssp_scenario_manager.maps.routes import junction_roads, with_routes
 from ssp_scenario_manager.maps.site import find_shipped
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
+from ssp_scenario_manager.scenarios.crossing_car import crossings
 from ssp_scenario_manager.triggers.on_route import off_route
 
 STRAIGHT = "junction market: west_in > west_east lanes[0] > east_out"
@@ -42,6 +45,8 @@ RIGHT_TURN = "junction market: west_in > west_south lanes[0] > south_out"
 # The connecting road that the car takes, by the side that it comes from.
 OVER = {"right": "south_north", "left": "north_south"}
 PHASES_BUT_APPROACH = ("trigger", "conflict", "resolution")
+ALL_PHASES = ("approach", *PHASES_BUT_APPROACH)
+Blocks = dict[str, dict[str, Any]]
 _OTHER = {"left": "right", "right": "left"}
 
 
@@ -190,11 +195,100 @@ def test_a_road_without_a_junction_is_written_as_before() -> None:
             STRAIGHT,
             r"ot1 wouldn't reach the conflict point first: after the trigger ot1 takes [\d.]+ s",
         ),
+        (
+            event(
+                speeds={"ot1": {p: {"min": 0, "max": 14, "unit": "m/s"} for p in ALL_PHASES}},
+                manoeuvre={"crossing_speed": {"min": 12, "max": 14, "unit": "m/s"}},
+            ),
+            STRAIGHT,
+            "crossing_speed must be within 12 and 14 m/s; the place allows 0 to 8.9 m/s",
+        ),
     ],
 )
 def test_what_doesnt_fit_is_refused_with_its_quantity(wanted: Event, name: str, said: str) -> None:
     with pytest.raises(CannotPlace, match=said):
         made(wanted, ground("crossroads"), name)
+
+
+def changed_site(
+    folder: Path, change: Callable[[dict[str, dict[str, Any]]], None]
+) -> OperatingArea:
+    """Crossroads, of which some blocks, by id, are changed."""
+    site = yaml.safe_load(find_shipped("crossroads", "site").read_text())
+    blocks = {block["id"]: block for block in site["blocks"]}
+    change(blocks)
+    path = folder / "changed.site.yaml"
+    path.write_text(yaml.safe_dump(site | {"blocks": list(blocks.values())}))
+    area = load_area(str(path), None)[0]
+    return replace(area, library=with_routes(area.library))
+
+
+# The car's way bends to the left, then to the right, with this radius.
+_RADIUS_M = 14.0
+
+
+def bent(blocks: Blocks) -> None:
+    turn_rad = math.radians(22.0)
+    arc = {"length_m": _RADIUS_M * turn_rad}
+    left, right = (
+        arc | {f"{end}_curvature_1pm": sign / _RADIUS_M for end in ("start", "end")}
+        for sign in (1.0, -1.0)
+    )
+    rest_m = 18.5 - 2.0 * _RADIUS_M * math.sin(turn_rad)
+    blocks["south_north"]["pieces"] = [{"length_m": 1.0}, left, right, {"length_m": rest_m}]
+    blocks["north_out"]["origin"]["x_m"] -= 2.0 * _RADIUS_M * (1.0 - math.cos(turn_rad))
+    for arm in ("east", "west"):
+        blocks[f"{arm}_in"]["leads_to"].remove(f"{arm}_north")
+        del blocks[f"{arm}_north"]
+
+
+def at_speed(least_mps: float, most_mps: float) -> Event:
+    return event(manoeuvre={"crossing_speed": {"min": least_mps, "max": most_mps, "unit": "m/s"}})
+
+
+def test_the_car_takes_a_bend_no_faster_than_the_acceleration_limit_allows(tmp_path: Path) -> None:
+    area = changed_site(tmp_path, bent)
+    run = made(at_speed(7.5, 8.9), area).task.run
+    manoeuvre = run.triggers[0].manoeuvre
+    assert isinstance(manoeuvre, FollowPath)
+    most_mps = math.sqrt(run.limits.acceleration_mps2 * _RADIUS_M)
+    assert 7.5 <= manoeuvre.motion.cruise_mps <= most_mps + 1e-9 < 8.2
+    said = r"bends with a radius of 14 m, where 4\.5 m/s\^2 allow 7\.9 m/s; K\* wants at least 8\.5"
+    with pytest.raises(CannotPlace, match=said):
+        made(at_speed(8.5, 8.9), area)
+
+
+def test_a_road_too_short_beyond_the_junction_is_refused_with_what_is_missing(
+    tmp_path: Path,
+) -> None:
+    def short(blocks: Blocks) -> None:
+        blocks["north_out"]["pieces"] = [{"length_m": 2.0}]
+
+    missing_m = DEFAULT_SIZES[ObjectClass.CAR].front_m
+    with pytest.raises(CannotPlace, match=rf"beyond the junction is {missing_m:.1f} m too short"):
+        made(event(), changed_site(tmp_path, short))
+
+
+def test_a_crossing_route_that_doesnt_fit_leaves_the_next_one() -> None:
+    area = ground("crossroads")
+    own = route(area)
+    assert own.passage is not None
+    (first,) = (one for _, one, _ in crossings(event(), own, area.routes_with(own)))
+    conflict = next(one for one in own.passage.conflicts if one.route == first.block_id)
+    assert first.passage is not None
+    # Its arm is too short for a car that waits.
+    short = replace(first, block_id="short", passage=replace(first.passage, start_s_m=1.0))
+    conflicts = (replace(conflict, route="short"), conflict)
+    both = replace(own, passage=replace(own.passage, conflicts=conflicts))
+    kept = (both if block is own else block for block in area.library.blocks)
+    library = replace(area.library, blocks=(*kept, short))
+    assert way_of(made(event(), replace(area, library=library)).task.run).tolist() == pytest.approx(
+        way_of(made(event(), area).task.run)
+    )
+    alone = replace(own, passage=replace(own.passage, conflicts=conflicts[:1]))
+    kept = (alone if block is own else block for block in area.library.blocks)
+    with pytest.raises(CannotPlace, match="the vehicle that crosses would start at s = "):
+        made(event(), replace(area, library=replace(area.library, blocks=(*kept, short))))
 
 
 def test_without_a_road_from_that_side_there_is_no_event() -> None:
@@ -217,17 +311,22 @@ def test_deleting_the_junction_refuses_it(tmp_path: Path) -> None:
     assert "segment straight, needs junction (identity)" in str(caught.value)
 
 
-def test_a_maps_fence_has_room_for_the_cars_way(crossroads: Path) -> None:
+@pytest.mark.parametrize(("object_class", "below_s"), [("car", 3.2), ("truck", 4.6), ("bus", 4.6)])
+def test_a_maps_fence_has_room_for_the_whole_way(
+    crossroads: Path, object_class: str, below_s: float
+) -> None:
     """A map says nothing about a fence; the one of the VUT's road alone would leave the car out."""
     library = with_routes(load_library(crossroads))
     link = PlaceLink(kind="opendrive", name="x.xodr", sha256=library.sha256)
     area = OperatingArea(link, library, None, crossroads.read_bytes(), "x.xodr")
     name = "junction 9: road w backward > road we forward lane -1 > road e forward"
     wanted = event(
-        trigger={"below": {"min": 3.2, "max": 3.4, "unit": "s"}},
+        object_class=object_class,
+        trigger={"below": {"min": below_s, "max": below_s + 0.2, "unit": "s"}},
+        time_gap={"min": 0.2, "max": 20, "unit": "s"},
         speeds={
             "vut": {p: {"min": 0, "max": 7, "unit": "m/s"} for p in PHASES_BUT_APPROACH}
-            | {"approach": {"min": 6, "max": 7, "unit": "m/s"}}
+            | {"approach": {"min": 6.5, "max": 7, "unit": "m/s"}}
         },
     )
     run = made(wanted, area, name).task.run
