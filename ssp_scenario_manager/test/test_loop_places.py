@@ -19,6 +19,10 @@ from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.scenarios.crossing import is_hidden
 
 LATENCY_S = 0.5
+# Where an event is compiled, if not on boulevard.
+SITES = {"crossing_car": "crossroads"}
+# Of a start of crossing_car whose twin has no contact.
+HARMLESS = 1
 Compiled = Callable[[str], tuple[RunSpec, Event]]
 
 
@@ -29,7 +33,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Compiled:
     @cache
     def make(name: str) -> tuple[RunSpec, Event]:
         folder = tmp_path_factory.mktemp("places") / name
-        run = prepare_run(name, "boulevard", folder, seed=1, mode="lockstep")
+        run = prepare_run(name, SITES.get(name, "boulevard"), folder, seed=1, mode="lockstep")
         return run, load_event(name)[0]
 
     return make
@@ -192,3 +196,29 @@ def test_places_of_a_bent_road_keep_their_lane_and_heading(
     assert moved.approach is not None
     assert moved.approach.path[0] == pytest.approx((moved.start.x_m, moved.start.y_m))
     assert moved.approach.path[-1] == pytest.approx(placed[1].approach.path[-1])  # type: ignore[union-attr]
+
+
+def fenced_off(run: RunSpec, x_m: float) -> RunSpec:
+    """The run with a fence that ends at x, where it ended in the direction of driving."""
+    end_m = max(x for x, _ in run.geofence)
+    fence = [(x_m if x == end_m else x, y) for x, y in run.geofence]
+    return run.model_copy(update={"geofence": fence})
+
+
+def test_a_twin_may_leave_the_site_after_the_end_of_its_event(compiled: Compiled) -> None:
+    run, event = compiled("crossing_car")
+    start = make_start(fenced_off(run, 400.0), event, HARMLESS, LATENCY_S)
+    assert start.contact is None
+    at_end_m = next(s.x_m for ns, s in start.twin.items() if ns >= start.end_s * 1e9)
+    at_end_m += run.vut.size.front_m
+    # A session's vehicles brake to a stand after its end.
+    stands_m = at_end_m + 20.0
+    assert max(s.x_m for s in start.twin.values()) > stands_m
+    again = make_start(fenced_off(run, stands_m), event, HARMLESS, LATENCY_S)
+    assert again.facts() == start.facts()
+    until_ns = start.end_s * 1e9
+    assert max(again.twin) >= until_ns
+    for ns in (ns for ns in start.twin if ns <= until_ns):
+        assert again.twin[ns] == start.twin[ns]
+    with pytest.raises(OffSpec, match="outside_geofence: vut"):
+        make_start(fenced_off(run, at_end_m - 2.0), event, HARMLESS, LATENCY_S)

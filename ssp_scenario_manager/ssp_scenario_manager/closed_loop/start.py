@@ -175,13 +175,18 @@ def make_start(
     )
     result, record = run_in_process(twin)
     contact = first_contact(record.reports, run.vut.id)
+    resolved_s = result.phase_s(Phase.RESOLUTION)
+    if not result.ok and contact is None and resolved_s is not None:
+        # Where a VUT without a response gets to after T_end, as off the site, is not of the event.
+        twin = _ending_at(twin, min(_end_s(resolved_s), fires_s + _TWIN_S))
+        result, record = run_in_process(twin)
+        resolved_s = result.phase_s(Phase.RESOLUTION)
     fixed = drawn.model_copy(update={"triggers": _at_their_times(twin, result)})
     observable_s = result.phase_s(Phase.TRIGGER)
     if problem := _off_spec(twin, result, contact) or _shown_early(run, event, result, record):
         raise OffSpec(problem)
     if observable_s is None or observable_s < hand_over_s:
         raise OffSpec("the event is observable before the hand-over")
-    resolved_s = result.phase_s(Phase.RESOLUTION)
     over_s = resolved_s if contact is None else contact.at_s
     if over_s is None:
         raise OffSpec("without a response there is neither contact nor resolution")
@@ -191,12 +196,24 @@ def make_start(
         hand_over_s=hand_over_s,
         first_request_s=first_s,
         observable_s=observable_s,
-        end_s=round(over_s + LIMITS.after_s, 6),
+        end_s=_end_s(over_s),
         frame_period_s=frame_s,
         contact=contact,
         twin=vut_states(record, run.vut.id),
         camera=run.camera,
     )
+
+
+def _end_s(over_s: float) -> float:
+    """Return T_end of an event that is over at a session time."""
+    return round(over_s + LIMITS.after_s, 6)
+
+
+def _ending_at(run: RunSpec, end_s: float) -> RunSpec:
+    """Return a driven run with another end."""
+    if run.driven is None:
+        raise InputError("is no driven run", field="driven")
+    return run.model_copy(update={"driven": run.driven.model_copy(update={"end_s": end_s})})
 
 
 def commanded(driver: str) -> dict[str, Any]:
