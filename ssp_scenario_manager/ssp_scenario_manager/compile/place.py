@@ -359,6 +359,11 @@ def _marked_crossing(block: Block, plan: Plan) -> float | None:
 
 def _traffic(block: Block, area: OperatingArea, plan: Plan) -> tuple[list[TrafficSpec], list[str]]:
     """Return a site's surroundings in the block's lanes, and why some of them are left out."""
+    if block.passage is not None and area.site is not None:
+        along = {*block.entrances, *block.passage.via, *block.exits}
+        passed = [one for one in area.site.blocks if one.id in along]
+        why = "and surroundings don't follow a route over a junction"
+        return [], [f"{v.id}: it drives on {one.id}, {why}" for one in passed for v in one.traffic]
     found, lanes, moved = area.site_block(block), [], []
     if found is None:
         return [], []

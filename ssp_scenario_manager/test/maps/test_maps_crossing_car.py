@@ -269,6 +269,18 @@ def test_a_road_too_short_beyond_the_junction_is_refused_with_what_is_missing(
         made(event(), changed_site(tmp_path, short))
 
 
+def test_surroundings_of_the_roads_of_a_route_are_left_out_by_name(tmp_path: Path) -> None:
+    def busy(blocks: Blocks) -> None:
+        vehicle = {"object_class": "car", "x_m": 60.0, "speed_mps": 8.0}
+        for name in ("east_out", "south_out"):
+            blocks[name]["traffic"] = [vehicle | {"id": f"on_{name}", "lane": 0}]
+
+    found = made(event(), changed_site(tmp_path, busy))
+    assert found.task.run.traffic == []
+    (said,) = found.left_out
+    assert said.startswith("on_east_out: it drives on east_out, and surroundings don't follow a ")
+
+
 def test_a_crossing_route_that_doesnt_fit_leaves_the_next_one() -> None:
     area = ground("crossroads")
     own = route(area)
