@@ -113,6 +113,7 @@ def test_one_lane_is_the_rightmost_and_the_leftmost(bag: Path, tmp_path: Path) -
         ("oncoming_lane", "adjacent lanes"),
         ("2_lanes_left", "lanes apart"),
         ("right_kerb", "beside the lanes"),
+        ("left_road", "beside the lanes"),
     ],
 )
 def test_where_somebody_starts_says_how_the_lanes_lie(

@@ -322,7 +322,7 @@ class Answers(Strict):
             return "same lane"
         if place in ("left_lane", "right_lane", "oncoming_lane"):
             return "adjacent lanes"
-        return "beside the lanes" if place.endswith("kerb") else "lanes apart"
+        return "beside the lanes" if place.endswith(("kerb", "road")) else "lanes apart"
 
     def _role_words(self) -> dict[str, str | tuple[str, ...] | None]:
         words: dict[str, str | tuple[str, ...] | None] = {}

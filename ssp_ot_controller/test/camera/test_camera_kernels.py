@@ -186,7 +186,7 @@ def test_a_junction_is_carriageway_with_a_kerb_around_its_corners() -> None:
         assert place == (100.0, 1.7) or colour(before, *place) != asphalt
     # A corner is a quarter of a circle around (109.4, -7.7), with a kerb of 0.24 m along it.
     middle, half = np.array([109.4, -7.7]), np.sqrt(0.5)
-    for radius_m, wanted in ((6.1, palette.asphalt), (5.84, palette.kerb), (4.5, palette.sidewalk)):
+    for radius_m, wanted in ((6.1, palette.asphalt), (5.84, palette.kerb), (5.5, palette.sidewalk)):
         x_m, y_m = middle + radius_m * np.array([-half, half])
         assert colour(surface, x_m, y_m) == pytest.approx(wanted, abs=20.0)
     # The line between the directions ends at the junction, and a stop line lies on the side arm.
