@@ -59,7 +59,7 @@ def write_campaign(folder: Path, cells: int) -> Path:
 
 def write_tables(campaign: Path, folder: Path) -> tuple[float, float]:
     """Processor time (s) and peak memory (MB) of tables, statistics and page."""
-    command = ["report", str(campaign), "--tables", str(folder), "--format", "csv,json"]
+    command = ["report", str(campaign), "--tables", str(folder), "--format", "csv"]
     process = subprocess.Popen(
         [sys.executable, "-m", "ssp_core.cli", *command],
         stdout=subprocess.DEVNULL,
