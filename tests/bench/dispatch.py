@@ -8,7 +8,8 @@ process does count.
 Two bare nodes: one that hears messages as rclpy gives them, and one that is given bytes and only
 counts them. Both send references that were made beforehand. The limits hold beside the first; the
 second is the least that the middleware and the executor take, for a node that knows nothing of what
-it has heard.
+it has heard. Rounds alternate, and a percentile is that of the best round on either side: a stall
+of the machine in one round says nothing about the node.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ from ssp_core.run_file.participants import Motion
 from ssp_msgs import msg
 from ssp_scenario_manager.run.over_dds import PROFILE
 
-ROUNDS = 3 if LONG else 2
+ROUNDS = 5 if LONG else 3
 PLAYED_S = FIRST_TRIGGER_S + TRIGGERS * TRIGGER_SPACING_S + 1.2
 EVERY = round(TRIGGER_SPACING_S / PERIOD_S)
 MANAGER, TYPED, BYTES = "manager", "bare node", "bare node on bytes"
@@ -148,6 +149,11 @@ def measure(spec: RunSpec, run_file: Path, who: str) -> Heard:
             rclpy.shutdown(context=context)
 
 
+def least(rounds: list[list[float]], share: float) -> float:
+    """The least over the rounds of the value below which that share of a round lies."""
+    return min(percentile(one, share) for one in rounds)
+
+
 def main() -> None:
     spec = make_run()
     bounds = (TYPED, BYTES) if LONG else (TYPED,)
@@ -158,25 +164,23 @@ def main() -> None:
         for _ in range(ROUNDS):
             for who, heard in rounds.items():
                 heard.append(measure(spec, run_file, who))
-    latencies = {
-        who: [value for one in heard for value in one.latencies_ms] for who, heard in rounds.items()
-    }
+    latencies = {who: [one.latencies_ms for one in heard] for who, heard in rounds.items()}
     for who in bounds:
         for share, limit in LIMITS.items():
             report(
                 f"dispatch: p{share * 100:.0f} beside a {who}",
-                percentile(latencies[MANAGER], share),
-                percentile(latencies[who], share),
+                least(latencies[MANAGER], share),
+                least(latencies[who], share),
                 "ms",
                 f"{TARGETS + 1} objects at {1 / PERIOD_S:.0f} Hz, "
-                f"{len(latencies[MANAGER])} triggers",
+                f"best of {ROUNDS} rounds of {len(latencies[MANAGER][0])} triggers",
                 lower=True,
                 ratio_limit=limit if who == TYPED else None,
             )
     report(
         "dispatch: oldest state that was answered",
-        max(latencies[MANAGER]),
-        max(latencies[TYPED]),
+        max(map(max, latencies[MANAGER])),
+        max(map(max, latencies[TYPED])),
         "ms",
         f"{sum(one.records for one in rounds[MANAGER])} decision records",
         lower=True,
