@@ -342,8 +342,10 @@ def _mean(met: Sequence[Met]) -> float:
 def score_block(event: Event, block: Block, kind: Kind) -> BlockScore:
     """Score one block by METHOD 2.2; each need that excludes it is a reason, with numbers."""
     t = event.topology
-    # Topology first, and of it the number of lanes: what a map can't change.
-    topology = {
+    # Topology first, and of it the number of lanes: what a map can't change. A kind of junctions
+    # asks for the junction before that.
+    first = {"segment": segment(event, block)} if kind.at_junction else {}
+    topology = first | {
         "lanes_same_direction": same_direction(event, block, kind),
         "road_type": road_type(event, block),
         "segment": segment(event, block),

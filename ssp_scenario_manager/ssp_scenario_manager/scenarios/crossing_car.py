@@ -7,7 +7,7 @@ at the junction's edge on its arm, and drives off when the trigger fires.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -18,7 +18,7 @@ from ssp_core.motion.encounter import corridor_half_m, is_crossing
 from ssp_core.motion.state import Size
 from ssp_core.run_file.model import Limits
 from ssp_scenario_manager.event_spec.model import Event, Interval
-from ssp_scenario_manager.maps.block import Block, Conflict, Passage, headings
+from ssp_scenario_manager.maps.block import Block, Conflict, Passage
 from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import (
     BlockPoint,
@@ -33,24 +33,28 @@ from ssp_scenario_manager.scenarios.base import (
 )
 from ssp_scenario_manager.scenarios.block_places import (
     ahead_of,
+    bend_speed_mps,
     end_of,
     rectangle,
     station_of,
     vut_lane_indices,
     within_block,
 )
-from ssp_scenario_manager.scenarios.motions import HOLD_S, cruise_reached_s, driver_travel
+from ssp_scenario_manager.scenarios.motions import HOLD_S, cruise_reached_s, driver_travel, motions
 from ssp_scenario_manager.scenarios.planning import BODY_MPS2, Draft, plans_on
-from ssp_scenario_manager.scenarios.prediction import Prediction
+from ssp_scenario_manager.scenarios.prediction import Prediction, predict
 from ssp_scenario_manager.scenarios.values import (
+    Choice,
     acceleration_limit,
     approach_acceleration,
     choose,
     chosen,
+    classes_of,
     fixed,
     quantity_at,
     size_of,
     speed_bounds,
+    thresholds_of,
     vehicle_speed_limit,
 )
 
@@ -58,6 +62,9 @@ _VUT_BRAKING_MPS2 = 3.0
 # The vehicle's way goes on so far beyond the junction, and is sampled at this step.
 _BEYOND_M = 40.0
 _STEP_M = 1.0
+_BELOW = "constraints.trigger.below"
+# So long before the VUT would the vehicle be in the VUT's corridor.
+_AHEAD_S = 0.3
 
 
 def _manoeuvres(_event: Event) -> frozenset[str]:
@@ -124,20 +131,13 @@ def _crossing_speed_limit(
         CannotPlace: the way bends too much for that.
     """
     fastest = vehicle_speed_limit(event, limits, other)
-    if other.line.is_straight:
-        return fastest
-    stations = np.arange(max(0.0, from_s_m), other.length_m, _STEP_M)
-    bend_1pm = float(np.abs(np.diff(headings(other.line, stations))).max(initial=0.0)) / _STEP_M
-    most_mps2 = acceleration_limit(event, limits)
-    if bend_1pm * fastest**2 <= most_mps2:
-        return fastest
-    in_bend = math.sqrt(most_mps2 / bend_1pm)
-    if in_bend < least_mps:
+    in_bend = bend_speed_mps(other, from_s_m, acceleration_limit(event, limits))
+    if in_bend < min(least_mps, fastest):
         raise CannotPlace(
-            f"the vehicle's way bends with a radius of {1.0 / bend_1pm:.0f} m, where "
-            f"{most_mps2:g} m/s^2 allow {in_bend:.1f} m/s; K* wants at least {least_mps:g} m/s"
+            f"the vehicle's way bends so much that {acceleration_limit(event, limits):g} m/s^2 "
+            f"sideways allow {in_bend:.1f} m/s; K* wants at least {least_mps:g} m/s"
         )
-    return in_bend
+    return min(fastest, in_bend)
 
 
 def _vut_start(
@@ -218,6 +218,29 @@ def _draft(
     )
 
 
+def _earliest_fired(
+    setting: Setting, choices: Mapping[str, Choice], draft: Callable[[Mapping[str, float]], Draft]
+) -> Choice:
+    """Put first the least ``below`` at which the vehicle is there before a VUT that doesn't react.
+
+    So near to its own arrival a VUT that keeps its speed meets the vehicle, and doesn't pass behind
+    it. The other values follow as they do for any quantity.
+    """
+    event, as_it_is = setting.event, choices["below"]
+    values = {name: choice.values[0] for name, choice in choices.items()}
+    made = draft(values)
+    told = motions(
+        setting.block.line, classes_of(event), event.vut_id, made.vut, made.targets, made.trigger
+    )
+    steady = told.driver.model_copy(update={"reacts": False})
+    seen = predict(replace(told, driver=steady), CROSSING_CAR.observable, thresholds_of(event))
+    least_s = values["below"] - (seen.vut_arrival_s - seen.overlap_s) + _AHEAD_S
+    if not math.isfinite(least_s):
+        return as_it_is
+    first = choose(event, _BELOW, "s", {_BELOW: round(least_s, 2)})
+    return replace(first, why="least at which it is first, if the VUT keeps its speed")
+
+
 def _plans(setting: Setting) -> Iterator[Plan]:
     event, block = setting.event, setting.block
     found = crossings(event, block, setting.routes)
@@ -248,7 +271,10 @@ def _plans_over(setting: Setting, crossing: tuple[Conflict, Block, Passage]) -> 
     pick = partial(choose, event, preferred=setting.preferred)
     _, most = speed_bounds(event, name, ("trigger", "conflict", "resolution"))
     c = "constraints"
-    fastest = vehicle_speed_limit(event, limits, block)
+    fastest = min(
+        vehicle_speed_limit(event, limits, block),
+        bend_speed_mps(block, 0.0, acceleration_limit(event, limits)),
+    )
     hardest = BODY_MPS2[event.participants[name].class_][0]
     line_distance = pick(f"{c}.manoeuvre.line_distance", "m")
     from_s_m = passage.start_s_m - max(line_distance.values) - size_of(event, name).front_m
@@ -257,7 +283,7 @@ def _plans_over(setting: Setting, crossing: tuple[Conflict, Block, Passage]) -> 
     crossing_mps = _crossing_speed_limit(event, limits, other, from_s_m, least_mps)
     choices = {
         "vut_speed": pick(f"{c}.speeds.{vut}.approach", "m/s", at_most=fastest),
-        "below": pick(f"{c}.trigger.below", "s"),
+        "below": pick(_BELOW, "s"),
         "crossing_speed": pick(
             f"{c}.manoeuvre.crossing_speed", "m/s", at_most=min(most, crossing_mps)
         ),
@@ -277,6 +303,8 @@ def _plans_over(setting: Setting, crossing: tuple[Conflict, Block, Passage]) -> 
         return rectangle(conflict.s_m - along, conflict.s_m + along, -half, half)
 
     draft = partial(_draft, setting, crossing)
+    if _BELOW not in setting.preferred:
+        choices["below"] = _earliest_fired(setting, choices, draft)
     for plan in plans_on(setting, CROSSING_CAR.observable, choices, draft, zone):
         yield replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m))
 

@@ -42,8 +42,9 @@ class Foreseen:
     Args:
         speeds: of the VUT until the end, (t in s, m/s), t rising from 0.
         driven_m: of the VUT at these times, distance since the start.
-        over_s: when it ends: ``after_resolution_s`` after the resolution was confirmed, s after the
-            start; None where nothing was resolved.
+        over_s: when it ends: ``after_resolution_s`` after the session confirmed the resolution, s
+            after the start; None where nothing was resolved. What of a conflict comes back later
+            doesn't lengthen it.
         vut: pose when the trigger fires.
         initiator: pose when the trigger fires.
         fired_s: when that is, s after the start.
@@ -108,10 +109,10 @@ def foresee(run: RunSpec) -> Foreseen:
             f"its trigger never fires: {condition_text(run.triggers[0].condition)}",
             field="run.triggers[0]",
         )
-    resolved_s = result.phase_s(Phase.RESOLUTION)
-    over_s = None
-    if resolved_s is not None:
-        over_s = resolved_s + RESOLUTION_CONFIRMATION_S + run.end.after_resolution_s
+    announced = (p.stamp_ns for p in result.happened.phases if p.phase is Phase.RESOLUTION)
+    resolved_ns, over_s = next(announced, None), None
+    if resolved_ns is not None:
+        over_s = ns_to_seconds(resolved_ns) + RESOLUTION_CONFIRMATION_S + run.end.after_resolution_s
     vut = record.truths(run.vut.id)
     kept = [
         (t, state.speed_mps, driven_m)
