@@ -22,9 +22,10 @@ from ssp_scenario_manager.closed_loop.start import Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import Record
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
 # Seeds of critical starts.
-EVENTS = {"lead_braking": 1, "slow_lead": 1, "vru_crossing": 2}
+EVENTS = {"crossing_car": 7, "lead_braking": 1, "slow_lead": 1, "vru_crossing": 2}
 LATENCY = Latency(0.3)
 SCRIPTED = CampaignDriver(driver="scripted")
 
@@ -37,7 +38,8 @@ def start_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[
     def make(event: str) -> tuple[Start, Record]:
         folder = tmp_path_factory.mktemp("gaming") / event
         seed = EVENTS[event]
-        run = prepare_run(event, "boulevard", folder, seed=seed, mode="lockstep")
+        site = "crossroads" if KINDS[event].at_junction else "boulevard"
+        run = prepare_run(event, site, folder, seed=seed, mode="lockstep")
         start = make_start(run, load_event(event)[0], seed, latency_max_s=1.0)
         assert start.contact is not None
         free = drive_start(start, CampaignDriver(driver="built_in"), ZERO_LATENCY, event=False)
@@ -111,6 +113,8 @@ WAYS = (
     ("lead_braking", stop_before_the_event, "brakes by"),
     ("slow_lead", brake_and_speed_up, "brakes by"),
     ("slow_lead", stop_before_the_event, "brakes by"),
+    ("crossing_car", brake_and_speed_up, "brakes by"),
+    ("crossing_car", plan_two_seconds_and_say_nothing, "falls back"),
     ("vru_crossing", hang_at_the_right_moment, ""),
 )
 

@@ -20,8 +20,10 @@ from ssp_scenario_manager.compile.changes import value_at, with_value
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import Record, append_record
 from ssp_scenario_manager.maps.site import LIBRARY
+from ssp_scenario_manager.scenarios.kinds import KINDS
 
 SITES = {"simulation": "boulevard", "physical": "north_track"}
+JUNCTIONS = {"simulation": "crossroads", "physical": "cross_track"}
 SAID_FILE = "said.json"
 SESSION_S = 540.0
 HERE = Path(__file__).parent
@@ -99,7 +101,7 @@ def changed_run(
 
 
 class Recordings:
-    """K* with their clips, and a recording of each domain: cut_in and vru_crossing.
+    """K* with their clips, and a recording of each domain.
 
     Args:
         folder: that all workers share.
@@ -131,7 +133,8 @@ class Recordings:
             if missing and domain == "synthetic":
                 self._import(event, target)
             elif missing:
-                run = ("run", bound, "--site", SITES[domain], "--seed", 11, "--out", target)
+                site = (JUNCTIONS if KINDS[event].at_junction else SITES)[domain]
+                run = ("run", bound, "--site", site, "--seed", 11, "--out", target)
                 succeed(*run, "--in-process", "--record")
         return target
 

@@ -1,4 +1,4 @@
-"""What becomes of the recording of a live session: it is audited and scored beside its partners."""
+"""The fate of a recording, also of a live session: it is audited and scored with its partners."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ssp_core.bag.declaration import participation_of
 from ssp_core.bag.reader import BagReader
 from ssp_core.run_file.model import load_run
 from ssp_core.run_file.participation import participants
-from ssp_eval.data.audit import load_audit
+from ssp_eval.data.audit import Audit, load_audit
 from tests.system.recordings import Recordings, succeed
 
 
@@ -22,6 +22,29 @@ def is_admitted_and_scored(
     Args:
         physical: folder of the session.
     """
+    live = admitted_and_scored(recordings, event, physical, tmp_path).recordings[2]
+    with BagReader(physical / "bag") as bag:
+        assert "/ssp/world/tick" not in bag.topics
+    assert (live.evidence, live.measured_from) == (
+        "states",
+        "states that VUT and object targets reported",
+    )
+    assert live.kpr == 1.0
+    assert live.epd is not None
+    assert live.epd < 0.15
+
+
+def admitted_and_scored(
+    recordings: Recordings, event: str, physical: Path, tmp_path: Path
+) -> Audit:
+    """Label, audit and score a recording beside its partners, and return the audit.
+
+    Fails unless all three are admitted, have as many labels in each phase, and give a model that
+    sees nothing the same score.
+
+    Args:
+        physical: folder of the session, into which its labels are written.
+    """
     simulation, synthetic = tmp_path / "simulation", tmp_path / "synthetic"
     for mine in (simulation, synthetic):
         # Labels are written beside a recording.
@@ -32,16 +55,6 @@ def is_admitted_and_scored(
     succeed("audit", *folders, "--out", tmp_path / "audit")
     audit = load_audit(tmp_path / "audit")
     assert [entry.status for entry in audit.recordings] == ["admitted"] * 3
-    live = audit.recordings[2]
-    with BagReader(physical / "bag") as bag:
-        assert "/ssp/world/tick" not in bag.topics
-    assert (live.evidence, live.measured_from) == (
-        "states",
-        "states that VUT and object targets reported",
-    )
-    assert live.kpr == 1.0
-    assert live.epd is not None
-    assert live.epd < 0.15
     assert audit.labels is not None
     assert "not comparable" not in audit.labels
     counts = [entry.labels.per_phase for entry in audit.recordings if entry.labels is not None]
@@ -64,6 +77,7 @@ def is_admitted_and_scored(
     # label times at which a camera on a busy machine gave no frame.
     lost = sum(len(cell["answers"]["missing"]) for cell in cells) / sum(counts[0].values())
     assert abs(scores["physical"] - scores["simulation"]) < 0.01 + lost
+    return audit
 
 
 def everybody_declares_simulated(session: Path) -> None:

@@ -1,0 +1,28 @@
+"""An event at a junction, from its clip over sessions on two sites to labels, audit and scores."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from ssp_eval.twins.files import read_set
+from tests.system.live.scored import admitted_and_scored
+from tests.system.recordings import Recordings, ssp
+
+
+def test_a_crossing_car_is_admitted_in_all_domains_and_scored_alike(
+    recordings: Recordings, tmp_path: Path
+) -> None:
+    physical = tmp_path / "physical"
+    shutil.copytree(recordings.get("crossing_car", "physical"), physical)
+    audit = admitted_and_scored(recordings, "crossing_car", physical, tmp_path)
+    for entry in audit.recordings:
+        assert entry.kpr == 1.0
+        assert entry.epd is not None
+        assert entry.epd < 0.05
+    assert ssp("twins", tmp_path / "simulation", "--change", "without=ot1") == 0
+    found = read_set(tmp_path / "simulation" / "bag")
+    assert found is not None
+    (twin,) = found.twins
+    assert twin.audit.holds
+    assert (twin.audit.outside_px, twin.audit.outside_judged) == (0, True)
