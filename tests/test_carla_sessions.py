@@ -21,7 +21,7 @@ from ssp_core.cli import main
 from support.carla_catalogue import BODIES
 from support.carla_commands import left_as_found, ssp
 from support.carla_counterpart import EMPTY_XODR, Behaviour, Counterpart
-from tests.support.carla_tasks import MAP, compiled
+from tests.support.carla_tasks import MAP, compiled, with_small_pictures
 
 IMAGE = names.absolute(names.CAMERA_IMAGE)
 # Before the first frame that counts the camera warms up; the event is some 160 frames long.
@@ -30,7 +30,7 @@ AT = 90
 
 @pytest.fixture(scope="module")
 def task(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return compiled("cut_in", tmp_path_factory.mktemp("carla") / "task")
+    return with_small_pictures(compiled("cut_in", tmp_path_factory.mktemp("carla") / "task"))
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import re
 import sys
 import tomllib
 import xml.etree.ElementTree as ElementTree
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -35,6 +36,7 @@ EXTRA = {"carla", "ray"}
 OURS = {*PACKAGES, "ssp_core"}
 # A file is a topic.
 MOST_LINES = 650
+NO_SUBJECT = re.compile(r"\b(nobody|whoever)\b", re.IGNORECASE)
 # A function's docstring begins with a verb, those of classes and modules with a noun.
 NEVER_FIRST = re.compile(
     r"\W*(who|whose|whom|what|which|when|where|why|how|whether|whatever|whoever|nobody|none|of|for|"
@@ -55,11 +57,17 @@ def sources(package: str) -> list[Path]:
     return sorted((ROOT / package / folder).rglob("*.py"))
 
 
+@cache
+def nodes(file: Path) -> list[ast.AST]:
+    """All nodes of a source file, which several tests look through."""
+    return list(ast.walk(ast.parse(file.read_text())))
+
+
 def imported(files: list[Path]) -> set[str]:
     """Top-level names that the files import."""
     found: set[str] = set()
     for file in files:
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in nodes(file):
             if isinstance(node, ast.Import):
                 found |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
@@ -178,7 +186,7 @@ def folder_imports(package: str) -> dict[str, set[str]]:
 
     found: dict[str, set[str]] = {}
     for module, file in modules.items():
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in nodes(file):
             if not isinstance(node, ast.ImportFrom) or (node.module or "").split(".")[0] != name:
                 continue
             for alias in node.names:
@@ -246,7 +254,7 @@ def test_a_class_owns_no_more_state_than_a_reader_can_hold() -> None:
     wide = []
     for package in PACKAGES:
         for file in sources(package):
-            for node in ast.walk(ast.parse(file.read_text())):
+            for node in nodes(file):
                 if not isinstance(node, ast.ClassDef) or is_frozen(node):
                     continue
                 count, most = len(attributes(node)), STILL_WIDE.get(node.name, MOST_ATTRIBUTES)
@@ -256,13 +264,14 @@ def test_a_class_owns_no_more_state_than_a_reader_can_hold() -> None:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_no_docstring_opens_with_a_question_word_or_a_preposition(package: str) -> None:
+def test_docstrings_open_with_verb_or_noun_and_have_a_subject(package: str) -> None:
+    """None opens with a question word or a preposition, and none is about nobody or whoever."""
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     found = []
     for file in sources(package):
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in nodes(file):
             text = ast.get_docstring(node) if isinstance(node, documented) else None
-            if NEVER_FIRST.match(text or ""):
+            if NEVER_FIRST.match(text or "") or NO_SUBJECT.search(text or ""):
                 found.append(f"{file.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}: {text}")
     assert not found, "\n".join(found)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssp_eval.causes.answers import Answer, Asked, Cause, asked, cause_of, wanted_cells
+from ssp_eval.causes.answers import Answer, Cause, CellAnswers, asked, cause_of, wanted_cells
 from ssp_eval.causes.effects import TRAJECTORY, Effect, Verdict, effects_of
 from ssp_eval.causes.findings import Moved, Word, compared, moved_by
 from ssp_eval.causes.forest import forests
@@ -97,7 +97,7 @@ def count_of_tests(found: Moved) -> int:
     return sum(e.test is not None and e.test.p_least < 1.0 for e in found.effects)
 
 
-def null_campaign(numbers: np.random.Generator) -> Iterator[Asked]:
+def null_campaign(numbers: np.random.Generator) -> Iterator[CellAnswers]:
     """A model that everything is alike to: its answers differ by chance, more so between cells."""
     for number in range(20):
         for condition in ("", *CONDITIONS):
@@ -109,7 +109,7 @@ def null_campaign(numbers: np.random.Generator) -> Iterator[Asked]:
                 path = Trajectory((0.0, 1.0, 3.0), (0.0, ahead_m, 3 * ahead_m), (0.0, 0.0, 0.0))
                 answers[label * 0.5] = Answer(tuple("ab"[w] for w in words), path, (None, None))
             name = f"event_{number}"
-            yield Asked("c", name, name, "simulation", "m", condition, answers)
+            yield CellAnswers("c", name, name, "simulation", "m", condition, answers)
 
 
 def test_of_a_model_that_all_is_alike_to_hardly_any_campaign_finds_something() -> None:

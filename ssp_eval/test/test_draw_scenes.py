@@ -11,7 +11,7 @@ from ssp_core.bag.cut import cut_bag
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Drawn
+from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Redrawing
 from ssp_eval.data.provenance import CARLA, Provenance, read_provenance
 from ssp_eval.draw.scenes import Recorded, read_recorded, scenes
 from ssp_ot_controller.camera.renderer.scene import Scene
@@ -36,7 +36,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def as_drawn() -> bytes:
     """The identity of a drawing."""
-    told = Drawn(
+    told = Redrawing(
         of="run-1",
         of_sha256="sha256:" + "1" * 64,
         map_file="Town01.xodr",

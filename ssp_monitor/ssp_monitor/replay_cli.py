@@ -113,7 +113,7 @@ def replay(bag: Path, network: bool, **wishes: Any) -> int:
 
 
 def main() -> int:
-    """Run the verb for ``ros2 run``, with errors told as the command line tells them."""
+    """Run the verb for ``ros2 run``, with errors as the command line prints them."""
     from ssp_core.cli import main as ssp
 
     return ssp(["replay", *sys.argv[1:]])

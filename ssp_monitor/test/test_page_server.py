@@ -12,7 +12,7 @@ import pytest
 from ssp_core.errors import HostError
 from ssp_monitor.page import server
 from ssp_monitor.page.server import FOLDER, PageServer, load_assets
-from ssp_monitor.status.board import Shown
+from ssp_monitor.status.board import StateOnPage
 from tests.support.page_clients import TOKEN, do, get, hello, live, post
 from tests.support.waiting import DEADLINE_S
 
@@ -120,7 +120,7 @@ def test_no_answer_is_told_as_none(page, manager, monkeypatch):
 def test_a_press_says_which_state_the_page_showed(page, manager):
     """A press that was meant for an earlier state must not count for the present one."""
     assert post(page, "start", json={"shown": "4@1700000000000000001"})[0] == 200
-    assert manager.shown == [Shown(4, 1_700_000_000_000_000_001)]
+    assert manager.shown == [StateOnPage(4, 1_700_000_000_000_000_001)]
     for body in (b"", b"{", b"[]", b'{"shown": 4}', b'{"shown": "0@1"}', b'{"shown": "4"}'):
         status, answer = post(page, "start", data=body)
         assert (status, answer["accepted"]) == (400, False), body

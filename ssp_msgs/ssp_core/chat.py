@@ -147,7 +147,7 @@ class OpenAIChat:
         base_url: up to and with ``/v1``.
         api_key: None sends a word that says that there is none; no key is taken from the
             environment, so that none goes to a server that it isn't for.
-        note: told of each try that failed.
+        note: called with each try that failed.
         remedies: what a person can do, by kind of trouble (Trouble.kind).
     """
 

@@ -134,7 +134,7 @@ def environment_errors(
     Args:
         env: variables of the process that starts nodes.
         middlewares: those installed; empty where that isn't known.
-        is_dead: says that nobody listens at a host and a UDP port; None doesn't ask.
+        is_dead: says that no process listens at a host and a UDP port; None doesn't ask.
 
     Returns:
         Each with variable, value and remedy.

@@ -101,8 +101,8 @@ def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
         most_bytes: where it may be larger.
 
     Raises:
-        InputError: it isn't there, is too large or isn't UTF-8, or is a named pipe, at which
-            nobody may ever write.
+        InputError: it isn't there, is too large or isn't UTF-8, or is a named pipe, to which
+            no process may ever write.
     """
     try:
         refuse_named_pipe(path)

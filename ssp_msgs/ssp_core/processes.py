@@ -341,7 +341,7 @@ class ProcessGroup:
 
     Args:
         processes: by node name.
-        owns_domain: nobody else is in the ROS domain, so that what is left of it may be removed.
+        owns_domain: no other session is in the ROS domain, so that its remains may be removed.
     """
 
     env: dict[str, str]
@@ -372,7 +372,7 @@ class ProcessGroup:
         """Start ``python -m module`` as a ROS node with parameters and remappings ``from:=to``.
 
         It receives SIGTERM when this process dies, however that happens, and no SIGINT from the
-        terminal: whoever runs the session ends it in order.
+        terminal: the session's runner ends it in order.
 
         Args:
             name: of the node, and of its log.
@@ -446,7 +446,7 @@ def remove_stale_shared_memory() -> int:
 
     Each segment has a lock file (``…_el``) that its owner holds locked while it lives, as
     ``fastdds shm clean`` knows too. So have the ports at which it listens (``…_el``, ``…_sl``), but
-    not those that it only wrote to: a port goes when nobody holds a lock in its domain and nothing
+    not those that it only wrote to: a port goes when no process locks one in its domain and nothing
     in there is new. What is another user's is left alone.
     """
     removed = 0

@@ -80,7 +80,7 @@ def ignore_stop_signals() -> None:
 
 
 class _Output(io.FileIO):
-    """A stream that drops what can't be written: nobody reads it any more, or the disk is full."""
+    """A stream that drops what can't be written: its reader is gone, or the disk is full."""
 
     failure = ""
 
@@ -96,7 +96,7 @@ class _Output(io.FileIO):
 def survive_lost_output() -> None:
     """Let no failure of standard output or error raise from here on in the code that prints.
 
-    A pipe that nobody reads, a terminal that is gone, and a full disk are no reason to leave a
+    A pipe without a reader, a terminal that is gone, and a full disk are no reason to leave a
     session or a recording behind. Streams that a test has put there stay.
     """
     for name in ("stdout", "stderr"):

@@ -4,8 +4,8 @@
 
 In: the newest frame and the request's prompt. Out: the raw text, in which the adapter `llavida`
 looks for the trajectory. The prompts that the model was trained with lie in its data set and not
-in its repository; the request's own is made of the task in the form that its answers have. Whoever
-has the data set gives its words with `--prompt FILE`, with {instruction}, {speed_mps},
+in its repository; the request's own is made of the task in the form that its answers have. A
+user who has the data set gives its words with `--prompt FILE`, with {instruction}, {speed_mps},
 {yaw_rate_radps}, {history} (the last 2 s), {lon_actions} and {lat_actions} where they belong. The
 prompt's hash is in every answer.
 

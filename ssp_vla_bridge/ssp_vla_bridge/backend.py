@@ -60,7 +60,7 @@ NO_IMAGES = "none"
 
 
 class NotTakenError(PeerError):
-    """The service did not take the request: nobody listens, or it is busy. Later it may."""
+    """The service did not take the request: no process listens, or it is busy. Later it may."""
 
 
 class NoTimeError(PeerError):
@@ -117,7 +117,7 @@ def parse_options(
 
     Raises:
         InputError: the text is no JSON object. It doesn't quote the text, in which somebody may
-            have put a key that can't be told from the rest.
+            have put a key that doesn't differ from the rest.
     """
     if not text.strip():
         return {}

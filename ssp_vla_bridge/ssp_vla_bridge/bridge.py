@@ -34,7 +34,7 @@ class Ticket:
 class RequestQueue:
     """A bounded queue whose requests are answered exactly once: by the worker or by a deadline.
 
-    It is not locked: whoever shares it between threads holds a lock around each call.
+    It is not locked: a caller that shares it between threads holds a lock around each call.
 
     Args:
         limit: requests that may wait, besides the one that is worked on.

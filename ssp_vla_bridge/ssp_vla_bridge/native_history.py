@@ -138,7 +138,7 @@ def _rounded(rows: Sequence[tuple[float, float]], decimals: int) -> NativeHistor
 
 
 @dataclass(frozen=True)
-class Said:
+class Statement:
     """Text of a stage, and the time that it was about, ns."""
 
     text: str
@@ -161,7 +161,7 @@ def stage_text(response: Response, name: str) -> str | None:
     return None
 
 
-def previous_stage(request: Request, name: str) -> Said | None:
+def previous_stage(request: Request, name: str) -> Statement | None:
     """Return what the request's earlier answer said in a stage.
 
     None: nothing, or it wasn't earlier.
@@ -171,4 +171,4 @@ def previous_stage(request: Request, name: str) -> Said | None:
         return None
     output = stage_text(previous, name)
     text = split_answer(output).text if output else ""
-    return Said(text.strip(), previous.stamp_ns) if text and text.strip() else None
+    return Statement(text.strip(), previous.stamp_ns) if text and text.strip() else None

@@ -6,7 +6,9 @@ from pathlib import Path
 
 from ssp_core.bag.reader import BagReader
 from ssp_core.cli import main
-from ssp_scenario_manager.compile.task import load_task
+from ssp_core.files import write_text
+from ssp_core.run_file.model import load_run
+from ssp_scenario_manager.compile.task import RUN_FILE, load_task
 from ssp_scenario_manager.maps.site import LIBRARY
 
 MAP = LIBRARY / "maps" / "bend.xodr"
@@ -19,6 +21,16 @@ def compiled(event: str | Path, folder: Path) -> Path:
     assert main(["compile", str(event), "--target", "sumo", *place, "--out", str(folder)]) == 0
     assert load_task(folder).place.kind == "opendrive"
     return folder
+
+
+def with_small_pictures(task: Path) -> Path:
+    """The task with pictures that just hold what the counterpart of a server writes into them."""
+    run = load_run(task / RUN_FILE)
+    assert run.camera is not None
+    camera = run.camera.model_copy(update={"width_px": 336, "height_px": 192})
+    small = run.model_copy(update={"camera": camera})
+    write_text(task / RUN_FILE, small.model_dump_json(by_alias=True, indent=1) + "\n")
+    return task
 
 
 def states(bag: Path, object_id: str) -> dict[int, bytes]:

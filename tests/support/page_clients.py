@@ -12,7 +12,7 @@ from typing import Any
 import aiohttp
 
 from ssp_monitor.page.server import PageServer
-from ssp_monitor.status.board import Answer, Shown
+from ssp_monitor.status.board import Answer, StateOnPage
 from tests.support.waiting import DEADLINE_S
 
 TOKEN = "the-right-token-of-this-test"
@@ -24,10 +24,10 @@ class Manager:
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, str]] = []
-        self.shown: list[Shown | None] = []
+        self.shown: list[StateOnPage | None] = []
         self.silent: set[str] = set()
 
-    def ask(self, command: str, who: str, shown: Shown | None) -> Future[Answer]:
+    def ask(self, command: str, who: str, shown: StateOnPage | None) -> Future[Answer]:
         self.asked.append((command, who))
         self.shown.append(shown)
         answer: Future[Answer] = Future()

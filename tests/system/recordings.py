@@ -24,6 +24,8 @@ from ssp_scenario_manager.scenarios.kinds import KINDS
 
 SITES = {"simulation": "boulevard", "physical": "north_track"}
 JUNCTIONS = {"simulation": "crossroads", "physical": "cross_track"}
+# Of sessions whose pictures aren't looked at.
+SMALL = {"camera.width_px": 240, "camera.height_px": 136}
 SAID_FILE = "said.json"
 SESSION_S = 540.0
 HERE = Path(__file__).parent
@@ -37,6 +39,36 @@ def ssp(*arguments: object) -> int:
 
 def succeed(*arguments: object) -> None:
     assert ssp(*arguments) == 0, arguments
+
+
+def change_on_site(
+    task: Path, changes: Changes, *, logged: bool = True, reason: str = "to be refused"
+) -> None:
+    """Change fields of a task's run.
+
+    Args:
+        task: folder of the task.
+        changes: by field of the run.
+        logged: the changes stand in the log, with who made them and why.
+        reason: of the changes.
+    """
+    run = load_run(task / "run.yaml")
+    for field, new in changes.items():
+        old = value_at(run, field)
+        run = with_value(run, field, new)
+        record = Record(
+            kind="site_change",
+            when="2025-03-01T09:30:00Z",
+            who="A. Tester",
+            subject=run.scenario,
+            field=field,
+            old=old,
+            new=value_at(run, field),
+            reason=reason,
+        )
+        if logged:
+            append_record(task / "log.jsonl", record)
+    write_text(task / "run.yaml", run.model_dump_json(by_alias=True, indent=1) + "\n")
 
 
 def changed_run(
@@ -64,23 +96,7 @@ def changed_run(
     assert size(960, 540) in text
     write_text(site, text.replace(size(960, 540), size(*size_px)))
     succeed("compile", bound, "--target", "sumo", "--site", site, "--out", task)
-    run = load_run(task / "run.yaml")
-    for field, new in changes.items():
-        old = value_at(run, field)
-        run = with_value(run, field, new)
-        record = Record(
-            kind="site_change",
-            when="2025-03-01T09:30:00Z",
-            who="A. Tester",
-            subject=run.scenario,
-            field=field,
-            old=old,
-            new=value_at(run, field),
-            reason="to be refused",
-        )
-        if logged:
-            append_record(task / "log.jsonl", record)
-    write_text(task / "run.yaml", run.model_dump_json(by_alias=True, indent=1) + "\n")
+    change_on_site(task, changes, logged=logged)
     given = [task, "--seed", 11, "--out", folder / "run"]
     if program is None:
         # Over DDS it would be the same bag (test_in_process).
@@ -139,12 +155,13 @@ class Recordings:
         return target
 
     def task(self, event: str) -> Path:
-        """A shipped event, compiled for the simulation."""
+        """A shipped event, compiled for the simulation, with small pictures."""
         target = self.folder / f"{event}-task"
         with self._once(target.name) as missing:
             if missing:
                 site = SITES["simulation"]
                 succeed("compile", event, "--target", "sumo", "--site", site, "--out", target)
+                change_on_site(target, SMALL, reason="its pictures aren't looked at")
         return target
 
     def session(self, event: str, domain: str) -> Path:

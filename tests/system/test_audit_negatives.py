@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,9 @@ import pytest
 
 from ssp_eval.audit import judge, pictures
 from ssp_eval.audit.examine import Examined
-from ssp_eval.audit.recording import Recording
+from ssp_eval.audit.recording import Head, Recording
 from ssp_eval.data.audit import Audit, RecordingEntry, load_audit
+from ssp_eval.data.provenance import find_bag
 from ssp_eval.pictures.footage import Grey, read_grey
 from ssp_scenario_manager.event_spec.model import Event
 from tests.system.recordings import Changes, Recordings, changed_run, ssp, succeed
@@ -39,22 +40,37 @@ sys.exit(main(sys.argv[1:]))
 def _sound_partners_are_examined_once(recordings: Recordings) -> Iterator[None]:
     """A sound recording of the other two domains shows the same beside each broken one.
 
-    Each is examined in the first audit that it takes part in.
+    Each is read and examined in the first audit that it takes part in.
     """
-    examine, known = judge.examine, {}
+    head, read, examine = judge.read_head, judge.read_recording, judge.examine
     partners = [f"{event}-{domain}" for event in EVENTS for domain in ("synthetic", "physical")]
     sound = {recordings.folder / partner / "bag" for partner in partners}
+    known: dict[tuple[Any, ...], Any] = {}
 
-    def once(recording: Recording, event: Event | None, version: str | None) -> Examined:
-        if recording.path not in sound:
-            return examine(recording, event, version)
-        key = recording.path, version
-        if key not in known:
-            known[key] = examine(recording, event, version)
-        return known[key]
+    def once(path: Path, work: Callable[..., Any], *given: Any, key: tuple[Any, ...] = ()) -> Any:
+        if path not in sound:
+            return work(*given)
+        if (work, path, *key) not in known:
+            known[work, path, *key] = work(*given)
+        return known[work, path, *key]
+
+    def head_once(path: Path) -> Head:
+        bag: Head = once(find_bag(path), head, path)
+        return bag
+
+    def read_once(path: Path, of: Head) -> Recording:
+        recording: Recording = once(path, read, path, of)
+        return recording
+
+    def examine_once(recording: Recording, event: Event | None, version: str | None) -> Examined:
+        given = recording, event, version
+        examined: Examined = once(recording.path, examine, *given, key=(version,))
+        return examined
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(judge, "examine", once)
+        patch.setattr(judge, "read_head", head_once)
+        patch.setattr(judge, "read_recording", read_once)
+        patch.setattr(judge, "examine", examine_once)
         yield
 
 

@@ -23,7 +23,7 @@ from ssp_core.run_file.model import load_run
 from support.carla_commands import left_as_found, ssp
 from support.carla_counterpart import Actor, Behaviour, Counterpart
 from support.carla_picture import read_picture
-from tests.support.carla_tasks import MAP, compiled, equal_states
+from tests.support.carla_tasks import MAP, compiled, equal_states, with_small_pictures
 from tests.system.conftest import LONG, START_DEADLINE_S
 from tests.system.recordings import succeed
 
@@ -37,7 +37,7 @@ def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def task(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return compiled("cut_in", tmp_path_factory.mktemp("carla") / "task")
+    return with_small_pictures(compiled("cut_in", tmp_path_factory.mktemp("carla") / "task"))
 
 
 def drawn(task: Path, server: Counterpart) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from ssp_eval.data.provenance import read_provenance
 from support.carla_commands import left_as_found
 from support.carla_counterpart import Behaviour, Counterpart
 from support.carla_physics import Physics
-from tests.support.carla_tasks import MAP, compiled
+from tests.support.carla_tasks import MAP, compiled, with_small_pictures
 
 pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.carla]
 # None of its numbers is one of ours.
@@ -36,7 +36,7 @@ OTHER = Physics(
 def test_a_session_that_carla_moves(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], start_session: Any
 ) -> None:
-    task, run = compiled("cut_in", tmp_path / "task"), tmp_path / "run"
+    task, run = with_small_pictures(compiled("cut_in", tmp_path / "task")), tmp_path / "run"
     with Counterpart(Behaviour(xodr=MAP.read_text(), physics=OTHER)) as server:
         moved = ("--plant", f"carla://{server.address}", "--json")
         session = start_session(str(task), "--seed", "11", *moved)

@@ -520,14 +520,6 @@ def test_an_orderly_end_is_heard_and_stays_on_the_page(
     assert tab.text("#ended").startswith(head)
 
 
-def test_without_a_viewer_the_page_ends_with_the_run(
-    start_session: Callable[..., Any], live_processes: Any
-) -> None:
-    session = start_session("cut_in", "--no-camera", "--page", "0")
-    assert session.finish()["verdict"] == "valid"
-    assert live_processes(session.folder) == {}
-
-
 def test_the_death_of_the_manager_goes_on_shouting(
     long_session: Callable[..., Any], tab: Browser
 ) -> None:
@@ -560,12 +552,3 @@ def test_a_manager_that_falls_silent_without_an_end_is_shouted(stage: Stage, tab
         stage.started[0].send_signal(number)
         tab.wait(f"{BANNER}.innerText.includes('the scenario manager is silent for')")
         assert tab.evaluate("document.getElementById('ended').hidden")
-
-
-def test_run_goes_on_without_its_page(start_session: Callable[..., Any]) -> None:
-    session = start_session("cut_in", "--no-camera", "--page", "0")
-    page_url(session)
-    session.kill("monitor_page")
-    result = session.finish()
-    assert result["verdict"] == "valid", result["reasons"]
-    assert "the operator page killed by SIGKILL; the session goes on" in "".join(session.lines)

@@ -93,13 +93,16 @@ def test_interruption_aborts_and_leaves_nothing_behind(
     assert max(last_speeds(session.folder / "bag").values()) < 0.05
 
 
-def test_output_that_nobody_reads_ends_no_session(start_session: Any) -> None:
-    session = start_session("cut_in", "--no-camera")
+def test_closed_output_ends_no_session_and_a_page_without_a_viewer_ends_with_it(
+    start_session: Any, live_processes: Any
+) -> None:
+    session = start_session("cut_in", "--no-camera", "--page", "0")
     session.wait_for("session")
     session.process.stdout.close()
     session.process.stderr.close()
     assert session.finish()["verdict"] == "valid"
     assert session.process.returncode == 0
+    assert live_processes(session.folder) == {}
 
 
 def test_killed_runner_takes_its_nodes_along(long_session: Any, live_processes: Any) -> None:
@@ -113,11 +116,13 @@ def test_killed_runner_takes_its_nodes_along(long_session: Any, live_processes: 
     assert (session.folder / "bag" / "metadata.yaml").is_file()
 
 
-def test_a_recorder_that_stands_still_for_a_while_loses_nothing_in_lockstep(
+def test_a_session_outlives_its_page_and_waits_for_a_recorder_that_stands_still(
     start_session: Any,
 ) -> None:
-    """The world waits for it. What is tested is a stall of a certain length."""
-    session = start_session("cut_in", "--no-camera")
+    """In lockstep the world waits for the recorder, of which a stall of some length is tested."""
+    session = start_session("cut_in", "--no-camera", "--page", "0")
+    session.wait_for("operator page: ")
+    session.kill("monitor_page")
     session.wait_for("session RUNNING")
     # Looking for it takes a busy machine a while, which would be a part of the stall.
     monitor = session.pid_of("monitor")
@@ -130,6 +135,7 @@ def test_a_recorder_that_stands_still_for_a_while_loses_nothing_in_lockstep(
         until(lambda written=written: file.stat().st_size > written, "word of the recorder")
     result = session.finish()
     assert (result["verdict"], result["reasons"]) == ("valid", [])
+    assert "the operator page killed by SIGKILL; the session goes on" in "".join(session.lines)
     with AnyReader([session.folder / "bag"]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
     assert counts["/ssp/vut/state"] > 600

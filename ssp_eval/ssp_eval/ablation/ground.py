@@ -197,7 +197,7 @@ def run_of(frame: Frame, ground: Ground, made: ArmRun) -> RunSpec:
 
 
 def executed(run: RunSpec) -> RunSpec:
-    """Return a run as each arm's is executed: no camera, no surroundings, nobody judges passing."""
+    """Return a run as each arm's is executed: without camera, surroundings and passing order."""
     update: dict[str, Any] = {"camera": None, "traffic": [], "passing": None, "disturbance": NOISE}
     return run.model_copy(update=update)
 

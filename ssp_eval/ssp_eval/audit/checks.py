@@ -73,7 +73,7 @@ def _video(one: Subject) -> Iterator[Finding]:
 
 
 def _crop(one: Subject) -> Iterator[Finding]:
-    """Check that the K*'s source clip is in the K*'s crop, whoever looks at it."""
+    """Check that the K*'s source clip is in the K*'s crop, independently of any observer."""
     if one.event is None or not one.is_source:
         return
     imported, at = one.whole.provenance.imported, source_times(one.event)
@@ -126,7 +126,7 @@ def _contradictions(one: Subject) -> Iterator[Finding]:
 
 
 def _unverified(one: Subject) -> Iterator[Finding]:
-    """One finding for all that nobody vouches for, with what would mend it."""
+    """One finding for all that no source confirms, with what would mend it."""
     missing = [name.replace("_", " ") for name in FIELDS if one.values[name].source == "unverified"]
     if one.located is None:
         missing.append("phases")
@@ -252,8 +252,8 @@ def property_findings(
     Args:
         found: q(d, k) of the fields that are verified.
         wanted: what it must be equal to; a field that isn't determined there judges nothing.
-        phases: of this recording; None: nobody located any.
-        first_arrival_s: at the conflict zone, None: nobody arrives.
+        phases: of this recording; None: none were located.
+        first_arrival_s: at the conflict zone, None: no participant arrives.
     """
     # From when on nothing that happens can change the value.
     decided_s = {
@@ -326,7 +326,7 @@ def phase_findings(phases: Phases, closest: str) -> list[Finding]:
 
     Args:
         phases: the recording's phases in clip time.
-        closest: how near it came to a conflict, for people; empty where nobody measured it.
+        closest: how near it came to a conflict, for people; empty where it wasn't measured.
     """
     findings = []
     never = math.inf

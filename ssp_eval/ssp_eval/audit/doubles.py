@@ -40,7 +40,7 @@ def hold_apart(examined: Sequence[Examined]) -> list[Held]:
     """Find recordings that are another domain's, by their files, sessions, pictures and tracks.
 
     Two simulated sessions of this project may be equal: their plans come from one K*. What each of
-    them comes from is told.
+    them comes from is disclosed.
     """
     tracks = [_tracks(one) for one in examined]
     details: dict[int, Details] = {}

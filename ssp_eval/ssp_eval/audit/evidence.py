@@ -390,7 +390,7 @@ class Subject:
         values: q(d, k) per field, with its source.
         crop: the clip that all of this is of; None: the recording never began.
         measured: None without states.
-        phases: None: nobody located any.
+        phases: None: none were located.
         moments: the states at each frame of the clip.
     """
 

@@ -1,4 +1,4 @@
-"""Examines one recording, whoever made it: what it shows, and what is wrong with it (METHOD 4)."""
+"""Examines one recording of any origin: its event, and what is wrong with it (METHOD 4)."""
 
 from __future__ import annotations
 

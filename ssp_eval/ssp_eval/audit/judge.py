@@ -188,7 +188,7 @@ def _time(record: Record) -> datetime:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judgement:
     """An audit with what its page needs besides."""
 
     audit: Audit
@@ -222,7 +222,7 @@ def judge(
     event: Event | None = None,
     limits: ResponseLimits | None = None,
     on_measured: Callable[[], None] = lambda: None,
-) -> Judged:
+) -> Judgement:
     """Audit three recordings that were read.
 
     Args:
@@ -249,7 +249,7 @@ def judge_files(
     event: Event | None = None,
     limits: ResponseLimits | None = None,
     on_step: Callable[[], None] = lambda: None,
-) -> Judged:
+) -> Judgement:
     """Audit three recordings as ``judge`` does, with the states of one of them in memory at a time.
 
     Args:
@@ -277,7 +277,7 @@ def _compare(
     event: Event | None,
     version: str | None,
     limits: ResponseLimits | None,
-) -> Judged:
+) -> Judgement:
     recordings = [one.whole for one in examined]
     varying = frozenset() if event is None else varying_parts(event)
     counted = [_without(one.properties, varying) for one in examined]
@@ -329,7 +329,7 @@ def _compare(
         recordings=entries,
         response=respond([_drive(one) for one in examined], limits or load_limits()),
     )
-    return Judged(audit, examined)
+    return Judgement(audit, examined)
 
 
 def _disclosing(entry: RecordingEntry, more: Mapping[str, str]) -> RecordingEntry:

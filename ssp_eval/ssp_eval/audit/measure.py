@@ -52,7 +52,7 @@ class Scene:
 
     Args:
         series: (clip time in s, states by id), times rising, from the clip's start to its end.
-        road: that they drive on; None: nobody bound one, and there is no topology.
+        road: that they drive on; None: none is bound, and there is no topology.
     """
 
     series: Series

@@ -304,7 +304,7 @@ def _side_by_side(rows: Sequence[Mapping[str, str]]) -> list[tuple[str, list[str
 
 
 @dataclass(frozen=True)
-class Drawn:
+class PagePictures:
     """The pictures of an audit's page, by domain.
 
     Args:
@@ -318,7 +318,7 @@ class Drawn:
 
 def draw(
     examined: Sequence[Examined], on_picture: Callable[[int, int], None] = lambda _done, _of: None
-) -> Drawn:
+) -> PagePictures:
     """Return the pictures of examined recordings.
 
     Args:
@@ -334,10 +334,10 @@ def draw(
         strips[one.recording.provenance.domain] = pictures(one)
         roads[one.recording.provenance.domain] = moving_road(one)
         on_picture(done, len(examined))
-    return Drawn(strips, roads)
+    return PagePictures(strips, roads)
 
 
-def render(audit: Audit, drawn: Drawn) -> str:
+def render(audit: Audit, drawn: PagePictures) -> str:
     """Return the page as HTML: its words are the audit's, its pictures those of the recordings."""
     environment = templates(_HERE)
     environment.filters["plain"] = _plain

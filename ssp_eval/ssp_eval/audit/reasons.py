@@ -1,7 +1,7 @@
 """The reasons for refusing a recording: one table of causes and their consequences (reasons.yaml).
 
 The order of the table is the order of precedence. A finding stands under the first one above it
-that may have brought it about; what has nobody above it is a cause of its own, and the first of
+that may have brought it about; a reason with none above it is a cause of its own, and the first of
 these is the primary reason (METHOD 4).
 """
 

@@ -167,7 +167,7 @@ def site_changes(attached: Attached, executed: RunSpec) -> tuple[list[ChangeEntr
     """Every difference between the compiled run and the one that ran, and who logged it.
 
     Returns:
-        The changes, logged ones first, and a finding for what nobody logged.
+        The changes, logged ones first, and a finding for changes that aren't logged.
     """
     if attached.task is None:
         return [], []
@@ -252,7 +252,7 @@ class Recording:
         phase_events: clip times of the phases as the run announced them.
         optics: None: the camera isn't known.
         labels: beside the bag, None where there are none; they are counted and decide nothing.
-        agreement: what those who looked at it wrote down, sealed and bound to it; None: nobody did.
+        agreement: what those who looked at it wrote down, sealed and bound to it; None: none.
     """
 
     path: Path

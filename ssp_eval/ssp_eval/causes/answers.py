@@ -118,7 +118,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Asked:
+class CellAnswers:
     """One cell: a recording's answers under one condition.
 
     Args:
@@ -156,7 +156,7 @@ def wanted_cells(folders: Iterable[str]) -> frozenset[str]:
     return frozenset(name for base, name in pairs if base in bases or name in bases)
 
 
-def asked(cell: CellData) -> Asked | None:
+def asked(cell: CellData) -> CellAnswers | None:
     """Collect the answers of a cell; None: it has no answers, or isn't compared."""
     facts, condition = cell.facts, cell.facts.condition
     known = condition in ("", REPEAT) or cause_of(condition) is not None
@@ -167,7 +167,7 @@ def asked(cell: CellData) -> Asked | None:
         judgement.label_t_s: _answer(judgement, cell.records)
         for judgement in cell.score.details.judgements
     }
-    return Asked(
+    return CellAnswers(
         campaign=str(out),
         recording=facts.hashes.get("bag") or f"{cell.scenario} {cell.domain}",
         scenario=cell.scenario,

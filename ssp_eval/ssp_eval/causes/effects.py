@@ -14,7 +14,7 @@ from statistics import fmean
 
 import numpy as np
 
-from ssp_eval.causes.answers import REASONING, Answer, Asked, Cause, cause_of
+from ssp_eval.causes.answers import REASONING, Answer, Cause, CellAnswers, cause_of
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.clients.models import REPEAT
 from ssp_eval.statistics.comparisons import step_down
@@ -163,18 +163,18 @@ class Compared:
         return [one for one in (self.control, self.repeat) if one is not None]
 
 
-def effects_of(cells: Iterable[Asked]) -> list[Effect]:
+def effects_of(cells: Iterable[CellAnswers]) -> list[Effect]:
     """All effects, by model, cause and output; controls themselves are beside the causes.
 
     Label times at which one of the answers is missing are left out.
     """
-    by_model: dict[str, list[Asked]] = {}
+    by_model: dict[str, list[CellAnswers]] = {}
     for cell in cells:
         by_model.setdefault(cell.model, []).append(cell)
     return [one for model in sorted(by_model) for one in _of_model(model, by_model[model])]
 
 
-def _of_model(model: str, cells: Sequence[Asked]) -> list[Effect]:
+def _of_model(model: str, cells: Sequence[CellAnswers]) -> list[Effect]:
     found: list[Effect] = []
     causes = {cause for cell in cells if (cause := cause_of(cell.condition)) is not None}
     wanted = sorted((c for c in causes if not c.is_control), key=lambda c: c.order)
@@ -193,7 +193,9 @@ def _of_model(model: str, cells: Sequence[Asked]) -> list[Effect]:
     return _corrected(found)
 
 
-def compared_answers(cause: Cause, cells: Iterable[Asked]) -> tuple[str, list[list[Compared]]]:
+def compared_answers(
+    cause: Cause, cells: Iterable[CellAnswers]
+) -> tuple[str, list[list[Compared]]]:
     """Choose the answers to compare for each recording, and the control.
 
     A recording that was asked in several campaigns, or about several objects, is one unit. Where

@@ -11,7 +11,7 @@ from ssp_eval.causes.answers import (
     PICTURES,
     REASONING,
     TWIN,
-    Asked,
+    CellAnswers,
     asked,
     wanted_cells,
 )
@@ -50,7 +50,7 @@ class Finding:
 
     Args:
         tested: False: it rests on recordings too few for any test.
-        sentences: the evidence, and what can't be told.
+        sentences: the evidence, and what can't be concluded.
     """
 
     model: str
@@ -76,7 +76,7 @@ _SAID = frozenset({*Verdict} - {Verdict.NOT_GIVEN})
 class Moved:
     """All that a report says of what moved the answers."""
 
-    cells: tuple[Asked, ...]
+    cells: tuple[CellAnswers, ...]
     effects: tuple[Effect, ...]
     findings: tuple[Finding, ...]
 
@@ -90,14 +90,14 @@ def moved_by(cells: Iterable[CellData]) -> Moved | None:
     return compared(answers_in(cells))
 
 
-def answers_in(cells: Iterable[CellData]) -> list[Asked]:
+def answers_in(cells: Iterable[CellData]) -> list[CellAnswers]:
     """Collect the answers of the cells that are compared."""
     listed = [*cells]
     wanted = wanted_cells(cell.id for cell in listed)
     return [kept for cell in listed if cell.id in wanted and (kept := asked(cell))]
 
 
-def compared(answers: Iterable[Asked]) -> Moved | None:
+def compared(answers: Iterable[CellAnswers]) -> Moved | None:
     """Find the causes as moved_by does, from collected answers."""
     cells = tuple(answers)
     by_model: dict[str, list[Effect]] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from statistics import fmean
 
-from ssp_eval.causes.answers import Answer, Asked, cause_of
+from ssp_eval.causes.answers import Answer, CellAnswers, cause_of
 from ssp_eval.causes.effects import TRAJECTORY, Effect, Verdict
 from ssp_eval.causes.findings import Finding, Moved
 from ssp_eval.statistics.table import Column, Table, Value
@@ -188,7 +188,7 @@ def _end(effect: Effect) -> tuple[Value, ...]:
     return effect.p_holm, effect.verdict.value, effect.control or "no control", least
 
 
-def agreement_table(cells: Iterable[Asked]) -> Table:
+def agreement_table(cells: Iterable[CellAnswers]) -> Table:
     """Tabulate how often text and trajectory state the same actions, factual and by cause."""
     groups: dict[tuple[str, str], list[Answer | None]] = {}
     words: dict[str, str] = {}

@@ -20,7 +20,7 @@ _BRAKES = ("decelerate", "stop")
 
 
 @dataclass(frozen=True)
-class Said:
+class DrivenAnswer:
     """One answer at or after T_obs, with the plan that was driven.
 
     Args:
@@ -52,7 +52,7 @@ class Words:
     only_done: int
 
 
-def load_said(campaign: LoopCampaign) -> list[Said]:
+def load_said(campaign: LoopCampaign) -> list[DrivenAnswer]:
     """Read the answers that have texts; none where no driver has any.
 
     Raises:
@@ -65,11 +65,11 @@ def load_said(campaign: LoopCampaign) -> list[Said]:
     return found
 
 
-def _said(path: Path, number: int, line: str) -> Said:
+def _said(path: Path, number: int, line: str) -> DrivenAnswer:
     try:
         one = json.loads(line)
         speed_mps, slows_mps = float(one["speed_mps"]), float(one["slows_mps"])
-        return Said(int(one["row"]), str(one["text"]), speed_mps, slows_mps)
+        return DrivenAnswer(int(one["row"]), str(one["text"]), speed_mps, slows_mps)
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"is no answer of a campaign: {error}", file=path, line=number) from error
 
@@ -86,7 +86,7 @@ def lon_action_by(extractor: Extractor) -> Callable[[str], str | None]:
 
 
 def words_of(
-    campaign: LoopCampaign, said: Iterable[Said], action: Callable[[str], str | None]
+    campaign: LoopCampaign, said: Iterable[DrivenAnswer], action: Callable[[str], str | None]
 ) -> list[Words]:
     """Compare words with deeds.
 

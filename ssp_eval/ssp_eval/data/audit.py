@@ -63,7 +63,7 @@ def differences(found: Property, reference: Property) -> dict[str, tuple[str, st
     """Return the parts in which two values of one field differ, as (found, reference).
 
     Two words for a part agree when they share one. An empty answer means that the fields are equal;
-    None means that one of them isn't determined, so that nobody can say.
+    None means that one of them isn't determined, so that the answer is unknown.
     """
     if found.words is None or reference.words is None:
         return None

@@ -17,7 +17,7 @@ Digest = Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")]
 Count = Annotated[int, Field(ge=0)]
 
 
-class Drawn(Strict):
+class Redrawing(Strict):
     """The recording whose states were drawn, and what is new."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
@@ -42,10 +42,10 @@ class Drawn(Strict):
         return told
 
 
-def read_drawn(bag: BagReader) -> Drawn | None:
+def read_drawn(bag: BagReader) -> Redrawing | None:
     """Read of which recording the pictures were drawn anew; None: they are its own."""
     data = bag.attachment(DRAWN_ATTACHMENT)
     if data is None:
         return None
     place = f"{bag.path}:{DRAWN_ATTACHMENT}"
-    return parse_model(Drawn, parse_mapping(data, place), place)
+    return parse_model(Redrawing, parse_mapping(data, place), place)

@@ -117,7 +117,7 @@ def template_json(
     Args:
         scenario: name of the event.
         domain: of METHOD 5.2.
-        event_version: K* version, or a word that says that nobody knows it.
+        event_version: K* version, or a word for an unknown one.
         times_s: clip times, rising.
         places: of a plan, one for each time; empty: the times lie on a clock grid.
         risk_time_s: where the plan knows it.
@@ -175,7 +175,7 @@ class Label:
         t_s: clip time, s.
         phase: one of approach, trigger, conflict, resolution.
         risk_visible: whether the risk can be seen in the forward video by now.
-        objects: classes of the relevant road users; ``()`` says that there is nobody.
+        objects: classes of the relevant road users; ``()`` says that there are none.
         position: of the critical object, seen from the VUT.
         motion: of the critical object, seen from the VUT.
         lon_actions: longitudinal actions that are right here, at least one.
@@ -343,7 +343,7 @@ class LabelComparison:
     """The comparison of several recordings' labels.
 
     Args:
-        domains: how many recordings there are; one alone has nobody to be compared with.
+        domains: how many recordings there are; a single one has no other to be compared with.
         comparable: whether a difference between their scores can be one between domains.
         aligned: whether their labels lie at the same places of the phases.
         text: how many labels each has per phase, and what keeps them apart; for people.

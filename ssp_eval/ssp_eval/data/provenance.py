@@ -26,7 +26,7 @@ from ssp_core.run_file.road import Road
 from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Strict
 from ssp_core.run_file.verdict import VERDICT_FILE, RecordedVerdict, read_verdict
 from ssp_core.vocabulary import DomainWord, ObjectWord, SessionPhase, Verdict
-from ssp_eval.data.drawn import Drawn, read_drawn
+from ssp_eval.data.drawn import Redrawing, read_drawn
 from ssp_eval.data.server import ServerProbe, read_probe, read_server
 
 SCHEMA: Literal["ssp.import/2"] = "ssp.import/2"
@@ -217,7 +217,7 @@ class Provenance:
         plant: what the server was that moved its bodies, None where they are ours or real.
         probe: of that server, as it lies beside the bag; None: there is none.
         participation: what the participants of a session were, None for an imported video.
-        declaration_sha256: hash of declaration.json, None where nobody gave a word.
+        declaration_sha256: hash of declaration.json, None where no declaration was given.
         seal: how the bag's seal stands to what is in it, and what can't be checked of the verdict;
             empty where that was not looked at.
     """
@@ -239,7 +239,7 @@ class Provenance:
     run: RunSpec | None
     imported: ImportRecord | None
     twin: str | None = None
-    drawn: Drawn | None = None
+    drawn: Redrawing | None = None
     scene: CarlaScene | None = None
     plant: CarlaPlantRecord | None = None
     probe: ServerProbe | None = None
@@ -263,7 +263,7 @@ class Provenance:
 
     @property
     def is_undeclared(self) -> bool:
-        """True for a physical session of which nobody says what took part in it."""
+        """True for a physical session without a declaration of what took part in it."""
         part = self.participation
         return (
             part is not None
@@ -298,7 +298,7 @@ class Provenance:
 
     @property
     def road(self) -> Road | None:
-        """The road that is bound to the recording; None where nobody bound one."""
+        """The road that is bound to the recording; None where none is bound."""
         if self.run is not None:
             return self.run.road
         site = None if self.imported is None else self.imported.site

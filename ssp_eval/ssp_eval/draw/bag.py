@@ -19,7 +19,7 @@ from ssp_core.run_file.verdict import VERDICT_FILE
 from ssp_core.world.camera import intrinsics
 from ssp_core.world.camera_messages import encode_camera_info, encode_frame
 from ssp_core.world.transforms import encode_transform, mount
-from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Drawn
+from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Redrawing
 from ssp_eval.data.provenance import bag_folder
 from ssp_eval.draw.pictures import Pictures
 from ssp_eval.draw.scenes import IMAGE, Recorded
@@ -29,7 +29,7 @@ _RENDERER = absolute(CAMERA_RENDERER)
 
 
 def write_drawn(
-    recorded: Recorded, pictures: Pictures, server: CarlaScene, drawn: Drawn, target: Path
+    recorded: Recorded, pictures: Pictures, server: CarlaScene, drawn: Redrawing, target: Path
 ) -> None:
     """Write the new bag, which is whole or not there.
 

@@ -17,7 +17,7 @@ from ssp_core.carla.record import CarlaScene
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import parse_model, taken_folder
 from ssp_core.hashing import sha256_file
-from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Drawn
+from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Redrawing
 from ssp_eval.data.provenance import bag_folder, find_bag, read_provenance
 from ssp_eval.draw.bag import write_drawn
 from ssp_eval.draw.pictures import Pictures
@@ -86,7 +86,7 @@ def draw(
             count = _draw(recorded, pictures, address, sha256)
             if pictures.server is None:
                 raise InputError("has no frame at which a state of the VUT is known", file=source)
-            drawn = Drawn(
+            drawn = Redrawing(
                 of=recorded.name,
                 of_sha256=recorded.facts.bag_sha256,
                 map_file=wanted.name,
@@ -164,7 +164,7 @@ def _map_of(recorded: Recorded, given: Path | None) -> tuple[Path, Literal["the 
 def _check_finished(out: Path, recorded: Recorded) -> None:
     """Raise InputError where the existing bag isn't this recording drawn anew."""
     with BagReader(out) as bag:
-        there = attached(bag, DRAWN_ATTACHMENT, Drawn)
+        there = attached(bag, DRAWN_ATTACHMENT, Redrawing)
     if there is None or there.of_sha256 != recorded.facts.bag_sha256:
         raise InputError("exists already", file=out, field="--out", remedy="name a new folder")
 

@@ -1,4 +1,4 @@
-"""The pictures of a drawing that isn't finished, in a folder: whoever goes on draws the rest.
+"""The pictures of a drawing that isn't finished, in a folder, from which the drawing is continued.
 
 Each file is whole or not there, so that a drawing may be killed at any time.
 """

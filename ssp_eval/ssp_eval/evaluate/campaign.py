@@ -54,7 +54,7 @@ class Plan:
         corrupted: of these, to models that are asked once more with corrupted pictures.
         given_back: of these, to models that are given their own text back.
         blind: of these, to models that are shown no picture.
-        about_twins: of these, to whoever is asked about twins in the place of recordings.
+        about_twins: of these, to models that are asked about twins in the place of recordings.
         repeated: of these, the factual ones that are asked again after all others.
         goes_on: some may have an answer that is stored, and isn't asked for again.
         label_lines: per scenario how many labels each phase has, and whether the domains compare
@@ -395,7 +395,7 @@ def run_campaign(
         options: of all cells.
         propose_labels: propose labels for each bag that has none.
         admissions: what audits say, by hash of the bag; a bag that isn't there is unaudited.
-        on_plan: told once how much there is to ask, before anything is asked.
+        on_plan: called once with how much there is to ask, before anything is asked.
         on_record: called after each label time of a cell.
         twins: ask about the twins beside the recordings as well.
 

@@ -35,7 +35,7 @@ from ssp_eval.evaluate.store.cell_file import (
     write_cell,
 )
 from ssp_eval.evaluate.store.raw_store import check_unchanged
-from ssp_eval.evaluate.store.requests import Asked
+from ssp_eval.evaluate.store.requests import Exchange
 from ssp_eval.score.cell import score_cell
 
 
@@ -101,7 +101,7 @@ def evaluate_cells(
 
 
 def _scored(
-    place: CellPlace, asked: Sequence[Asked], ignored: IgnoredAnswers, options: CellOptions
+    place: CellPlace, asked: Sequence[Exchange], ignored: IgnoredAnswers, options: CellOptions
 ) -> CellResult:
     """Interpret and score a cell's answers, and write its files."""
     folder = place.folder

@@ -16,7 +16,7 @@ from ssp_eval.evaluate.clients.model_replies import PASSING, IgnoredAnswers, Los
 from ssp_eval.evaluate.conditions.conditions import question_under
 from ssp_eval.evaluate.store.cell_file import LABELS_FILE, CellPlace, frame_path
 from ssp_eval.evaluate.store.raw_store import RawStore
-from ssp_eval.evaluate.store.requests import AnswerKeys, Asked, new_request_id
+from ssp_eval.evaluate.store.requests import AnswerKeys, Exchange, new_request_id
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import NoQuestion, Question
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
@@ -53,7 +53,7 @@ def ask_all(
     out: Path,
     options: CellOptions,
     on_record: Progress,
-) -> list[tuple[list[Asked], IgnoredAnswers]]:
+) -> list[tuple[list[Exchange], IgnoredAnswers]]:
     """Ask about every label time that isn't answered in a cell's folder already.
 
     Args:
@@ -89,7 +89,7 @@ class _Conversation:
         self._carries = place.model.spoken.carries_previous
         self._client: ModelClient | None = None
         self._unreachable = ""
-        self._asked: list[Asked] = []
+        self._asked: list[Exchange] = []
         self._ignored = IgnoredAnswers()
 
     def question(self, label_t_s: float) -> Question | NoQuestion:
@@ -115,7 +115,9 @@ class _Conversation:
     def answer(self, question: Question | NoQuestion) -> None:
         """Take the stored answer to a question, or ask for it."""
         if isinstance(question, NoQuestion):
-            nothing = Asked(question.label_t_s, None, None, None, question.reason, Loss.NO_QUESTION)
+            nothing = Exchange(
+                question.label_t_s, None, None, None, question.reason, Loss.NO_QUESTION
+            )
             self._asked.append(nothing)
             return
         _, no_previous = self._previous()
@@ -123,7 +125,7 @@ class _Conversation:
         stored = self._store.find(key)
         if stored is not None:
             loss, why = loss_of(stored)
-            asked = Asked(
+            asked = Exchange(
                 question.label_t_s, question.t_s, question.request, stored, why, loss, reused=True
             )
         else:
@@ -137,9 +139,9 @@ class _Conversation:
                 asked = replace(self._ask(question, key), again=asked.again + 1)
         self._asked.append(replace(asked, no_previous=no_previous))
 
-    def _ask(self, question: Question, key: str) -> Asked:
+    def _ask(self, question: Question, key: str) -> Exchange:
         request = replace(question.request, request_id=new_request_id(key))
-        asked = Asked(question.label_t_s, question.t_s, request, None)
+        asked = Exchange(question.label_t_s, question.t_s, request, None)
         client = self._reached()
         if client is None:
             return replace(asked, missing=self._unreachable, loss=Loss.UNREACHABLE)
@@ -164,7 +166,7 @@ class _Conversation:
                 self._unreachable = str(error)
         return self._client
 
-    def finish(self) -> tuple[list[Asked], IgnoredAnswers]:
+    def finish(self) -> tuple[list[Exchange], IgnoredAnswers]:
         """Leave the stored answers and questions in order."""
         self._store.finish(self._asked)
         return self._asked, self._ignored

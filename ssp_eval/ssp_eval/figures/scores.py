@@ -95,7 +95,7 @@ class Scores:
 
     @cached_property
     def constants(self) -> dict[Place, Cell]:
-        """The best blind constant's cell of each scenario and domain; empty: nobody knows it."""
+        """The best blind constant's cell of each scenario and domain; empty: it is unknown."""
         return constants_in(one_scale(self.rows))
 
     def constant(self, *by: str) -> dict[tuple[str, ...], float | None]:

@@ -226,7 +226,7 @@ def _with_condition(name: str, most_in: float) -> str:
 
 
 def names_in(names: Iterable[str], most_in: float) -> dict[str, str]:
-    """Shorten names to a width so that they are still told apart.
+    """Shorten names to a width so that they still differ.
 
     The name of a control, ``MODEL+CONDITION``, keeps its condition where that leaves room for the
     beginning of the model's name. Other names lose their end, or, where that makes two alike,

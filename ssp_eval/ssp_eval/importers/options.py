@@ -34,8 +34,8 @@ class Declared:
 
     Args:
         event: the K* itself, where it was given.
-        declaration: who says of which domain it is; None: nobody does.
-        log: what a named person declares in place of a log; None: nobody does.
+        declaration: who says of which domain it is; None: no person does.
+        log: what a named person declares in place of a log; None: no person does.
     """
 
     domain: DomainWord

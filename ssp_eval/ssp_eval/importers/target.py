@@ -219,7 +219,7 @@ def attach_record(
         notes: on file and frames, beside those on the states.
 
     Raises:
-        InputError: nobody accepts one of the findings.
+        InputError: one of the findings isn't accepted.
     """
     findings.check()
     ego = ImportedEgo(provenance="unknown", speed_mps=None)

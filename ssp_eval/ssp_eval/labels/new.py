@@ -75,7 +75,7 @@ class _Recording:
         origin: hash or name of what it is labelled from.
         truth: its states; None: it has none.
         timeline: its phases as persons observed them, or reviewed them in K*, where it has no
-            states; None: nobody knows them.
+            states; None: they are unknown.
         source: what it says of itself; None: it is a truth file alone.
     """
 
@@ -280,7 +280,7 @@ def _of_source(source: Source, event: KStar | None, given: _Given) -> _Recording
 def _phases(source: Source, k_star: KStar | None, domain: str, named: bool) -> Timeline | None:
     """Return the phases of a recording without states: its observers', else K*'s (METHOD 4.3).
 
-    K* tells of its source clip alone. A synthetic video that nobody observed is taken for that clip
+    K* tells of its source clip alone. A synthetic video without observations is taken for that clip
     where a person says so: who names K* for it (``named``), or who imported it as one of K*'s where
     K* knows of no other file.
     """

@@ -26,7 +26,7 @@ class Agreement:
     """The part of a recording's observations that counts.
 
     Args:
-        answers: what counts: null where nobody could tell or where two differ. Of times within
+        answers: what counts: null where it is unknown or where two differ. Of times within
             the tolerance the mean, of shares the smaller one.
         rows: of all answers that anybody gave. ``one alone``: only one person could tell, or
             looked; ``contradict``: what is left without differing answers can't be together.
@@ -50,7 +50,7 @@ class Agreement:
         return tuple(row.field for row in self.rows if row.verdict in ("differ", "contradict"))
 
     def properties(self) -> dict[str, Property]:
-        """q(d, k); not determined where they differ or nobody could tell."""
+        """q(d, k); not determined where they differ or no observer could tell."""
         return self.answers.properties_by(self.by)
 
     def to_json(self) -> dict[str, Any]:

@@ -128,7 +128,7 @@ class Roles(Seen):
         return tuple(who for who, one in self.participants.items() if one.role == "OT")
 
 
-class Said(Seen, Generic[Value]):
+class Statement(Seen, Generic[Value]):
     """One answer."""
 
     value: Value | None
@@ -150,7 +150,7 @@ class Phases(Strict):
     resolution: PhaseStart
 
 
-YesOrNo = Said[Annotated[bool, Field(strict=True)]]
+YesOrNo = Statement[Annotated[bool, Field(strict=True)]]
 
 
 class Gate(Strict):
@@ -163,7 +163,7 @@ class Gate(Strict):
     no_conflict: YesOrNo
 
 
-class Visible(Said[Share | Literal["throughout", "never"]]):
+class Visible(Statement[Share | Literal["throughout", "never"]]):
     """The share of the time from trigger to resolution in which something can be seen."""
 
     @property
@@ -198,13 +198,13 @@ class Answers(Strict):
 
     topology: Topology
     roles: Roles
-    dominant_motion: Said[MotionWord] = Field(
+    dominant_motion: Statement[MotionWord] = Field(
         description="of the critical OT, held longest from trigger to resolution"
     )
-    conflict_type: Said[RelationWord] = Field(
+    conflict_type: Statement[RelationWord] = Field(
         description="how the path of the initiator meets the corridor of who is affected"
     )
-    passing_order: Said[tuple[ObjectId, ObjectId]] = Field(
+    passing_order: Statement[tuple[ObjectId, ObjectId]] = Field(
         description="who arrives first at the conflict zone, and who second"
     )
     phases: Phases

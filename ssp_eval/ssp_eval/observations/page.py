@@ -30,7 +30,7 @@ _TOPIC = absolute(CAMERA_IMAGE)
 
 
 @dataclass(frozen=True)
-class Shown:
+class PageFrame:
     """A frame of the page: its index in the recording, its clip time, and a JPEG."""
 
     index: int
@@ -71,7 +71,7 @@ def shown_frames(
     indices: list[int],
     footage: Footage,
     on_frame: Callable[[], None] = lambda: None,
-) -> list[Shown]:
+) -> list[PageFrame]:
     """Return the frames as JPEG, at most WIDTH_PX wide.
 
     Args:
@@ -83,7 +83,7 @@ def shown_frames(
     Raises:
         InputError: one of them is no picture.
     """
-    found: dict[int, Shown] = {}
+    found: dict[int, PageFrame] = {}
     with BagReader(bag) as reader:
         stamps = sorted(peek_stamp_ns(m.data) for m in reader.messages([_TOPIC]))
         index_of = {stamps[i]: i for i in indices}
@@ -99,7 +99,7 @@ def shown_frames(
                     cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8
                 )
             data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
-            found[i] = Shown(i, footage.frames_s[i], data.tobytes())
+            found[i] = PageFrame(i, footage.frames_s[i], data.tobytes())
             on_frame()
     return [found[i] for i in indices if i in found]
 
@@ -108,7 +108,7 @@ _HERE = Path(__file__).parent
 
 
 def render(
-    draft: dict[str, Any], questions: Sequence[Card], frames: Sequence[Shown], bag: str
+    draft: dict[str, Any], questions: Sequence[Card], frames: Sequence[PageFrame], bag: str
 ) -> str:
     """Return the page as HTML.
 

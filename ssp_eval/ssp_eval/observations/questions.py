@@ -67,7 +67,7 @@ def cards(vut: str, targets: Sequence[str], has_log: bool) -> list[Card]:
     Args:
         vut: id of the VUT.
         targets: ids of the OTs.
-        has_log: the recording has a log of ours, so that nobody needs to declare anything.
+        has_log: the recording has a log of ours, so that no declaration is needed.
     """
     seen = {f"participants.{who}": who for who in targets}
     seen["conflict_region"] = "the region of the conflict"

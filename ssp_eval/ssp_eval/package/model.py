@@ -156,7 +156,7 @@ class Package(Strict):
 
 @dataclass(frozen=True)
 class Progress:
-    """Is told how far the making or verifying of a package has come.
+    """Receives how far the making or verifying of a package has come.
 
     Args:
         total: once, how many bytes there are.

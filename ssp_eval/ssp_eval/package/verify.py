@@ -17,7 +17,7 @@ from ssp_core import __version__
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_eval.audit.judge import judge
-from ssp_eval.audit.page import Drawn, draw, render
+from ssp_eval.audit.page import PagePictures, draw, render
 from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.data.audit import PAGE_FILE, Audit, RecordingEntry
 from ssp_eval.data.response import ResponseLimits
@@ -56,7 +56,7 @@ class Audits:
 
     Args:
         pages: takes the page of each audit.
-        on_step: told what is done next, since reading a recording takes some seconds.
+        on_step: called with what is done next, since reading a recording takes some seconds.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Audits:
 
     def _again(
         self, places: Sequence[FileEntry], event: Event | None, limits: ResponseLimits | None
-    ) -> tuple[Audit, Drawn]:
+    ) -> tuple[Audit, PagePictures]:
         """Return the audit of recordings, each laid out as it lay when it was packed.
 
         With it come the pictures of its page.
@@ -333,7 +333,7 @@ def verify_package(
     Args:
         folder: as `ssp package make` left it.
         expected_id: id that it must have, as somebody wrote it down when it was made.
-        progress: told the bytes to read and each step.
+        progress: called with the bytes to read and each step.
 
     Raises:
         InputError: there is no such folder.

@@ -1,6 +1,6 @@
 """Comparison of a recording's pictures with its states: figures, each with its limit.
 
-How the limits were chosen is told in docs/audit.md.
+How the limits were chosen stands in docs/audit.md.
 """
 
 from __future__ import annotations

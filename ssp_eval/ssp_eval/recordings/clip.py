@@ -111,7 +111,7 @@ class BagContent(Closing):
 
     @property
     def is_hashed(self) -> bool:
-        """True when nobody has to wait for the hash."""
+        """True when no time is needed for the hash."""
         return self._digest.done()
 
     @property
@@ -245,7 +245,7 @@ class Clip(Closing):
 
     @property
     def is_hashed(self) -> bool:
-        """True when nobody has to wait for the bag's hash."""
+        """True when no time is needed for the bag's hash."""
         return self._content.is_hashed
 
     def _check_frames(self) -> None:

@@ -81,7 +81,7 @@ def crop_of(
         last_s: its end.
         trigger_s: start of its trigger; None: the clip is the whole recording.
         resolution_s: start of its resolution; None: the clip ends with the recording.
-        window: of the source; None: nobody knows it, and the clip is the whole recording.
+        window: of the source; None: it is unknown, and the clip is the whole recording.
     """
     if trigger_s is None or window is None:
         why = "without a trigger" if window is not None else "without a source's window"
@@ -145,8 +145,8 @@ class EventRules:
 
     Args:
         thresholds: of the conflict, s; an interval of K* counts with its middle.
-        observable: what makes the manoeuvre observable; None: nobody says.
-        window: of the source's crop; None: nobody knows it.
+        observable: what makes the manoeuvre observable; None: it isn't stated.
+        window: of the source's crop; None: it is unknown.
         said_by: whose rules these are, for people.
     """
 

@@ -48,7 +48,7 @@ _DRAWN = {
 
 
 @dataclass(frozen=True)
-class Drawn:
+class ClipPhases:
     """The starts of the phases in a clip, s and frames from its first frame."""
 
     starts_s: Mapping[PhaseWord, float]
@@ -96,7 +96,7 @@ def board_of(event: Event, seed: int, lanes: tuple[int, int] | None = None) -> S
     return clip.board_of(interaction.type, seed, *(lanes or (same, opposite)))
 
 
-def measure_clip(event: Event, board: Storyboard) -> Drawn:
+def measure_clip(event: Event, board: Storyboard) -> ClipPhases:
     """Find the phases of a clip in its ground truth with the event's thresholds (METHOD 1).
 
     Raises:
@@ -121,10 +121,10 @@ def measure_clip(event: Event, board: Storyboard) -> Drawn:
         zip(PHASES, (times[0], found.trigger_s, found.conflict_s, found.resolution_s), strict=True)
     )
     frames = {phase: round(t_s * board.fps) for phase, t_s in starts_s.items()}
-    return Drawn(starts_s, frames, len(times) - 1, board.fps)
+    return ClipPhases(starts_s, frames, len(times) - 1, board.fps)
 
 
-def bound_event(event: Event, board: Storyboard, drawn: Drawn, sha256: str) -> Event:
+def bound_event(event: Event, board: Storyboard, drawn: ClipPhases, sha256: str) -> Event:
     """Return the event as this clip shows it: source, parts T and E, and the seals that held."""
     held = {path for path, seal in seals(event).items() if event.uncertainty[path].seal == seal}
     counts = sum(lane.direction == "forward" for lane in board.road.lanes)
@@ -148,7 +148,7 @@ def bound_event(event: Event, board: Storyboard, drawn: Drawn, sha256: str) -> E
     return seal_event(Event.model_validate(value), sorted(held))
 
 
-def _events(board: Storyboard, drawn: Drawn) -> dict[str, Any]:
+def _events(board: Storyboard, drawn: ClipPhases) -> dict[str, Any]:
     """Part E: exact starts, and evidence from each phase's first frame to the next phase's."""
     ends = [*(drawn.first_frames[phase] for phase in PHASES), drawn.last_frame]
     part: dict[str, Any] = {"clip": {"start": _at(0.0, "s"), "end": _at(board.duration_s, "s")}}
@@ -161,7 +161,7 @@ def _events(board: Storyboard, drawn: Drawn) -> dict[str, Any]:
     return part
 
 
-def _source(text: str, event: Event, original: str, drawn: Drawn) -> str:
+def _source(text: str, event: Event, original: str, drawn: ClipPhases) -> str:
     """Convert frames of the clip before into frames of this one."""
     old = f"{event.source.generator} {event.source.original}"
     before, found, after = text.partition(old)

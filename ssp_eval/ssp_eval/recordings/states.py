@@ -1,4 +1,4 @@
-"""The recorded states of everybody in a recording, whoever recorded them (METHOD 4.3).
+"""The recorded states of everybody in a recording of any recorder (METHOD 4.3).
 
 A simulated session holds the world's own states; a live session, another's bag and a video with a
 table of states hold what VUT and object targets reported. Both become one series that everything

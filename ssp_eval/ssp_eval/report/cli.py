@@ -13,7 +13,7 @@ from click.core import ParameterSource
 from ssp_core import console
 from ssp_core.files import taken_folder
 from ssp_core.options import WholeNumber
-from ssp_eval.causes.answers import Asked
+from ssp_eval.causes.answers import CellAnswers
 from ssp_eval.causes.findings import answers_in, moved_by
 from ssp_eval.causes.tables import moved_tables
 from ssp_eval.data.loop import is_loop_campaign
@@ -280,7 +280,7 @@ def report(
             changed[cell.folder] = cell.changed
 
     analysis: Sequence[Table] = ()
-    repeated: Sequence[Asked] = ()
+    repeated: Sequence[CellAnswers] = ()
     if tables or drawn or len(cell_files(out_dir)) <= MOST_ANALYSED:
         data, rows, constants = _read((out_dir, *repeats))
         for cell in data:

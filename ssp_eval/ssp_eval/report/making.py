@@ -72,7 +72,7 @@ def making_of(page: str, file: str) -> Making | None:
 def runs_of(
     folders: Iterable[Path], on_cells: Callable[[int], Callable[[], None]] = lambda _: lambda: None
 ) -> tuple[list[CellData], list[CellRow], list[OfScenario]]:
-    """Read the cells of one or several campaigns, which are runs that are told apart by folder.
+    """Read the cells of one or several campaigns, which are runs that differ by folder.
 
     Args:
         folders: of the campaigns.

@@ -11,7 +11,7 @@ import jinja2
 
 from ssp_core.files import make_folder, write_text
 from ssp_core.hashing import sha256_file
-from ssp_eval.causes.answers import Asked, asked, wanted_cells
+from ssp_eval.causes.answers import CellAnswers, asked, wanted_cells
 from ssp_eval.causes.findings import answers_in, compared
 from ssp_eval.data.audit import PAGE_FILE as AUDIT_PAGE
 from ssp_eval.evaluate.store.admission import kept_audits
@@ -71,7 +71,7 @@ def write_report(
     most: int | None = None,
     analysis: Sequence[Table] = (),
     on_cell: Callable[[CellData], None] = lambda _cell: None,
-    repeated: Sequence[Asked] = (),
+    repeated: Sequence[CellAnswers] = (),
     expected: Sequence[str] = (),
     carried: str = "",
 ) -> Path:
@@ -79,7 +79,7 @@ def write_report(
 
     Args:
         out: campaign folder.
-        on_step: told how many pictures or cells are done, and of how many.
+        on_step: called with how many pictures or cells are done, and of how many.
         most: cells up to which everything goes into the one file; None: MOST_IN_ONE_FILE.
         analysis: tables of the statistics.
         on_cell: given each cell once, whole.
@@ -107,7 +107,7 @@ def _write_one(
     cells: list[CellData],
     on_step: Callable[[int, int], None],
     analysis: Sequence[Table],
-    repeated: Sequence[Asked],
+    repeated: Sequence[CellAnswers],
     expected: Sequence[str],
     carried: str,
 ) -> Path:
@@ -134,7 +134,7 @@ def _write_large(
     on_step: Callable[[int, int], None],
     analysis: Sequence[Table],
     on_cell: Callable[[CellData], None],
-    repeated: Sequence[Asked],
+    repeated: Sequence[CellAnswers],
     expected: Sequence[str],
     carried: str,
 ) -> Path:
@@ -144,7 +144,7 @@ def _write_large(
     details = DetailFiles(out, environment(), audits)
     done = count(1)
     wanted = wanted_cells(file.parent.name for file in files)
-    changed: list[Asked] = []
+    changed: list[CellAnswers] = []
 
     def write(cell: CellData) -> None:
         details.write(cell)

@@ -90,7 +90,7 @@ class RosTransport:
 def open_transport() -> Iterator[RosTransport]:
     """Yield a node in the domain that the environment names; an rclpy that runs already is used.
 
-    Signals are left alone: Ctrl-C is a KeyboardInterrupt in whoever waits.
+    Signals are left alone: Ctrl-C is a KeyboardInterrupt in the waiting thread.
     """
     with ExitStack() as stack:
         if not rclpy.ok():

@@ -100,7 +100,7 @@ def compare(
             admitted count, since the audit alone says that they show the same event.
         subject: "domain" or "model".
         seed: of the random signs.
-        constants: the best blind constant's cells; empty: nobody knows them.
+        constants: the best blind constant's cells; empty: they are unknown.
     """
     kept = [row for row in rows if row.admitted or subject != "domain"]
     values: dict[str, dict[tuple[str, str], CellRow]] = {}

@@ -63,7 +63,7 @@ def domain_differences(
 
     Args:
         cells: that enter means; those that weren't admitted are left out.
-        constants: the best blind constant's cells; empty: nobody knows them.
+        constants: the best blind constant's cells; empty: they are unknown.
         notes: further notes under the table.
     """
     parts = _parts(cells)

@@ -69,7 +69,7 @@ def doubtful_names(names: Mapping[str, Iterable[str]]) -> list[tuple[str, tuple[
 
 
 def control_names(models: Sequence[str]) -> list[str]:
-    """Say of models that nobody called controls which have a control's name, or nearly.
+    """Name the models that aren't declared controls and have a control's name, or nearly.
 
     Args:
         models: names of rows that don't say whether they are controls.

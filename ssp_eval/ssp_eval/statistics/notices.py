@@ -50,7 +50,7 @@ DRIVEN = "driven"
 
 @dataclass(frozen=True)
 class Notice:
-    """One thing to be told.
+    """One remark for the reader.
 
     Args:
         kind: comparability, stand_in, left_out, controls, labels, language, measured,

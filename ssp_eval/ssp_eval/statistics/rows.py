@@ -70,7 +70,7 @@ class CellRow(Scores):
         reason: why it is not ok, or OTHER_LABELS; of an ok one also what an outage cost, and who
             drove the recording.
         declared_by: who says of which domain the recording is; empty where no person had to.
-        thresholds: hash of those that it was scored with; empty: METHOD's, or nobody said.
+        thresholds: hash of those that it was scored with; empty: METHOD's, or not stated.
         weighted: IVCS where it isn't METHOD 6.10 of this row's components: a mean over runs, or as
             it was published of a macro row.
     """

@@ -40,7 +40,7 @@ class WeightSamples:
     Args:
         tau_mean, tau_low: mean and 5 % quantile of Kendall's τ_b to the defined ranks; None
             where one of the two rankings is all ties.
-        first: per subject, share of the samples in which nobody is ahead of it.
+        first: per subject, share of the samples in which no other is ahead of it.
     """
 
     subject: str

@@ -226,7 +226,7 @@ def compute(
         data: the cells themselves in the order of the rows, none where they aren't known.
         options: seed, resamples and block.
         on_step: called at each subject, and after each cell that is resampled.
-        constants: the best blind constant's cells; empty: nobody knows them.
+        constants: the best blind constant's cells; empty: they are unknown.
     """
     chosen = entering(rows)
     over = over_what(rows)

@@ -115,7 +115,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Shown:
+class CellText:
     """A value as people read it; a mean over another number of cells than its row has its own n."""
 
     text: str
@@ -130,14 +130,14 @@ def texts(table: Table, row: Sequence[Value]) -> list[str]:
     return [str(field) for field in fields(table, row)]
 
 
-def fields(table: Table, row: Sequence[Value]) -> list[Shown]:
+def fields(table: Table, row: Sequence[Value]) -> list[CellText]:
     """Write a row as texts, with the n of a mean apart from it."""
     usual = next(
         (v for c, v in zip(table.columns, row, strict=True) if c.key == "n" and isinstance(v, int)),
         None,
     )
     return [
-        Shown(shown(c, v), v.n if isinstance(v, Mean) and v.n not in (usual, 0) else None)
+        CellText(shown(c, v), v.n if isinstance(v, Mean) and v.n not in (usual, 0) else None)
         for c, v in zip(table.columns, row, strict=True)
     ]
 

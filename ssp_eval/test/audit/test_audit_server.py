@@ -20,7 +20,7 @@ from ssp_eval.audit import server
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.audit.server import server_disclosures, server_findings
-from ssp_eval.data.drawn import Drawn
+from ssp_eval.data.drawn import Redrawing
 from ssp_eval.data.provenance import (
     CARLA,
     COUNTERPART,
@@ -210,7 +210,7 @@ def test_an_audit_refuses_what_a_counterpart_drew_and_two_bags_of_one_drive(
     simulated, physical = recordings[1:]
     told = replace(simulated.provenance, scene=a_scene(counterpart=True))
     recordings[1] = replace(simulated, provenance=told)
-    drawn = Drawn(
+    drawn = Redrawing(
         of="run-1",
         of_sha256=told.bag_sha256,
         map_file="Town01.xodr",

@@ -13,7 +13,7 @@ from foreign_recordings import TrackDay, jpeg, write_bag, write_table, write_vid
 
 from ssp_core.cli import main
 from ssp_core.motion.state import ObjectState
-from ssp_eval.audit.judge import Judged, judge
+from ssp_eval.audit.judge import Judgement, judge
 from ssp_eval.audit.recording import read_recording
 from ssp_scenario_manager.event_spec.load import load_event
 
@@ -88,11 +88,11 @@ def from_table(day: TrackDay, domain: str, folder: Path) -> Path:
     return folder / "rec"
 
 
-def audited(*bags: Path) -> Judged:
+def audited(*bags: Path) -> Judgement:
     return judge([read_recording(bag) for bag in bags], load_event("cut_in")[0])
 
 
-def same(judged: Judged, index: int) -> list[str]:
+def same(judged: Judgement, index: int) -> list[str]:
     reasons = judged.audit.recordings[index].reasons
     every = [one for reason in reasons for one in (reason, *reason.consequences)]
     return [one.detail for one in every if one.code == "same_recording"]

@@ -15,7 +15,7 @@ from ssp_core.cli import main
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import PHASES
-from ssp_eval.audit.page import Drawn
+from ssp_eval.audit.page import PagePictures
 from ssp_eval.data.audit import Audit
 from ssp_eval.data.labels import labels_to_json
 from ssp_eval.data.response import ResponseLimits
@@ -154,13 +154,13 @@ BESIDE_AUDITS = ("audit", "cell", "score", "raw", "records", "requests", "log_me
 
 
 @pytest.fixture(scope="session")
-def judged() -> dict[object, tuple[Audit, Drawn]]:
+def judged() -> dict[object, tuple[Audit, PagePictures]]:
     """Audits made again in these tests, by the content that they were made from."""
     return {}
 
 
 @pytest.fixture(autouse=True, scope="module")
-def judged_once(judged: dict[object, tuple[Audit, Drawn]]) -> Iterator[None]:
+def judged_once(judged: dict[object, tuple[Audit, PagePictures]]) -> Iterator[None]:
     """The same recordings are judged once: most tests change what is written of them."""
     again = Audits._again
 
@@ -169,7 +169,7 @@ def judged_once(judged: dict[object, tuple[Audit, Drawn]]) -> Iterator[None]:
         places: Sequence[FileEntry],
         event: Event | None,
         limits: ResponseLimits | None,
-    ) -> tuple[Audit, Drawn]:
+    ) -> tuple[Audit, PagePictures]:
         files = [e for e in self._contents.files if e.role not in BESIDE_AUDITS]
         key = (
             tuple(place.path for place in places),

@@ -60,7 +60,7 @@ def write_images(
         folder: made here.
         suffix: ``.jpg`` or ``.png``.
         span: first log time, and the first that no longer belongs.
-        losses: told of each frame that can't be written.
+        losses: called with each frame that can't be written.
         advance: called with the number of frames written.
 
     Returns:
@@ -118,7 +118,7 @@ def write_video(
         topic: of the frames.
         stem: path without suffix.
         span: first log time, and the first that no longer belongs.
-        losses: told of each frame that can't be written.
+        losses: called with each frame that can't be written.
         advance: called with the number of frames written.
 
     Returns:
@@ -171,7 +171,7 @@ class FileNames:
     def of(self, topic: str) -> str:
         """Return a name of letters, digits, ``_``, ``-`` and ``.``, such as ``ssp.vut.state``.
 
-        What can't be told from the name any more gets a part of the topic's hash.
+        What the name alone no longer shows gets a part of the topic's hash.
         """
         parts = topic.strip("/").split("/")
         joined = ".".join(_UNUSUAL.sub("_", part) for part in parts)

@@ -25,7 +25,7 @@ from ssp_core.errors import HostError
 from ssp_core.files import parse_strict
 from ssp_monitor.page.access import AccessRules, TokenBucket, bearer, same_token
 from ssp_monitor.page.viewers import Hub, Payload
-from ssp_monitor.status.board import Answer, Shown
+from ssp_monitor.status.board import Answer, StateOnPage
 
 FOLDER = Path(__file__).parent / "static"
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
@@ -84,7 +84,7 @@ _LOG.addFilter(_is_ours)
 class Commands(Protocol):
     """The way of commands to the manager."""
 
-    def ask(self, command: str, who: str, shown: Shown | None) -> Future[Answer]:
+    def ask(self, command: str, who: str, shown: StateOnPage | None) -> Future[Answer]:
         """Send one of names.SESSION_COMMANDS; may be called in any thread.
 
         Args:
@@ -266,10 +266,10 @@ class PageServer:
         return web.Response(text="leaves")
 
 
-def _shown(body: bytes) -> Shown:
+def _shown(body: bytes) -> StateOnPage:
     """Return the state that the page showed. Raise ValueError where its request doesn't say."""
     told = parse_strict(body)
-    return Shown.parse(told.get("shown") if isinstance(told, dict) else None)
+    return StateOnPage.parse(told.get("shown") if isinstance(told, dict) else None)
 
 
 def _answer(status: int, answer: Answer) -> web.Response:

@@ -26,7 +26,7 @@ from ssp_monitor.status.board import (
     LinkFact,
     Received,
     RecorderFact,
-    Shown,
+    StateOnPage,
     age_s,
     links_of,
     object_age_s,
@@ -79,7 +79,7 @@ class Snapshots:
     """Makes snapshots of a board.
 
     Attributes:
-        word: how the run ends, once its runner has told it.
+        word: how the run ends, once its runner has sent it.
     """
 
     def __init__(self, board: Board) -> None:
@@ -184,7 +184,7 @@ class Snapshots:
         return {
             "state": state.name,
             "shown": ARMING if arming else state.name,
-            "press": str(Shown(int(state), fact.stamp_ns)) if fact else "",
+            "press": str(StateOnPage(int(state), fact.stamp_ns)) if fact else "",
             "event": fact.event if fact else "",
             "reason": fact.reason if fact else "",
             "run_id": (fact.run_id if fact else "") or (run.run_id if run else ""),
@@ -403,7 +403,7 @@ class Pictures:
     """Takes messages as they come, gives pictures at a bounded rate.
 
     Args:
-        board: is told when the newest picture came, and what is wrong with the camera.
+        board: notes when the newest picture came, and what is wrong with the camera.
         period_ns: between two pictures, at the least.
     """
 

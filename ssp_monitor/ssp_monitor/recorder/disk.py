@@ -69,7 +69,7 @@ class DiskNeeds:
 
     Args:
         reserve_bytes: that must stay free.
-        run_s: how long it may take at most; 0: nobody knows.
+        run_s: how long it may take at most; 0: unknown.
         rate_bps: what it is expected to write, bytes per second.
     """
 
@@ -99,7 +99,7 @@ def outlook(free: int | None, rate_bps: float, needs: DiskNeeds) -> DiskOutlook:
     """Judge the disk.
 
     Args:
-        free: bytes; None when it can't be told (the recorder's own writing fails then).
+        free: bytes; None when it is unknown (the recorder's own writing fails then).
         rate_bps: written lately, bytes per second.
         needs: of the recording: reserve, and a run's length and rate.
     """
@@ -126,7 +126,7 @@ class DiskWatch:
     """The disk of one recording, as it was at the last look.
 
     Attributes:
-        free: bytes; None when it can't be told.
+        free: bytes; None when it is unknown.
         rate_bps: written lately, bytes per second.
         outlook: the consequences.
     """

@@ -237,7 +237,7 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class Leap:
-    """Bag time goes on at the next message: log times leap, and nobody waits for years."""
+    """Bag time goes on at the next message: log times leap, which would be waits of years."""
 
     before_ns: int
     after_ns: int
@@ -416,7 +416,7 @@ class Progress:
 
 
 class Player:
-    """Plays until the tape's end, or until it is told to stop. Commands may come from any thread.
+    """Plays until the tape's end, or until it is stopped. Commands may come from any thread.
 
     Args:
         tape: what is played.

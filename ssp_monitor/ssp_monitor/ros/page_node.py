@@ -34,7 +34,7 @@ from ssp_monitor.page.viewers import Payload
 from ssp_monitor.ros.parameters import PAGE
 from ssp_monitor.ros.session_subscriptions import LOOK_PERIOD_S, SessionSubscriptions
 from ssp_monitor.status import messages
-from ssp_monitor.status.board import Answer, Board, Event, Shown
+from ssp_monitor.status.board import Answer, Board, Event, StateOnPage
 from ssp_msgs.msg import FaultEvent, ReferenceAck, SafetyEvent, TriggerEvent
 from ssp_msgs.srv import SessionCommand
 
@@ -65,7 +65,7 @@ class ManagerCommands:
         """Return commands whose services were found."""
         return frozenset(word for word, one in self._clients.items() if one.service_is_ready())
 
-    def ask(self, command: str, who: str, shown: Shown | None) -> Future[Answer]:
+    def ask(self, command: str, who: str, shown: StateOnPage | None) -> Future[Answer]:
         """Send a command as PageServer's Commands.
 
         An answer that never comes leaves the future as it is.

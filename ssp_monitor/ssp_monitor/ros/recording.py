@@ -256,7 +256,7 @@ def record(
         tell: is given the recorder's state twice a second, and once when all is received.
 
     Returns:
-        What became of the bag, and why the recording ended by itself; empty when it was told to.
+        What became of the bag, and why the recording ended by itself; empty when it was asked to.
 
     Raises:
         InputError: the bag can't be made, or a variable of the environment is wrong.

@@ -57,7 +57,7 @@ class ReplayNode(Node):
 
     Raises:
         InputError: a wish doesn't fit the bag.
-        HostError: a session is under way, or nobody listens who was waited for.
+        HostError: a session is under way, or an awaited subscriber doesn't listen.
     """
 
     def __init__(self, reader: BagReader, wishes: ReplayOptions, stop: ros.StopRequest) -> None:

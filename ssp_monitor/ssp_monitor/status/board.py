@@ -58,7 +58,7 @@ class SessionFact:
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class StateOnPage:
     """The session state that a page shows, which a press on it is meant for.
 
     Args:
@@ -73,12 +73,12 @@ class Shown:
         return f"{self.state}@{self.since_ns}"
 
     @staticmethod
-    def parse(text: object) -> Shown:
+    def parse(text: object) -> StateOnPage:
         """Read what ``str`` gives. Raise ValueError for another text or value."""
         found = re.fullmatch(r"([1-9]\d?)@(\d{1,19})", text) if isinstance(text, str) else None
         if found is None:
             raise ValueError("it doesn't say which state the page showed")
-        return Shown(int(found[1]), int(found[2]))
+        return StateOnPage(int(found[1]), int(found[2]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +157,7 @@ class Answer:
         accepted: the manager does it.
         text: why not, or what it said.
         missing: everything that keeps the command from being accepted.
-        answered: False: nobody answered, so that nothing is known.
+        answered: False: no answer came, so that nothing is known.
         state: of the session after it, where somebody answered.
     """
 
@@ -299,7 +299,7 @@ class Board:
         vut_refused: why no state is made of the VUT's newest fix; empty: one is made.
         motion: what the run's participants state, held against their places.
         camera: what is wrong with its newest picture, and when the newest good one came.
-        offered: commands whose services were found; None: nobody looks for them.
+        offered: commands whose services were found; None: they aren't looked for.
     """
 
     run: RunSpec | None = None
@@ -415,7 +415,7 @@ def age_s(now_ns: int, at_ns: int | None) -> float:
 
 
 def links_of(board: Board, now_ns: int) -> dict[str, LinkFact]:
-    """Return the links as they are now; empty if the manager hasn't told of them lately."""
+    """Return the links as they are now; empty if the manager hasn't sent any lately."""
     return board.links.value if board.links.age_s(now_ns) <= LINKS_FRESH_S else {}
 
 

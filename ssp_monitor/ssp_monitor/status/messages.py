@@ -61,7 +61,7 @@ def phase_of(message: Any) -> tuple[Phase, Event]:
 
 
 def safety_event(message: Any) -> Event:
-    """Read a SafetyEvent; an operator's act, or what is told in words, has no measure."""
+    """Read a SafetyEvent; an operator's act, or an event in words alone, has no measure."""
     in_words = message.code == SafetyCode.OPERATOR or bool(message.words)
     seen = f"seen by {message.source}, {message.reaction.replace('_', ' ')}"
     return Event(

@@ -6,7 +6,7 @@ digest is the SHA-256 of the digest before it and of all bytes since: of a chunk
 of the chunk, of a closing one up to that record, and of the summary. These two kinds of record are
 left out. Of a message above LARGE_BYTES the chain takes the checksum in the chunk's head alone,
 since hashing raw pictures takes a tenth of a core. A chain goes on over the files of a bag. It is
-no signature: whoever computes it anew isn't found.
+no signature: one that was computed anew isn't found.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ class Seal:
         maker: what wrote the bag; None: it has no seal.
         chunks: that fit their seal, before the first thing that doesn't.
         ends: digests of the closing records, the last one over the whole bag.
-        open_at: where a bag that nobody closed ends; empty: it was closed.
+        open_at: where a bag that wasn't closed ends; empty: it was closed.
         altered: the first thing that doesn't fit the seal though its checksums are right; empty:
             there is none.
         damaged: the first thing that can't be read, or has a wrong checksum; empty: none.

@@ -69,8 +69,8 @@ def check_verdict(bag: BagReader, seal: Seal, folder: Path) -> str:
         What can't be checked, for people; empty where they agree, or where there is no verdict.
 
     Raises:
-        InputError: they don't agree, or the verdict is of another recording; it calls valid what
-            nobody closed; or the run's result names another seal or verdict.
+        InputError: they don't agree, or the verdict is of another recording; it calls valid a bag
+            that wasn't closed; or the run's result names another seal or verdict.
     """
     result = result_beside(folder) if bag.path.is_dir() else {}
     _check_result_seal(result, seal, folder)

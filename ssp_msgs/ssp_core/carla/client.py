@@ -76,8 +76,8 @@ class CarlaServer:
 
     Raises:
         HostError: CARLA's client isn't installed.
-        PeerError: nobody answers, or a server of another version does. Every method raises it for
-            a server that doesn't answer, refuses, or has lost an actor.
+        PeerError: no server answers, or a server of another version does. Every method raises it
+            for a server that doesn't answer, refuses, or has lost an actor.
     """
 
     def __init__(self, address: CarlaAddress, timeout_s: float = TIMEOUT_S) -> None:

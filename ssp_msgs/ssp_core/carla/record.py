@@ -78,7 +78,7 @@ def body_record(body: ChosenBody, size: Size) -> dict[str, Any]:
 
 
 class _ServerRecord(Strict):
-    """A server and what it was told.
+    """A server and its settings.
 
     Args:
         address: as it was given; empty in bags from before it was recorded.

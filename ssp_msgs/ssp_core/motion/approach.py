@@ -1,6 +1,6 @@
 """The approach of an object target: its path, and the points that it is sent before it starts.
 
-The scenario manager dispatches them, and whoever drives an object knows them beforehand from the
+The scenario manager dispatches them, and the driver of an object knows them beforehand from the
 run file: the same function gives both the same points.
 """
 

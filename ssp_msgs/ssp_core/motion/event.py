@@ -4,8 +4,8 @@ It has the VUT's corridor, the phases as they happen and as they were recorded, 
 object pass the conflict zone.
 
 Live, "staying so" and "for good" can only be waited for: a phase begins at the instant at which its
-condition began, and is told once the condition has stayed for its confirmation time. With a whole
-recording at hand they are known.
+condition began, and is reported once the condition has stayed for its confirmation time. With a
+whole recording at hand they are known.
 """
 
 from __future__ import annotations
@@ -459,7 +459,7 @@ class Passing:
 
     @property
     def other_first(self) -> bool | None:
-        """Passing order: True when the other one arrives first; None when nobody can say."""
+        """Passing order: True when the other one arrives first; None when it isn't determined."""
         if self.other_arrival_s is None:
             return None
         return self.own_arrival_s is None or self.other_arrival_s <= self.own_arrival_s

@@ -66,9 +66,9 @@ class Participation:
         mode: of the session.
         declared: by participant, every kind that it declared; empty: none.
         word: by participant, the kind by the word of a named person.
-        said_by: who gave that word, with date and place; empty: nobody did.
-        lost: participants whose declarations the recorder wrote, and which the bag lacks; nobody's
-            word counts for them.
+        said_by: who gave that word, with date and place; empty: none was given.
+        lost: participants whose declarations the recorder wrote, and which the bag lacks; no
+            person's word counts for them.
     """
 
     mode: str
@@ -79,7 +79,7 @@ class Participation:
 
     @property
     def silent(self) -> tuple[str, ...]:
-        """Participants that declared nothing and that nobody speaks for."""
+        """Participants that declared nothing and for which no person declared anything."""
         if self.mode != "live":
             return ()
         return tuple(who for who in self.declared if not self.kinds_of(who))

@@ -136,13 +136,13 @@ class Facts:
         recorder_missing: what the recorder waits for (``recorder_lacks``).
         unanswered: nodes that the world of a lockstep run, which is heard, waits for before the VUT
             says anything.
-        vut_refused: why no state is made of what the VUT's receiver says now; empty: one is, or
-            nobody says.
+        vut_refused: why no state is made of what the VUT's receiver says now; empty: one is, or it
+            isn't stated.
         motion: what the VUT and the objects state, held against their places, by id.
         other_managers: how many publish what they shouldn't (ssp_core.safety.publishers).
         foreign: which, for people.
-        bodies: by object, what its process knows of its body; where there is nothing to say, or
-            nobody says, there is none.
+        bodies: by object, what its process knows of its body; where there is nothing to say, or it
+            isn't stated, there is none.
         refusals: by object, of the last command to arm, while it is too soon for another.
         lasting: one of these refusals stays as long as the object's process runs.
     """

@@ -298,7 +298,7 @@ def follow(
     """Judge a state by those before it.
 
     A state with a value that is no number is not judged and not remembered, nor is one that is
-    older than the newest. After a jump the new position is believed, so that it is told once.
+    older than the newest. After a jump the new position is believed, so that it is reported once.
 
     Args:
         memory: what the states before led to; at first ``Continuity()``.

@@ -118,7 +118,7 @@ def check_rules(ours: ObjectRules, theirs: ObjectRules | None, object_id: str) -
 
     Args:
         ours: of the manager's run file.
-        theirs: as the object told it; None: it hasn't.
+        theirs: as the object sent it; None: it hasn't.
         object_id: of the object, for the text.
     """
     if theirs is None:

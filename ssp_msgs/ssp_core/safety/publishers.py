@@ -1,6 +1,6 @@
 """The publishers that each topic of a session may have, one table that finds strangers.
 
-Most topics have one publisher, whoever it is: a second one is a stranger. Topics that several parts
+Most topics have one publisher, of any name: a second one is a stranger. Topics that several parts
 of a session share may be published once by each process of these parts; a part's processes are
 known by the topics that are theirs alone.
 """

@@ -1,7 +1,7 @@
 """The heading of an object whose source knows none at rest, judged on its first metre.
 
-A single antenna gives the course over ground: while the object stands, nobody knows how it is
-turned. It starts on a person's word that it faces as its start does, and the first metre of its way
+A single antenna gives the course over ground: while the object stands, its heading is
+unknown. It starts on a person's word that it faces as its start does, and its way's first metre
 shows it. Reads no clock.
 """
 

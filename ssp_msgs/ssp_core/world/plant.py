@@ -1,7 +1,7 @@
 """A session in one process: what the manager's side asks of the world's, step by step.
 
-The two sides are made of the cores that the nodes have, and never import each other: whoever runs
-a session in one process names the world's side by its module (``make_plant``).
+The two sides are made of the cores that the nodes have, and never import each other: the runner
+of a session in one process names the world's side by its module (``make_plant``).
 """
 
 from __future__ import annotations

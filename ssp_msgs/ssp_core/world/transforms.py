@@ -127,7 +127,7 @@ class TransformFilter:
         self._told: dict[str, int] = {}
 
     def news(self, states: Iterable[ObjectState]) -> list[Transform]:
-        """Return transforms of the states that are later than what was told of their objects.
+        """Return transforms of the states that are later than those sent of their objects.
 
         What is no pose, or has a stamp that no message can carry, is left out.
         """

@@ -1,6 +1,6 @@
 """The interface of a body for an object_target.
 
-And a mirror, which does exactly what it is told.
+And a mirror, which does exactly what it is commanded.
 """
 
 from __future__ import annotations

@@ -106,7 +106,7 @@ class GnssStates:
         states: makes them of fixes in frame map.
         speeds: speeds are heard; False: speed is made of differences of places.
         start_yaw_rad: of the vehicle at its start, where the heading is known only while it drives;
-            it counts until then, and the last known one after it. None: one is told at rest too.
+            it counts until then, and the last known one after it. None: one is known at rest too.
     """
 
     def __init__(

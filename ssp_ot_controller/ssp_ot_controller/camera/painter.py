@@ -1,6 +1,6 @@
 """The two renderers of the front camera behind one interface: ours, and CARLA's.
 
-Both take a scene of states and give a picture of it. Ours draws by itself; CARLA's server is told
+Both take a scene of states and give a picture of it. Ours draws by itself; CARLA's server receives
 where everything is, runs one frame, and sends what its camera saw in that frame.
 """
 

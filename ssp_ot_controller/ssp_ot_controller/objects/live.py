@@ -95,7 +95,7 @@ def open_bodies(
         object_ids: of the process's objects.
         text: see ``parse_bodies``.
         now_ns: by this host's clock.
-        tell: is told what an operator needs to know of a test object.
+        tell: called with what an operator needs to know of a test object.
 
     Raises:
         InputError: the parameter or the run doesn't fit.
@@ -121,7 +121,7 @@ class LiveObjects:
     """All bodies of one process, stepped on the session's clock. Reads no clock itself.
 
     Args:
-        warn: is told of readings that aren't taken, once for each object.
+        warn: called with readings that aren't taken, once for each object.
     """
 
     def __init__(
@@ -214,7 +214,7 @@ class LiveObjects:
         return [one.status(now_ns) for one in self._objects.values()]
 
     def command(self, step: PoolStep | None, now_ns: int) -> None:
-        """Send a step's commands; bodies that were never heard are told to stand."""
+        """Send a step's commands; bodies that were never heard are commanded to stand."""
         commands = dict(step.commands) if step is not None else {}
         for object_id, one in self._objects.items():
             one.command(commands.get(object_id), now_ns)

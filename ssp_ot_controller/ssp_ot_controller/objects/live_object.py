@@ -118,7 +118,7 @@ class LiveObject:
         return is_silent and not only_new
 
     def command(self, command: Command | None, now_ns: int) -> None:
-        """Send a command; a body that was never heard is told to stand."""
+        """Send a command; a body that was never heard is commanded to stand."""
         if command is None and self._newest is None:
             command = _STAND
         if command is not None:

@@ -216,13 +216,13 @@ class Target:
         return None if own is None else self._driving.report(own, self.state)
 
     def local_stop(self) -> None:
-        """Stop without being told to; left by all_clear alone, once the session has aborted."""
+        """Stop without a command; left by all_clear alone, once the session has aborted."""
         if self.state is not ControlState.ABORTING:
             self._aborts.forget()
         self.state = transition(self.state, ObjectEvent.LOCAL_STOP)
 
     def stop_blindly(self) -> Command:
-        """Stop without being told to and without states; return the command for the body."""
+        """Stop without a command and without states; return the command for the body."""
         self.local_stop()
         return self._brakes.stop_blindly()
 

@@ -144,7 +144,7 @@ class IsoObject:
     """One object and the one control centre that may drive it.
 
     Args:
-        datum: of frame map; None: nobody knows, and the frame of the centre's OSEM is frame map.
+        datum: of frame map; None: unknown, and the frame of the centre's OSEM is frame map.
 
     Attributes:
         body: where the object is.
@@ -189,7 +189,7 @@ class IsoObject:
 
     @property
     def brakes_by_itself(self) -> bool:
-        """It stops, whatever it was told to drive."""
+        """It stops, whatever it was sent to drive."""
         return self._target.state is ControlState.ABORTING
 
     def connect(self, host: str, now_ns: int) -> bool:

@@ -151,7 +151,7 @@ def serve(
     *,
     puts_back: bool = False,
 ) -> None:
-    """Play objects until told to end; say what happens to each.
+    """Play objects until ended; say what happens to each.
 
     Args:
         servers: of the objects.
@@ -207,7 +207,7 @@ class PlayedIsoObjects(Closing):
         return {s.played.object_id: f"iso22133://{s.host}:{s.port}" for s in self._servers}
 
     def serve(self, until: Callable[[], bool]) -> None:
-        """Play until told to end."""
+        """Play until ended."""
         serve(self._servers, until, self._log, puts_back=True)
 
     def close(self) -> None:

@@ -65,7 +65,7 @@ def frame_of(osem: Osem, datum: Datum | None) -> Pose2 | Refused:
 
     Args:
         osem: settings that the centre sent.
-        datum: of frame map; None: nobody knows, and the centre's frame is frame map.
+        datum: of frame map; None: unknown, and the centre's frame is frame map.
     """
     if osem.latitude_deg is None or osem.longitude_deg is None:
         return invalid("latitude_deg and longitude_deg are unavailable")

@@ -183,7 +183,7 @@ class PlayedBodies(Closing):
         return found
 
     def serve(self, until: Callable[[], bool]) -> None:
-        """Follow commands and send states until told to end."""
+        """Follow commands and send states until ended."""
         serve(self._served, until, self._write)
 
     def _write(self, server: BodyServer) -> None:

@@ -127,7 +127,7 @@ class CarlaBodies:
     # -- before the run ---------------------------------------------------------------------------
 
     def _measured(self, name: str) -> Response:
-        """Drive a vehicle off from its start, with nobody else on the ground, and measure.
+        """Drive a vehicle off from its start, with no other vehicle on the ground, and measure.
 
         Raises:
             PeerError: it can't be led within the site's limits.

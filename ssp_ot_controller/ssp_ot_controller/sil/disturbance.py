@@ -1,6 +1,6 @@
 """The disturbances between an object and its true state, its manager and its body, in one place.
 
-A ``Channel`` belongs to whoever stands for the object (its process, or ``sil_world`` for the VUT):
+A ``Channel`` belongs to the object's process, or to ``sil_world`` for the VUT:
 localisation, clock and links. An ``Actuator`` belongs to the simulated body. Both are counted in
 steps of the run and seeded per run, object and purpose, and draw once a step whatever is active,
 so that one disturbance more or less leaves the others as they are. A ``FaultSchedule`` says when

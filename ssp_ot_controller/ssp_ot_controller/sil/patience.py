@@ -103,7 +103,7 @@ class DriverHold:
 
     Args:
         limit_s: a node that is silent for longer is lost, whatever it waited for.
-        period_s: a hold is told so often.
+        period_s: a hold is reported so often.
         first_step: the first at which a model can be asked. A driver that waits before waits for
             the VUT's state, which isn't sent again.
     """

@@ -328,7 +328,7 @@ class VutDriver:
             vut: its true state; the stamp is session time.
             others: true states of everybody else.
             external: age in s and command of an external driver, None before its first one.
-            drives: False: the run is over or nobody leads it; it brakes to a standstill.
+            drives: False: the run is over or it has no driver; it brakes to a standstill.
         """
         self.fault_changes += self._faults.begin(vut.stamp_ns, running=True, armed=True)
         driver, wants_to_drive = self._driver(vut.stamp_ns)
@@ -374,7 +374,7 @@ class VutDriver:
     def _external(self, vut: ObjectState, external: tuple[float, Command] | None) -> Command:
         """Return an external driver's command; with a silent one, brake to a standstill.
 
-        Nobody answers the state before the start. A command that isn't finite is no command.
+        The state before the start isn't answered. A command that isn't finite is no command.
         """
         if external is not None and external[1].is_finite:
             self._heard_ns = vut.stamp_ns - seconds_to_ns(external[0])

@@ -27,7 +27,7 @@ _NO_TIME = LatencyParts(0)
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class Question:
     """The run whose driver was asked; under another one its answers aren't repeated.
 
     Args:
@@ -45,7 +45,7 @@ class Asked:
     repeat: int = 0
 
     @classmethod
-    def of(cls, driven: Driven) -> Asked:
+    def of(cls, driven: Driven) -> Question:
         """Return what a run file says of it."""
         options = sha256_json(driven.options)
         return cls(driven.driver, options, str(driven.latency), driven.start, driven.repeat)
@@ -61,7 +61,7 @@ class KeptAnswers:
         free: in its event-free twin.
     """
 
-    asked: Asked
+    asked: Question
     event: tuple[RecordedAnswer, ...]
     free: tuple[RecordedAnswer, ...]
     schema: Literal["ssp.driven_answers/2"] = ANSWERS_SCHEMA
@@ -127,7 +127,7 @@ def load_answers(path: Path, remedy: str, driven: Driven | None = None) -> KeptA
         first = error.errors(include_url=False)[0]
         field = ".".join(map(str, first["loc"]))
         raise InputError(first["msg"], file=path, field=field, remedy=remedy) from None
-    wanted = {} if driven is None else asdict(Asked.of(driven))
+    wanted = {} if driven is None else asdict(Question.of(driven))
     for name, theirs in asdict(kept.asked).items():
         if wanted.get(name, theirs) != theirs:
             raise InputError(

@@ -17,8 +17,8 @@ from ssp_core.run_file.latency import ZERO_LATENCY, Latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import BUILT_IN, COMMANDED, RecordedAnswer
 from ssp_scenario_manager.closed_loop.answers import (
-    Asked,
     KeptAnswers,
+    Question,
     answers_of,
     load_answers,
     repeated,
@@ -192,7 +192,7 @@ def _both(
     driven, free = drives[True], drives[False]
     if path is not None and kept is None:
         make_folder(path.parent)
-        asked = Asked.of(driven.driven)
+        asked = Question.of(driven.driven)
         save_answers(path, KeptAnswers(asked, driven.answers, free.answers))
     return _Found(
         driven.outcome,

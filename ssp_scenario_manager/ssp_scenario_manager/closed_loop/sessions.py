@@ -23,7 +23,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_core.world.driver_answers import NODE_ANSWERS_FILE, given_answers
 from ssp_core.world.plant import StepReport
-from ssp_scenario_manager.closed_loop.answers import Asked, KeptAnswers
+from ssp_scenario_manager.closed_loop.answers import KeptAnswers, Question
 from ssp_scenario_manager.closed_loop.before import Before, failed_for
 from ssp_scenario_manager.closed_loop.single import is_kept, told_of_run
 from ssp_scenario_manager.closed_loop.start import without_operator
@@ -36,7 +36,7 @@ def told_of_session(
 ) -> tuple[dict[str, Any], str]:
     """Return what ``result.json`` says of who drove, and why the verdict can't stand.
 
-    Both are empty for a run that nobody drove.
+    Both are empty for a run without a driver.
 
     Args:
         before: what the run was, where it is driven again; None: it is held against nothing.
@@ -59,7 +59,7 @@ def told_of_session(
         )
         if kept is None and answers is not None:
             # Who aborts a session waits for no model: it isn't asked in the event-free twin.
-            kept = KeptAnswers(Asked.of(spec.driven), answers, ())
+            kept = KeptAnswers(Question.of(spec.driven), answers, ())
     told = told_of_run(run, result, record, folder=bag.parent, kept=kept)
     if kept is not None and not kept.free:
         told["driven"]["needless"] = (

@@ -22,8 +22,8 @@ from ssp_core.world.driver import (
 )
 from ssp_scenario_manager.closed_loop.answers import (
     ANSWERS_FILE,
-    Asked,
     KeptAnswers,
+    Question,
     answers_of,
     load_answers,
     repeated,
@@ -126,7 +126,7 @@ def driven_run(
     Args:
         run: as it was compiled.
         event_file: its K*.
-        drive: the driver; None: nobody is asked for.
+        drive: the driver; None: none is asked for.
         say: takes what becomes of seeds, for people.
 
     Raises:
@@ -212,7 +212,7 @@ def told_of_run(
     folder: Path | None = None,
     kept: KeptAnswers | None = None,
 ) -> dict[str, Any]:
-    """Return what ``result.json`` says of who drove; empty for a run that nobody drove.
+    """Return what ``result.json`` says of who drove; empty for a run without a driver.
 
     The twins are driven again for it: but for a model's answers, nothing but the run file has to be
     kept.
@@ -234,7 +234,7 @@ def told_of_run(
     needless, free = _needless(run, driven, twin, repeated(kept, event=False))
     if folder is not None and is_kept(driven):
         answers = KeptAnswers(
-            Asked.of(driven), answers_of(driven, record), answers_of(driven, free)
+            Question.of(driven), answers_of(driven, record), answers_of(driven, free)
         )
         save_answers(folder / ANSWERS_FILE, answers)
     return {"driven": told | {"needless": needless}}

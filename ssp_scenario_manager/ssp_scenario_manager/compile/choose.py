@@ -87,7 +87,7 @@ def choose_block(
         place: realises the event on a block; raises CannotPlace with the reason.
         choice: id of the block that a person chose among ties.
         who: the person who chose.
-        said: told of each block that is tried.
+        said: called with each block that is tried.
         would_do: of the best block, where none fits: what of K* alone keeps the event from it.
         other_lanes: of blocks in order, where none may hold the event: how it is made for the
             number of lanes of one of them.

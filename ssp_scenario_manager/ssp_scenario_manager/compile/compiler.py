@@ -123,7 +123,7 @@ class Request:
         map_path: an OpenDRIVE or SUMO map; None with a site.
         choose: id of the block that a person chose among ties.
         validated_by: folder of a simulation run; None: the anchors aren't validated.
-        shortlist: that the event must be a candidate of (ssp.shortlist/1); None: nobody asked.
+        shortlist: that the event must be a candidate of (ssp.shortlist/1); None: not asked for.
     """
 
     event: str
@@ -170,12 +170,12 @@ def compile_task(
 
     Args:
         request: event, place, target and options.
-        said: told of each block that is tried.
-        loading: told of each road of the map.
+        said: called with each block that is tried.
+        loading: called with each road of the map.
 
     Raises:
         EventRefused: the event doesn't pass its checks.
-        NotChosen: no block fits, or several do and nobody chose.
+        NotChosen: no block fits, or several do and none was chosen.
         InputError: a file is not valid, or options don't fit each other.
     """
     check_options(request)

@@ -51,7 +51,7 @@ class BlockScore(Strict):
 
 
 class TaskBlock(Strict):
-    """The chosen block, whole: nobody needs the map to read a task."""
+    """The chosen block, whole: a task is read without the map."""
 
     id: str
     origin: Start

@@ -2,7 +2,7 @@
 
 Every part is keyed by names rather than by position, so that ``motion.ot1.trigger.lateral`` names
 one field for the file, the checks, the log and the uncertainty part alike. A quantity is an
-interval with its unit; what nobody knows is ``unresolved`` and never a made-up number.
+interval with its unit; what is unknown is ``unresolved`` and never a made-up number.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ class Interval(Strict):
 
     @property
     def si(self) -> Span:
-        """The same in SI units; whoever works with K* takes this.
+        """The same in SI units; code that works with K* takes this.
 
         Raises:
-            ValueError: nobody knows its unit.
+            ValueError: its unit is unknown.
         """
         unit = UNITS.get(self.unit)
         if unit is None:
@@ -95,7 +95,7 @@ class WordField(RoadField, Generic[Word]):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Words that a place may have, the source's first; () where nobody knows."""
+        """Words that a place may have, the source's first; () where they are unknown."""
         own = () if self.value == UNRESOLVED else (str(self.value),)
         return own if self.varies is None else tuple(dict.fromkeys((*own, *self.varies)))
 

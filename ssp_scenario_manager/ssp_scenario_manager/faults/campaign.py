@@ -29,7 +29,7 @@ from ssp_scenario_manager.faults.evidence import (
     read_evidence,
     track_of,
 )
-from ssp_scenario_manager.faults.judge import Judged, Nominal, fault_of, judge, nominal_of
+from ssp_scenario_manager.faults.judge import CellJudgement, Nominal, fault_of, judge, nominal_of
 from ssp_scenario_manager.faults.matrix import Cell, Expected, NotApplicable, Row, Stage
 from ssp_scenario_manager.run.faults import NEED_PROCESSES
 from ssp_scenario_manager.run.in_process import Record, judged
@@ -176,7 +176,7 @@ class CellResult:
     stage: Stage
     cell: Cell
     fault: Fault | None = None
-    judged: Judged | None = None
+    judged: CellJudgement | None = None
     folder: Path | None = None
     wall_s: float = 0.0
 

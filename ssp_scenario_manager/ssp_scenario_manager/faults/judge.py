@@ -43,7 +43,7 @@ class Reaction:
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class CellJudgement:
     """The outcome of a cell.
 
     Args:
@@ -70,7 +70,7 @@ def judge(
     evidence: Evidence,
     index: int,
     leftovers: Sequence[str] = (),
-) -> Judged:
+) -> CellJudgement:
     """Judge one run.
 
     Args:
@@ -98,7 +98,7 @@ def judge(
     if not expected.starts and evidence.reached(SessionPhase.RUNNING) is not None:
         findings.append("the session started")
     primary = evidence.reasons[0] if evidence.reasons else ""
-    return Judged(evidence.verdict, primary, reaction, stops, tuple(findings))
+    return CellJudgement(evidence.verdict, primary, reaction, stops, tuple(findings))
 
 
 def _text(object_id: str, stop: Stop) -> str:

@@ -44,7 +44,7 @@ class Within:
     """A bound on the reaction time: a limit of the site and what is added to it.
 
     Args:
-        extra_s: stated allowance: steps until it is seen and told, process scheduling.
+        extra_s: stated allowance: steps until it is seen and reported, process scheduling.
         limit: field of the run's limits or end that the watch behind it uses, None for none.
         clock: session time, or the wall's where session time stands still or doesn't count.
     """
@@ -90,7 +90,7 @@ class Expected:
         signs: limits whose event counts as the reaction; empty: any, and the session's abort.
         since: from where reaction and stopping distance are counted. ``motion``: the object
             stands when it is struck, and only its next motion can show it; ``trigger``: only what
-            the trigger asks for can show it; ``abort``: the fault endangers nobody, so that
+            the trigger asks for can show it; ``abort``: the fault endangers no road user, so that
             distances count from the abort.
         stops: True: the run is broken off, and everything must stop within its bound.
         starts: False: the armed session must not start.

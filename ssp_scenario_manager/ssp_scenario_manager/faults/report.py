@@ -11,7 +11,7 @@ import jinja2
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.faults.campaign import CellResult
-from ssp_scenario_manager.faults.judge import Judged
+from ssp_scenario_manager.faults.judge import CellJudgement
 from ssp_scenario_manager.faults.matrix import Cell, NotApplicable, Stage
 from ssp_scenario_manager.run.junit import Case
 from ssp_scenario_manager.session.run_script import RunOutcome
@@ -73,7 +73,7 @@ def _cell_json(result: CellResult) -> dict[str, Any]:
     }
 
 
-def measured_parts(judged: Judged) -> list[str]:
+def measured_parts(judged: CellJudgement) -> list[str]:
     """Return verdict, reaction time and stopping distances, each with its bound."""
     parts = [judged.verdict]
     if judged.reaction is not None:

@@ -282,7 +282,7 @@ def may_change(a: Slot, b: Slot, stretch: Stretch) -> bool:
 
     The mark between them is the outer border of the inner one. Where its ``laneChange`` says
     nothing, its type does; so it does for a broken line with ``laneChange="none"``, which editors
-    write where nobody chose. What holds for at least half of the stretch counts.
+    write where none was chosen. What holds for at least half of the stretch counts.
     """
     inner = min((a.id, b.id), key=abs)
     if a.id * b.id < 0:

@@ -20,7 +20,7 @@ def load_library(path: str | Path, loading: Loading = untold) -> Library:
 
     Args:
         path: an OpenDRIVE map, a SUMO network, or a site file.
-        loading: told of each road of a map.
+        loading: called with each road of a map.
 
     Raises:
         InputError: the file can't be read, is none of these, or is malformed.

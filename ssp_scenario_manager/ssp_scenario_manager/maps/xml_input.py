@@ -100,8 +100,8 @@ def parts(path: Path, root: str, counted: str = "", loading: Loading = untold) -
     Args:
         path: the file.
         root: tag that the outermost element must have.
-        counted: tag of the parts that ``loading`` is told of.
-        loading: told how many of the counted parts were read, and of how many.
+        counted: tag of the parts that ``loading`` counts.
+        loading: called with how many of the counted parts were read, and of how many.
 
     Raises:
         InputError: the file can't be read, is too large, isn't XML, holds entities, or has another

@@ -208,7 +208,7 @@ def listen(
     Args:
         spec: the run; says who should be there.
         seconds: how long, after the time that discovery takes.
-        progress: is told the share of the time that has passed.
+        progress: called with the share of the time that has passed.
         odometry: topic of the VUT's GNSS/INS, to be listened to as well.
         remappings: ``from:=to``, as the session's nodes have them.
         navsat: topic of its places, likewise.

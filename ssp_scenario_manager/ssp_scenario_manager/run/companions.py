@@ -45,7 +45,7 @@ class Companion:
         what: for people.
         env: what its environment has besides.
         hint: for the address of a page, what belongs to its end.
-        hears_the_end: it is told how the run ends, on standard input, and may stay to show it.
+        hears_the_end: it receives how the run ends, on standard input, and may stay to show it.
     """
 
     name: str
@@ -132,7 +132,7 @@ def beside(
 
 @dataclass
 class _Listener:
-    """The process of a companion, which may be told the end of the run."""
+    """The process of a companion, which may receive the end of the run."""
 
     node: NodeProcess
     group: ProcessGroup

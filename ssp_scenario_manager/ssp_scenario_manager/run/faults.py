@@ -1,8 +1,8 @@
 """Faults that the runner injects: those of processes, of the operator, and strange references.
 
 Object-side faults (links, localisation, actuators, the VUT) are injected where they happen, by the
-simulated world and the object targets. What is begun and ended here is told on ``fault_event`` and
-kept for ``faults.json``, since the recorder may be what was struck.
+simulated world and the object targets. What is begun and ended here is published on
+``fault_event`` and kept for ``faults.json``, since the recorder may be what was struck.
 """
 
 from __future__ import annotations
@@ -182,7 +182,7 @@ class FaultInjector:
         """End all lasting faults that can be ended, so that the processes can stop in order.
 
         Returns:
-            True when a node goes on now that stood still, and that nobody ended meanwhile.
+            True when a node goes on now that stood still, and that wasn't ended meanwhile.
         """
         lasting = [t for t in self._timed if t.begun_s is not None and not t.ended]
         for timed in lasting:

@@ -105,7 +105,7 @@ class LiveSetup:
         unit: where the unit sits: forward m, left m, yaw to the left rad.
         remappings: ``from:=to``, for all nodes.
         start_at_once: the run begins without a person's word.
-        declared: file with a person's word on what takes part; None: nobody gives one.
+        declared: file with a person's word on what takes part; None: none is given.
     """
 
     bodies: dict[str, str]

@@ -190,7 +190,7 @@ def misses(spec: RunSpec, happened: Happened) -> list[str]:
 def happened_by(bag: Path, spec: RunSpec) -> Happened | None:
     """Read the events from a session's bag; None where the bag is missing or damaged.
 
-    Why it can't be read is told with the latencies (``report.measured``).
+    Why it can't be read stands with the latencies (``report.measured``).
     """
     try:
         with BagReader(bag) as reader:
@@ -220,7 +220,7 @@ def result_keys(
 
     Args:
         spec: the run.
-        happened: None where nothing is known of it; all that would be told is null then.
+        happened: None where nothing is known of it; all of it is null then.
         took_part: who took part; None: it isn't known.
 
     Returns:

@@ -92,7 +92,7 @@ class StepInputs:
         return [f"the answer of {name}" for name in silent] + lacking
 
     def missing_of_late(self) -> list[str]:
-        """List what is missing once the world has waited for long; each step is told of once."""
+        """List what is missing once the world has waited for long; each step is listed once."""
         if (self.step or 0) <= self._told_step or not (missing := self.missing()):
             return []
         self._told_step = self.step or 0

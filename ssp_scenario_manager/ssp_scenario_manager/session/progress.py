@@ -157,7 +157,7 @@ def _at(state: ObjectState, stamp_ns: int) -> ObjectState:
 def _left_the_run(run: Run, state: ObjectState, now_ns: int) -> Violation | None:
     """Find an object that left the run: started anew, or stopped from elsewhere.
 
-    It stands or will, but nobody knows why, and it takes no reference. ARMED is one that hasn't
+    It stands or will, for an unknown reason, and it takes no reference. ARMED is one that hasn't
     heard of the start yet, as long as it may have heard nothing and its states may be on their way;
     PRE_RUNNING is on its way to RUNNING, as objects of ISO 22133 may be for as long.
     """

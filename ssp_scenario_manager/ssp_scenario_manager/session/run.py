@@ -34,7 +34,7 @@ class Run:
 
     Attributes:
         started_ns: session time; None before the start.
-        armed: its objects were told to arm.
+        armed: its objects were commanded to arm.
         judged_ns: stamp of the VUT's newest state that phases and adaptation were judged at.
     """
 

@@ -286,7 +286,7 @@ class Supervisor:
         A session stays armed only if every object says in time that it is.
 
         Returns:
-            True when the session aborts and nobody is left to report a standstill.
+            True when the session aborts and no participant is left to report a standstill.
         """
         self.wake(steady_ns)
         session = self._session

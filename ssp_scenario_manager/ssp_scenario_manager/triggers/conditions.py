@@ -37,7 +37,7 @@ _LEAST_ARRIVAL_MPS = 0.1
 
 
 class Snapshot:
-    """The states at the stamp of one VUT state. Whatever nobody asks about isn't computed.
+    """The states at the stamp of one VUT state. Values that aren't asked for aren't computed.
 
     An object's state is extrapolated to the VUT's stamp, with speed and yaw rate held. It is
     unknown (None) where the object was never heard, a number of it isn't finite, or its stamp is

@@ -112,7 +112,7 @@ def cut_parts(response: Response) -> tuple[str, ...]:
     """Name the stages that were cut off; ``answer`` where decoding says it of the whole.
 
     Args:
-        response: whoever made it; ``finish_reason`` is looked for in its ``decoding`` and in each
+        response: of any model; ``finish_reason`` is looked for in its ``decoding`` and in each
             of ``decoding["stages"]``.
     """
     stages = response.decoding.get("stages")

@@ -3,7 +3,7 @@
 The rules, in this order:
 1. A list that gives back the history, or a run of it, or all of it with fewer decimals, is no
    answer; a list that begins with the whole history is read without it. A history of one repeated
-   row can't be told from a plan that keeps on: a list equal to it is read, and a note says so.
+   row looks like a plan that keeps on: a list equal to it is read, and a note says so.
 2. A list given twice is one list.
 3. A list whose label or sentence says that it is somebody else's, a detection, an alternative,
    rejected or conditional is no answer (plan_label). The last list that is labelled as the own
@@ -12,7 +12,7 @@ The rules, in this order:
 4. Where the prompt asks for the bare list, all lists that aren't somebody else's count as
    labelled: the last one of the right number of rows, else the last one, if the text ends before
    it does, else the longest.
-5. A list with a fault, with rows of another width or in columns or units that can't be told has
+5. A list with a fault, with rows of another width or in columns or units that are unknown has
    the wrong shape. Fewer rows are read as they are, and more, too: whether they suffice is a
    matter of coverage. But a text that was cut off ends no list: one with fewer rows at its end is
    cut off, too. And a whole list with prose behind it, in a text that was cut off, is a draft.
@@ -193,7 +193,7 @@ def _as_closed(one: NumberList, count: int) -> NumberList:
 
 
 def _parts(one: NumberList, count: int, history: Rows | None, notes: list[str]) -> list[NumberList]:
-    """Split a list that is longer than asked for, where the place can be told."""
+    """Split a list that is longer than asked for, where the place is known."""
     if one.fault and one.fault != CUT:
         return [one]
     known = history or ()

@@ -238,7 +238,7 @@ class Converted:
 
     Args:
         times_s: as stated, one for each row; empty where none are.
-        problem: why it can't be told, empty where it can.
+        problem: why it is unknown, empty where it is known.
     """
 
     rows: Rows

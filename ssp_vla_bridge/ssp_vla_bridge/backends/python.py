@@ -119,7 +119,7 @@ def make(options: Mapping[str, Any]) -> PythonFunction:
 
 
 def check(options: Mapping[str, Any]) -> None:
-    """Refuse what can be told without importing the function's module, which may load a model.
+    """Refuse what can be seen without importing the function's module, which may load a model.
 
     Raises:
         InputError: an option is unknown or has a wrong value, or the function's name is none.

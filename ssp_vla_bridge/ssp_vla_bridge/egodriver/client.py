@@ -340,7 +340,7 @@ class EgodriverDriver:
         return answer, done.initial_metadata() or ()
 
     def close(self) -> None:
-        """End the session and the connection; a server that doesn't answer keeps nobody longer."""
+        """End the session and the connection; a server without an answer isn't waited for."""
         channel, session = self._channel, self._session
         self._channel, self._session = None, ""
         if channel is None:

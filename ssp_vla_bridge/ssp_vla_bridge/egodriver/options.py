@@ -92,7 +92,7 @@ def target_of(url: str) -> tuple[str, int]:
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether nobody but this machine can be behind a host."""
+    """Tell whether only this machine can be behind a host."""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:

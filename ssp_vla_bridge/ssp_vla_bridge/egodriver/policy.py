@@ -2,7 +2,7 @@
 
 A session has a seat, with a model in a process of its own. All that begins and ends a seat stands
 in ``BridgePolicy``: a seat is taken before its model is loaded, and is free once its process has
-ended. A session that nobody waits for any more, since its client gave up, closed it or was idle
+ended. A session without a waiting client, since its client gave up, closed it or was idle
 while others wanted its place, ends at once, also while its model loads or answers.
 """
 

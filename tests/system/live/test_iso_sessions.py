@@ -28,6 +28,10 @@ PORT = 19_000
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 
+def local_port() -> int:
+    return PORT + 2 * (os.getpid() % 1000)
+
+
 def body_at(host: str, port: int) -> tuple[str, ...]:
     """Return the options of an object whose firmware was never probed."""
     return ("--body", f"ot1=iso22133://{host}:{port}?waive=A. Tester")
@@ -57,12 +61,13 @@ def ends_validly(stage: Any, run: subprocess.Popen[Any]) -> Path:
     return folder
 
 
-def test_a_rehearsed_session_with_an_iso_object_is_valid(
-    stage: Any, task: Callable[..., Path]
+def test_a_rehearsed_session_with_an_iso_object_is_admitted_and_scored(
+    stage: Any, task: Callable[..., Path], recordings: Recordings, tmp_path: Path
 ) -> None:
-    """All parts are rehearsed on one host. What is scored comes from two hosts, below."""
-    port = PORT + 2 * (os.getpid() % 1000)
-    run = stage.run_live(task("cut_in", datum=True), *body_at("127.0.0.1", port))
+    """All parts are rehearsed on one host; a session over two hosts follows below."""
+    port = local_port()
+    compiled = task(str(recordings.k_star("vru_crossing")), datum=True)
+    run = stage.run_live(compiled, *body_at("127.0.0.1", port))
     parts = ("--play", "vut", "--play", "camera", "--play", "iso")
     stage.play("rehearsal", *parts, "--first-port", str(port), "--log", str(stage.log))
     stage.ask_doctor()
@@ -70,32 +75,16 @@ def test_a_rehearsed_session_with_an_iso_object_is_valid(
     assert stage.rows()[-1].speed_mps == 0.0
     stage.close()
     everybody_declares_simulated(physical)
-
-
-def test_over_two_hosts_a_session_with_an_iso_object_is_admitted_and_scored(
-    network: Network,
-    two_hosts: Any,
-    task: Callable[..., Path],
-    recordings: Recordings,
-    tmp_path: Path,
-) -> None:
-    """Between them there is ISO 22133 and nothing else."""
-    stage = two_hosts
-    compiled = task(str(recordings.k_star("vru_crossing")), datum=True)
-    run = stage.run_live(compiled, *body_at(OBJECTS, 53241), host=on(network.a))
-    play_object(stage, on(network.b), "--host", OBJECTS)
-    parts = ("--play", "vut", "--play", "camera")
-    stage.play("rehearsal", *parts, host=on(network.a))
-    stage.ask_doctor(host=on(network.a))
-    physical = ends_validly(stage, run)
-    stage.close()
     is_admitted_and_scored(recordings, "vru_crossing", physical, tmp_path)
 
 
 def test_the_link_to_an_iso_object_is_cut_while_it_drives(
     network: Network, two_hosts: Any, task: Callable[..., Path]
 ) -> None:
-    """It stops by itself, and stays where it stands when its control centre is back."""
+    """Between the hosts there is ISO 22133 and nothing else.
+
+    The object stops by itself, and stays where it stands when its control centre is back.
+    """
     stage = two_hosts
     compiled = task("cut_in", datum=True)
     run = stage.run_live(compiled, "--no-camera", *body_at(OBJECTS, 53241), host=on(network.a))
@@ -119,10 +108,6 @@ def test_the_link_to_an_iso_object_is_cut_while_it_drives(
 
 def unwaived(port: int) -> tuple[str, ...]:
     return ("--body", f"ot1=iso22133://127.0.0.1:{port}")
-
-
-def local_port() -> int:
-    return PORT + 2 * (os.getpid() % 1000)
 
 
 def test_an_object_without_a_probe_report_is_not_armed_and_that_is_the_reason(

@@ -95,9 +95,9 @@ class ModelFacts:
     """The facts that reports state of a model; none changes how it is asked or scored.
 
     Args:
-        total_b: parameters, billions; None where nobody says.
-        active_b: parameters that one token uses, billions; None where nobody says.
-        architecture: a word such as ``dense`` or ``moe``; empty where nobody says.
+        total_b: parameters, billions; None where it isn't stated.
+        active_b: parameters that one token uses, billions; None where it isn't stated.
+        architecture: a word such as ``dense`` or ``moe``; empty where it isn't stated.
     """
 
     total_b: float | None = None
@@ -119,7 +119,7 @@ class ModelSpec:
         preprocessing: what differs from the interface's, by field of Preprocessing.
         condition: under which it is asked (conditions.py); empty: as it is meant to be.
         control: it was added to check the harness, whatever it is; it enters no mean and no rank.
-        answerer: it is one of the harness's own that was added; nobody has to start it.
+        answerer: it is one of the harness's own that was added; it needs no start.
     """
 
     name: str
@@ -386,7 +386,7 @@ def _spec(name: str, entry: ModelEntry) -> ModelSpec:
 
 
 def check_model(spec: ModelSpec, file: str | None = None, field: str = "") -> None:
-    """Refuse what can be told without making the backend: names, interface, adapter.
+    """Refuse what can be seen without making the backend: names, interface, adapter.
 
     Raises:
         InputError: with the field.

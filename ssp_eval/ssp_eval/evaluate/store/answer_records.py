@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from ssp_eval.data.records import BehaviourRecord
-from ssp_eval.evaluate.store.requests import Asked
+from ssp_eval.evaluate.store.requests import Exchange
 from ssp_eval.extract.combined.extractor import Extracted, Extractor
 from ssp_eval.extract.language import NOT_READ
 from ssp_vla_bridge.adapters.registry import adapt
@@ -17,7 +17,7 @@ BY_READER, BY_LLM = "slots by the learned reader", "slots by the LLM"
 
 
 def records_of(
-    asked: Sequence[Asked], adapter: str, extractor: Extractor | None = None
+    asked: Sequence[Exchange], adapter: str, extractor: Extractor | None = None
 ) -> list[BehaviourRecord]:
     """Make one record per answer.
 

@@ -23,7 +23,7 @@ from ssp_eval.evaluate.clients.model_replies import (
 )
 from ssp_eval.evaluate.clients.models import CONDITION_SEED, ModelSpec
 from ssp_eval.evaluate.store.admission import NO_AUDIT, Admission
-from ssp_eval.evaluate.store.requests import EARLIER_FILE, RAW_FILE, REQUESTS_FILE, Asked
+from ssp_eval.evaluate.store.requests import EARLIER_FILE, RAW_FILE, REQUESTS_FILE, Exchange
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.score.thresholds import DEFAULT, Thresholds
@@ -271,7 +271,7 @@ def write_cell(
     place: CellPlace,
     status: str,
     reasons: Sequence[str],
-    asked: Sequence[Asked] = (),
+    asked: Sequence[Exchange] = (),
     ignored: IgnoredAnswers | None = None,
     score: dict[str, Any] | None = None,
 ) -> CellResult:
@@ -310,11 +310,11 @@ def write_cell(
     )
 
 
-def _sent(asked: Sequence[Asked]) -> list[Asked]:
+def _sent(asked: Sequence[Exchange]) -> list[Exchange]:
     return [one for one in asked if one.request is not None and not one.reused]
 
 
-def _losses(asked: Sequence[Asked]) -> dict[str, int]:
+def _losses(asked: Sequence[Exchange]) -> dict[str, int]:
     return dict(sorted(Counter(str(one.loss) for one in asked if one.missing).items()))
 
 
@@ -322,7 +322,7 @@ def _facts(
     place: CellPlace,
     status: str,
     reasons: Sequence[str],
-    asked: Sequence[Asked],
+    asked: Sequence[Exchange],
     ignored: IgnoredAnswers | None,
 ) -> dict[str, Any]:
     """Collect the content of cell.json; see write_cell."""

@@ -24,7 +24,7 @@ from ssp_eval.evaluate.store.requests import (
     EARLIER_FILE,
     RAW_FILE,
     REQUESTS_FILE,
-    Asked,
+    Exchange,
     key_of,
     request_to_json,
 )
@@ -127,7 +127,7 @@ class RawStore:
         except OSError as error:
             raise HostError(f"{self._path}: can't be written: {error.strerror}") from error
 
-    def finish(self, asked: Sequence[Asked]) -> None:
+    def finish(self, asked: Sequence[Exchange]) -> None:
         """Leave exactly one line per answered label time, in order, and what was asked.
 
         Answers that were stored before and aren't among these are kept beside them, unless the same
@@ -147,7 +147,7 @@ class RawStore:
         _write_lines(self._requests_path, [_question(one) for one in asked])
 
 
-def _question(one: Asked) -> dict[str, Any]:
+def _question(one: Exchange) -> dict[str, Any]:
     sent = {} if one.request is None else request_to_json(one.request)
     if one.response is not None:
         sent["request_id"] = one.response.request_id

@@ -95,7 +95,7 @@ def asked_again(value: Mapping[str, Any], previous: Response | None) -> Request:
 
 
 @dataclass(frozen=True)
-class Asked:
+class Exchange:
     """One label time of a cell: what was asked, and what came of it.
 
     Args:
@@ -134,7 +134,7 @@ class AnswerKeys:
     Args:
         labels_sha256: hash of what the labels say, which only the control that answers from them
             depends on.
-        clip_start_ns: stamp of the clip's time 0, which only that control is told.
+        clip_start_ns: stamp of the clip's time 0, which only that control receives.
     """
 
     def __init__(self, model: ModelSpec, labels_sha256: str, clip_start_ns: int) -> None:

@@ -61,7 +61,7 @@ class AdmissionFacts(_Part):
 
 
 class GeometryFacts(_Part):
-    """The forward camera: px, m and rad; height and pitch are null where nobody knows them."""
+    """The forward camera: px, m and rad; height and pitch are null where they are unknown."""
 
     fx_px: Finite
     fy_px: Finite

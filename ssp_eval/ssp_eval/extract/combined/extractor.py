@@ -57,7 +57,7 @@ class Extractor:
         cache: folder that keeps its answers byte for byte, each by the hash of the whole request
             (model, prompt, parameters, text), so that no question is paid for twice; None: none.
         use_schema: ask the server to hold answers to a schema.
-        note: told of trouble with the service.
+        note: called with trouble of the service.
         use_reader: let the learned reader fill what the rules leave empty, before an LLM does.
 
     Raises:

@@ -91,7 +91,7 @@ _LEADING = frozenset({"ticked", ">", ":", ",", "="})  # marks that a quote may b
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judgement:
     """The proposals that stand.
 
     Args:
@@ -103,7 +103,7 @@ class Judged:
     dropped: tuple[str, ...]
 
 
-def judge(text: str, found: Slots, proposals: Sequence[Proposal]) -> Judged:
+def judge(text: str, found: Slots, proposals: Sequence[Proposal]) -> Judgement:
     """Return the slots that the LLM's proposals fill; one that the rules found stays as it is."""
     bench = TextUnderReview(text)
     filled: dict[str, Slot] = {}
@@ -128,7 +128,7 @@ def judge(text: str, found: Slots, proposals: Sequence[Proposal]) -> Judged:
         slot = check(text, name, Slot(value, tuple(sorted(spans))))
         if slot is not None:
             filled[name] = slot
-    return Judged(filled, tuple(dropped))
+    return Judgement(filled, tuple(dropped))
 
 
 class TextUnderReview:

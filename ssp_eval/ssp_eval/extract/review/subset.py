@@ -49,7 +49,7 @@ def choose(candidates: Sequence[Candidate], count: int, seed: int) -> list[Candi
 
     Again and again a text is drawn from those that have the value which was drawn least so far.
     So rare values are there, and for each slot also texts in which nothing was found, without which
-    nobody would notice what the extractor overlooks. A text that stands there twice is drawn once.
+    omissions of the extractor would go unnoticed. A text that stands there twice is drawn once.
     The same seed chooses the same texts, at most so many.
     """
     rng = random.Random(seed)

@@ -1,10 +1,10 @@
 """The messages of a control centre to one test object, and the faults that it finds in the answers.
 
-It has no socket and reads no clock: it is told the time, what the object target decided and what
+It has no socket and reads no clock: it receives the time, what the object target decided and what
 the object reports, and says what is sent. The object target stays the judge of the motion; here is
 judged what it can't see, the object's own state and whether it obeys.
 
-This file owns what the object was told: ``ControlQueue`` what waits, ``Trajectories`` what it
+This file owns what was sent to the object: ``ControlQueue`` what waits, ``Trajectories`` what it
 drives, ``Conversation`` the rest. A new connection, or a new arming, forgets the run.
 """
 
@@ -113,7 +113,7 @@ class Reported:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """The settings told to an object when it is connected, and the requirements on it.
+    """The settings sent to an object when it is connected, and the requirements on it.
 
     Args:
         device_id: given to the object.
@@ -461,8 +461,8 @@ class Conversation:
     def _phase(self) -> SessionPhase:
         """The phase whose states are expected of the object.
 
-        An object target that is DISARMED has not been told to arm, or has refused to, whatever the
-        session says.
+        An object target that is DISARMED has not been commanded to arm, or has refused to,
+        whatever the session says.
         """
         decided = self._decided
         if decided.state is C.DISARMED and decided.session in (P.ARMED, P.RUNNING):

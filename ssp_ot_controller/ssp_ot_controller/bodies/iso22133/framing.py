@@ -192,7 +192,7 @@ class StreamDecoder:
     def feed(self, data: bytes) -> list[Frame | Rejected]:
         """Return the frames that these bytes complete, and each loss of synchronisation, in order.
 
-        A loss is told once, with what was found first; what follows it is counted.
+        A loss is reported once, with what was found first; what follows it is counted.
         """
         self._buffer += data
         return self._scan(0)

@@ -180,7 +180,7 @@ class IsoBody:
     """Leads one test object. It follows its trajectory by itself: commands of a body are not sent.
 
     Args:
-        tell: is told what an operator or a dispute needs to know, once each.
+        tell: called with what an operator or a dispute needs to know, once each.
         device_id: that the object is given.
         make_link: of host, port and tap.
 
@@ -233,7 +233,7 @@ class IsoBody:
         return newest
 
     def command(self, command: Command, now_ns: int) -> None:
-        """Do nothing: the object drives by itself what ``follow`` was told."""
+        """Do nothing: the object drives by itself what ``follow`` received."""
 
     def close(self) -> None:
         """Leave the object to its own watchdog."""

@@ -163,7 +163,7 @@ def _tell(odd: list[str], text: str) -> None:
 
 
 def _from_wire(field: _Field, raw: Any, odd: list[str]) -> Any:
-    """Return the field's value; what isn't one is None, and told."""
+    """Return the field's value; what isn't one is None, and reported."""
     wire = field.wire
     if wire.code == "text":
         return raw.split(b"\0", 1)[0].decode(errors="replace")
@@ -214,7 +214,7 @@ def read_items(cls: type, items: tuple[Item, ...], odd: list[str]) -> Any | Reje
     Args:
         cls: of the message.
         items: of the payload, in their order.
-        odd: is told of items that the message doesn't have, and of values that are none; of the
+        odd: called with items that the message doesn't have, and of values that are none; of the
             first MOST_ODD.
     """
     known = {group.value_id: group for group in _groups_of(cls)}

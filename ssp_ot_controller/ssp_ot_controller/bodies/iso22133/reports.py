@@ -133,6 +133,6 @@ class Answers:
         return None if sent is None else Answer(grem, sent[0], now_ns - sent[1])
 
     def silent(self, now_ns: int, limit_ns: int) -> list[Header]:
-        """Return the messages that weren't answered within a limit; each is told once."""
+        """Return the messages that weren't answered within a limit; each is reported once."""
         late = [key for key, (_, at_ns) in self._sent.items() if now_ns - at_ns > limit_ns]
         return [self._sent.pop(key)[0] for key in late]

@@ -123,7 +123,7 @@ def write_folder(compiled: Compiled, out: Path, *, replace: bool = False) -> lis
         All files, sorted.
 
     Raises:
-        InputError: the folder holds something, and isn't to be replaced or was made by nobody here.
+        InputError: the folder holds something, and isn't to be replaced or isn't a task.
     """
     check_out(out, replace=replace)
     if compiled.area.map_name in _NAMES:

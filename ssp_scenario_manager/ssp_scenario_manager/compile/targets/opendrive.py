@@ -92,7 +92,7 @@ class _Strip:
 def _strips(lanes: Sequence[BlockLane], middle_m: float, sign: int, block: Block) -> list[_Strip]:
     """Return the lanes of one side from the middle outwards.
 
-    A narrow gap widens the lanes beside it, half each. A wider one is a strip that nobody drives
+    A narrow gap widens the lanes beside it, half each. A wider one is a strip that isn't driven
     on.
     """
     strips: list[_Strip] = []

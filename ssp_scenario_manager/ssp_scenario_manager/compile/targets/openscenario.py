@@ -1,7 +1,7 @@
 """OpenSCENARIO XML of a task (METHOD 2.5), for esmini, CARLA's ScenarioRunner and others.
 
 Version 1.0, the only one that ScenarioRunner takes; esmini takes all. Only what both play is
-written. What a session does and these files don't is told in docs/exports.md.
+written. What a session does and these files don't stands in docs/exports.md.
 """
 
 from __future__ import annotations

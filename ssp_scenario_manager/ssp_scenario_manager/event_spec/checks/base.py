@@ -53,7 +53,7 @@ class Failure:
         field: dotted path of the field, such as ``motion.ot1.trigger.lateral``.
         evidence: the value found, and what it was held against.
         reason: why that is wrong, one clause.
-        origin: where it comes from (METHOD 1), or that nobody has decided or reviewed it yet.
+        origin: where it comes from (METHOD 1), or that it isn't decided or reviewed yet.
         remedy: what would be right.
     """
 
@@ -109,7 +109,7 @@ class View:
 
     @property
     def kind(self) -> Kind | None:
-        """Facts about the kind of interaction, None where nobody knows it."""
+        """Facts about the kind of interaction, None where it is unknown."""
         return KINDS.get(self.event.interaction.type)
 
     @property

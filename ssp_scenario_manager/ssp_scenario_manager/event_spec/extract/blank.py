@@ -55,7 +55,7 @@ def blank_event(kind: str, name: str) -> Blank:
     Part A, M, I and C are those of the shipped event of this kind, as defaults to confirm.
 
     Raises:
-        InputError: nobody knows this kind, or no shipped event is of it.
+        InputError: this kind is unknown, or no shipped event is of it.
     """
     shipped = sorted((LIBRARY / "events").glob("*.event.yaml"))
     examples = {load_event(str(path))[0].interaction.type: str(path) for path in shipped}

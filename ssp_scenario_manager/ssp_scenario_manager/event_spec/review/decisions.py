@@ -191,7 +191,7 @@ def read_value(text: str, old: Any, quantity: bool) -> Any:
     Quantities are ``2..3 s`` (``..3 s`` and ``2.. s`` are open, ``2 s`` is exact), counts ``2..3``,
     lists ``a, b``; of one participant in one phase, ``motion=stationary lateral=none`` changes
     these words and leaves the others. For a field of the road a line is what the source shows;
-    whether it is identity or varies is told in braces. Text in braces or brackets is YAML.
+    whether it is identity or varies stands in braces. Text in braces or brackets is YAML.
 
     Args:
         text: as typed.

@@ -135,7 +135,7 @@ class Probe:
         open_wire: makes a link that isn't connected, with this tap.
         way: needed for the stage MOVE.
         heartbeat_s: after which the object is to notice that heartbeats are lost.
-        tell: is told of progress.
+        tell: called with progress.
     """
 
     def __init__(

@@ -71,7 +71,7 @@ class ProbeClause:
     Args:
         id: its stage, a dot and its name.
         step: what is judged.
-        bound: the largest value that passes; None for states and for what nobody judges.
+        bound: the largest value that passes; None for states and for values that aren't judged.
     """
 
     id: str
