@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -248,8 +248,8 @@ def grounds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, OperatingArea
     return found
 
 
-def combinations_of(name: str, place: int) -> Iterator[Event]:
-    """A shipped event from each side, the initiator of the class whose turn it is.
+def combination_of(name: str, place: int) -> Event:
+    """A shipped event from the side, and its initiator of the class, whose turn it is.
 
     Over the places, each side comes up with each class.
     """
@@ -259,17 +259,15 @@ def combinations_of(name: str, place: int) -> Iterator[Event]:
     # What is ahead in the VUT's lane comes from no side.
     sides = sides[:1] if kind.relation == "following" else sides
     words = sorted(kind.initiator_classes)
+    round_, index = divmod(place, len(words))
     if name == "slow_lead":
         # Each class stands at one place and moves at another; both of all classes are run below.
-        round_, index = divmod(place, len(words))
-        yield slow_lead(words[index], standing=(index + round_) % 2 == 1)
-        return
-    for index, event in enumerate(sides):
-        word = words[(index + place) % len(words)]
-        who = event.participants[event.interaction.initiator]
-        changed = who.model_copy(update={"class_": word})
-        participants = {**event.participants, event.interaction.initiator: changed}
-        yield event.model_copy(update={"participants": participants})
+        return slow_lead(words[index], standing=(index + round_) % 2 == 1)
+    event = sides[(index + round_) % len(sides)]
+    who = event.participants[event.interaction.initiator]
+    changed = who.model_copy(update={"class_": words[index]})
+    participants = {**event.participants, event.interaction.initiator: changed}
+    return event.model_copy(update={"participants": participants})
 
 
 def best_block(event: Event, area: OperatingArea) -> Block | None:
@@ -298,10 +296,24 @@ def tried(event: Event, block: Block, area: OperatingArea) -> RunSpec | None:
 def test_every_combination_happens_or_is_refused_with_what_misses(
     name: str, place: str, grounds: dict[str, OperatingArea]
 ) -> None:
-    for event in combinations_of(name, [*SITES, *MAPS].index(place)):
-        block = best_block(event, grounds[place])
-        if block is not None:
-            tried(event, block, grounds[place])
+    event = combination_of(name, [*SITES, *MAPS].index(place))
+    block = best_block(event, grounds[place])
+    if block is not None:
+        tried(event, block, grounds[place])
+
+
+@pytest.mark.parametrize("name", [name for name in ON_OPEN_ROAD if name != "slow_lead"])
+def test_over_the_places_each_side_comes_up_with_each_class(name: str) -> None:
+    kind, found = KINDS[name], set()
+    for place in range(len([*SITES, *MAPS])):
+        event = combination_of(name, place)
+        initiator = event.participants[event.interaction.initiator]
+        found.add((initiator.class_, event.interaction.dominant_motion))
+    sides = {motion for _, motion in found}
+    assert sides == {shipped(name)["interaction"]["dominant_motion"]} | (
+        {from_the_other_side(name).interaction.dominant_motion} & set(kind.dominant_motions)
+    )
+    assert found == {(word, side) for word in kind.initiator_classes for side in sides}
 
 
 @pytest.fixture
