@@ -78,7 +78,8 @@ def test_participants_and_where_they_start(event: Event, board: Storyboard) -> N
             assert gap.min <= encounter(vut, states[who], road).gap_m <= gap.max
             offset = states[who].y_m
             side = participant.region.place.partition("_")[0]
-            assert {"left": offset > 1.5, "right": offset < -1.5, "vut": abs(offset) < 0.5}[side]
+            sides = {"right": offset < -1.5, "vut": abs(offset) < 0.5}
+            assert (sides | dict.fromkeys(("left", "oncoming"), offset > 1.5))[side]
 
 
 def test_topology_has_the_values_of_the_clip_s_own_road(event: Event, board: Storyboard) -> None:

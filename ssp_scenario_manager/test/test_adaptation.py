@@ -195,6 +195,35 @@ def test_who_merges_leaves_its_zone_as_it_arrives_and_the_zone_begins_at_its_rea
     assert planned_motion.columns[4, 1] == pytest.approx(8.5)
 
 
+def turning(turned_rad: float) -> PlannedMotion | None:
+    """From the next lane against the VUT at 4 m/s, on a circle of 10 m by an angle, and on."""
+    arc = [(100.0 - 10.0 * np.sin(a), 3.5 - 10.0 * (1.0 - np.cos(a))) for a in _arc(turned_rad)]
+    x, y = arc[-1]
+    way = (x - 20.0 * np.cos(turned_rad), y - 20.0 * np.sin(turned_rad))
+    motion = Motion(path=[(110.0, 3.5), *arc, way], cruise_mps=4.0)
+    waits = participant("ot1", "car", 110.0, 3.5, np.pi)
+    act = FollowPath(kind="follow_path", motion=motion)
+    sent = manoeuvre_reference(address(10.1), act, vut(0.0), None, None)
+    return planned_motion_of(None, sent, 10 * S, waits, VUT, PATH)
+
+
+def _arc(turned_rad: float) -> list[float]:
+    return [float(a) for a in np.linspace(0.0, turned_rad, 40)]
+
+
+def test_an_oncoming_one_that_turns_across_meets_what_its_body_sweeps() -> None:
+    found = turning(np.pi / 2)
+    assert found is not None
+    # As in test_phases.py: from its first corner inside to its last one outside.
+    assert found.departure_s - found.arrival_s == pytest.approx(4.868 - 2.721, abs=0.02)
+    assert (found.zone.start_m, found.zone.end_m) == pytest.approx((89.50, 95.74), abs=0.1)
+
+
+def test_an_oncoming_one_that_stays_in_the_corridor_meets_nobody() -> None:
+    """It turns towards the VUT's way, and comes to drive along it."""
+    assert turning(0.05) is None
+
+
 def test_who_never_comes_into_the_corridor_meets_nobody() -> None:
     away = LaneChange(
         kind="lane_change",

@@ -12,7 +12,15 @@ import pytest
 
 from ssp_core.geometry import Polyline, Pose2
 from ssp_core.motion.encounter import Observable
-from ssp_core.motion.event import Instant, PhaseBegan, PhaseWatch, find_event, next_phase
+from ssp_core.motion.event import (
+    Corridor,
+    Instant,
+    PhaseBegan,
+    PhaseWatch,
+    find_event,
+    next_phase,
+    passing_of,
+)
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.vocabulary import ObjectClass, Phase
@@ -173,6 +181,44 @@ def test_crossing(state: StateMaker, frame: Pose2, side: float) -> None:
         (Phase.CONFLICT, 3120),
         (Phase.RESOLUTION, 3860),
     ]
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_an_oncoming_one_that_turns_across(state: StateMaker, frame: Pose2) -> None:
+    """An OT comes at 4 m/s in the next lane, and turns on a circle of 10 m from x = 80 m at 2.0 s.
+
+    After t s of the turn it has turned by a = 0.4 t, and drives 4 sin a sideways: more than 0.2 m/s
+    from 0.125 s on. TTC is (80 - 10.9 sin a - 3.6 cos a - 10 (t + 2) - 3.6) / (10 + 4 cos a), under
+    2.5 s from 3.408 s on. The corridor is 1.2 m wide on each side: its first corner is in at
+    2.721 s, its last one out, 3.5 - 10 (1 - cos a) + 0.9 sin a + 0.9 cos a under -1.2, at 4.868 s.
+    Its own corridor, clipped by the VUT's at every step, lies between 69.50 and 75.74 m.
+    """
+
+    def vut(t: float) -> tuple[float, float]:
+        return 10.0 * t, 10.0
+
+    def target(t: float) -> tuple[float, float, float, float]:
+        a = 0.4 * max(t - 2.0, 0.0)
+        x = 80.0 + 4.0 * max(2.0 - t, 0.0) - 10.0 * math.sin(a)
+        return x, 3.5 - 10.0 * (1.0 - math.cos(a)), -4.0 * math.cos(a), -4.0 * math.sin(a)
+
+    pairs = drive(state, 9.0, vut, target)
+    assert play(pairs, frame, thresholds=TTC_ALONE) == [
+        (Phase.TRIGGER, 2140),
+        (Phase.CONFLICT, 3420),
+        (Phase.RESOLUTION, 4880),
+    ]
+    instants = [Instant(own.stamp_ns / 1e9, own, other) for own, other in pairs]
+    met = passing_of(instants, Corridor.of([own for own, _ in pairs]), None)
+    assert (met.relation, met.other_first) == ("crossing", True)
+    assert met.other_arrival_s == pytest.approx(2.74)
+    assert met.zone is not None
+    # The corridor goes on for 500 m behind the VUT's start.
+    zone = met.zone.start_m - 500.0, met.zone.end_m - 500.0
+    assert zone == pytest.approx((69.50, 75.74), abs=0.02)
+    # One that stays in the corridor is oncoming.
+    in_it = [now for now in instants if now.t_s < 4.0]
+    assert passing_of(in_it, Corridor.of([own for own, _ in pairs]), None).relation == "oncoming"
 
 
 @pytest.mark.parametrize(("lateral_mps", "seen"), [(0.19, False), (0.21, True)])

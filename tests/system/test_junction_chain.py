@@ -5,17 +5,20 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import pytest
+
 from ssp_eval.twins.files import read_set
 from tests.system.live.scored import admitted_and_scored
 from tests.system.recordings import Recordings, ssp
 
 
-def test_a_crossing_car_is_admitted_in_all_domains_and_scored_alike(
-    recordings: Recordings, tmp_path: Path
+@pytest.mark.parametrize("event", ["crossing_car", "oncoming_turn"])
+def test_it_is_admitted_in_all_domains_and_scored_alike(
+    recordings: Recordings, event: str, tmp_path: Path
 ) -> None:
     physical = tmp_path / "physical"
-    shutil.copytree(recordings.get("crossing_car", "physical"), physical)
-    audit = admitted_and_scored(recordings, "crossing_car", physical, tmp_path)
+    shutil.copytree(recordings.get(event, "physical"), physical)
+    audit = admitted_and_scored(recordings, event, physical, tmp_path)
     for entry in audit.recordings:
         assert entry.kpr == 1.0
         assert entry.epd is not None

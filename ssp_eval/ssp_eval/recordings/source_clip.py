@@ -44,6 +44,7 @@ _DRAWN = {
     "occluded_crossing": ("crossing_from_right", "pedestrian"),
     "slow_lead": ("same_direction", "car"),
     "crossing_car": ("crossing_from_right", "car"),
+    "oncoming_turn": ("oncoming", "car"),
 }
 
 

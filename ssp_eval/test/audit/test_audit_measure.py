@@ -186,6 +186,26 @@ def crossing_car(start_s: float = 4.0, side: float = -1.0, **more: Any) -> Scene
     return scene(vut, way, **given)
 
 
+def oncoming_turn(start_s: float = 3.3, side: float = 1.0, **more: Any) -> Scene:
+    """A car drives off in the oncoming lane with 2 m/s² up to 4 m/s, and turns across at x = 80 m.
+
+    It turns on a circle of 11.5 m. From the other side it does the same from the VUT's right.
+    """
+
+    def way(t_s: float) -> tuple[float, float]:
+        faster_s = min(max(0.0, t_s - start_s), 2.0)
+        driven_m = faster_s**2 + 4.0 * max(0.0, t_s - start_s - 2.0) - 5.0
+        turned = min(max(driven_m, 0.0) / 11.5, math.pi / 2)
+        beyond_m = max(0.0, driven_m - 11.5 * math.pi / 2)
+        x = 80.0 - min(driven_m, 0.0) - 11.5 * math.sin(turned)
+        return x, side * (3.5 - 11.5 * (1.0 - math.cos(turned)) - beyond_m)
+
+    vut = more.pop("vut", braking(0.0, 9.0, 6.3, 4.0, 1.5))
+    short = ConflictThresholds(ttc_s=1.6, arrival_gap_s=None)
+    given = {"thresholds": short, "length_s": 18.0, "road": crossing_road(70.0)} | more
+    return scene(vut, way, **given)
+
+
 def words(found: Measured, field: str, part: str) -> tuple[str, ...]:
     value = found.properties[field].words
     assert value is not None
@@ -214,6 +234,7 @@ def codes(name: str, found: Measured) -> list[str]:
         ("lead_braking", lead, "following", "same_direction"),
         ("slow_lead", slow_lead, "following", "same_direction"),
         ("crossing_car", crossing_car, "crossing", "crossing_from_right"),
+        ("oncoming_turn", oncoming_turn, "crossing", "oncoming"),
     ],
 )
 def test_an_event_is_what_its_specification_says(
@@ -274,6 +295,30 @@ def test_what_is_no_slow_lead_is_refused_with_what_differs(made: Scene, code: st
 )
 def test_what_is_no_crossing_car_is_refused_with_what_differs(made: Scene, code: str) -> None:
     assert codes("crossing_car", measure(made))[:1] == [code]
+
+
+@pytest.mark.parametrize(
+    ("made", "code"),
+    [
+        pytest.param(oncoming_turn(side=-1.0), "lane_differs", id="from the right"),
+        pytest.param(oncoming_turn(cls=ObjectClass.PEDESTRIAN), "roles_differ", id="a pedestrian"),
+        pytest.param(oncoming_turn(cls=ObjectClass.TRUCK), "roles_differ", id="a truck"),
+        pytest.param(
+            oncoming_turn(5.0, vut=braking(0.0, 9.0, 60.0, 3.0)),
+            "order_differs",
+            id="the VUT is first",
+        ),
+        pytest.param(oncoming_turn(start_s=60.0), "no_manoeuvre", id="it waits"),
+        pytest.param(crossing_car(side=1.0), "motion_differs", id="from the road on the left"),
+        pytest.param(
+            oncoming_turn(road=replace(crossing_road(), road=road().road)),
+            "topology_differs",
+            id="no junction",
+        ),
+    ],
+)
+def test_what_is_no_oncoming_turn_is_refused_with_what_differs(made: Scene, code: str) -> None:
+    assert codes("oncoming_turn", measure(made))[:1] == [code]
 
 
 def test_phases_and_facts_of_a_cut_in() -> None:

@@ -6,10 +6,11 @@ Everything is measured along the VUT's path, so that it holds for straight and c
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Literal
 
 from ssp_core.geometry import Box, Polyline, Pose2, wrap_angle
-from ssp_core.motion.state import ObjectState
+from ssp_core.motion.state import ObjectState, Size
 from ssp_core.value_class import value_class
 
 # METHOD 1: a swept corridor is the vehicle's width plus this on each side.
@@ -102,13 +103,18 @@ def swept_stations(
     Returns:
         First and last station in m; None where it covers nothing.
     """
-    station, offset = path.project_beyond(other.x_m, other.y_m)
-    heading = other.yaw_rad - path.pose(station).yaw_rad
+    return _covered(other.pose, other.size, path, half_m, reach_m)
+
+
+def _covered(
+    pose: Pose2, size: Size, path: Polyline, half_m: float, reach_m: float
+) -> tuple[float, float] | None:
+    station, offset = path.project_beyond(pose.x_m, pose.y_m)
     box = Box(
-        Pose2(station, offset, heading),
-        other.size.front_m + reach_m,
-        other.size.rear_m + reach_m,
-        2.0 * corridor_half_m(other.size.width_m),
+        Pose2(station, offset, pose.yaw_rad - path.pose(station).yaw_rad),
+        size.front_m + reach_m,
+        size.rear_m + reach_m,
+        2.0 * corridor_half_m(size.width_m),
     )
     corners = box.corners()
     stations = [s for s, d in corners if abs(d) <= half_m]
@@ -119,6 +125,25 @@ def swept_stations(
         if (d0 - edge) * (d1 - edge) < 0.0
     ]
     return (min(stations), max(stations)) if stations else None
+
+
+def swept_on_way(
+    way: Iterable[Pose2], size: Size, path: Polyline, half_m: float
+) -> tuple[float, float] | None:
+    """Return the part of a corridor that an object covers on its way, except along the path.
+
+    Args:
+        way: of the object's reference point, in order.
+        size: the object's.
+        path: middle of the other corridor, frame map.
+        half_m: half the width of the other corridor.
+    """
+    covered: list[float] = []
+    for pose in way:
+        station, _ = path.project_beyond(pose.x_m, pose.y_m)
+        if abs(wrap_angle(pose.yaw_rad - path.pose(station).yaw_rad)) > ALONG_RAD:
+            covered += _covered(pose, size, path, half_m, 0.0) or ()
+    return (min(covered), max(covered)) if covered else None
 
 
 def encounter(vut: ObjectState, other: ObjectState, path: Polyline) -> Encounter:

@@ -530,19 +530,21 @@ class _Seen:
         """Return the passing of an object from its entry into the corridor on.
 
         It crosses where its direction makes more than 45 degrees with the path at the instant of
-        its entry, else it merges, or is oncoming.
+        its entry, else it merges, or is oncoming. An oncoming one that turns and leaves on the
+        other side crosses too.
         """
         instants, extents = self._instants, self._extents
         left = next((i for i in range(entry, len(instants)) if not self.inside[i]), len(instants))
         along, leftwards = self._corridor.velocity(instants[entry].other)
         direction = abs(math.atan2(leftwards, along))
         departure_s = instants[left].t_s if left < len(instants) else None
-        if direction > AGAINST_RAD:
+        against = direction > AGAINST_RAD
+        if against and not self._goes_through(entry, left):
             relation = "oncoming"
             covered = extents[entry:left]
             zone = Zone(min(e.s_min_m for e in covered), max(e.s_max_m for e in covered))
-        elif is_crossing(direction):
-            relation, zone = "crossing", self._crossed(entry)
+        elif against or is_crossing(direction):
+            relation, zone = "crossing", self._crossed(entry, turns=against)
         else:
             relation, departure_s = "merge", instants[entry].t_s
             whole = (i for i in range(entry, left) if self._corridor.holds(extents[i]))
@@ -559,12 +561,22 @@ class _Seen:
                 gap_s = arrival_s - cleared_s
         return Passing(relation, zone, arrival_s, own_s, gap_s)
 
-    def _crossed(self, entry: int) -> Zone:
+    def _goes_through(self, entry: int, left: int) -> bool:
+        """Tell whether it leaves the corridor on another side than it came from."""
+        if left == len(self._instants):
+            return False
+        before, after = (self._extents[i] for i in (entry - 1, left))
+        return (before.l_min_m + before.l_max_m) * (after.l_min_m + after.l_max_m) < 0.0
+
+    def _crossed(self, entry: int, *, turns: bool) -> Zone:
         """Compute the zone that both swept corridors share.
 
-        It counts from before the entry to after the exit.
+        It counts from before the entry to after the exit. An object that turns is at its entry
+        mostly beside the corridor still.
         """
         start_m, end_m = self._extents[entry].s_min_m, self._extents[entry].s_max_m
+        if turns:
+            start_m, end_m = math.inf, -math.inf
         for way in (range(entry, len(self._instants)), range(entry - 1, -1, -1)):
             for i in way:
                 other = self._instants[i].other

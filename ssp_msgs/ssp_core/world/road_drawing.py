@@ -16,9 +16,8 @@ from typing import Literal
 
 import numpy as np
 
-from ssp_core.geometry import FloatArray, Polyline, wrap_angle
-from ssp_core.motion.encounter import corridor_half_m, is_crossing, swept_stations
-from ssp_core.motion.state import ObjectState
+from ssp_core.geometry import FloatArray, Polyline
+from ssp_core.motion.encounter import corridor_half_m, swept_on_way
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import (
     AllOf,
@@ -250,27 +249,8 @@ def _swept(
 ) -> tuple[float, float] | None:
     """Return the stations of the VUT's path that the target's body covers while it crosses."""
     count = max(math.ceil(route.length_m / _STEP_M), 1)
-    covered: list[float] = []
-    for at_m in np.linspace(0.0, route.length_m, count + 1).tolist():
-        pose = route.pose(at_m)
-        body = ObjectState(
-            object_id=target.id,
-            object_class=target.cls,
-            role=Role.OT,
-            stamp_ns=0,
-            x_m=pose.x_m,
-            y_m=pose.y_m,
-            yaw_rad=pose.yaw_rad,
-            speed_mps=0.0,
-            acceleration_mps2=0.0,
-            yaw_rate_radps=0.0,
-            size=target.size,
-        )
-        station, _ = vut_path.project_beyond(pose.x_m, pose.y_m)
-        if not is_crossing(wrap_angle(pose.yaw_rad - vut_path.pose(station).yaw_rad)):
-            continue
-        covered += swept_stations(body, vut_path, half_m) or ()
-    return (min(covered), max(covered)) if covered else None
+    way = map(route.pose, np.linspace(0.0, route.length_m, count + 1).tolist())
+    return swept_on_way(way, target.size, vut_path, half_m)
 
 
 def _stretch(path: Polyline, from_m: float, to_m: float, half_m: float) -> tuple[Point, ...]:

@@ -144,13 +144,54 @@ class Actor:
         )
 
 
+@dataclass(frozen=True)
+class Turning:
+    """A participant that drives along the road against the VUT, and turns off to its own left.
+
+    Args:
+        distance: along its way, from its place at the start.
+        start: its place then; it heads against the road.
+        straight_m: up to where the turn begins.
+        radius_m: of the turn, a quarter of a circle; it goes straight on beyond.
+    """
+
+    object_id: str
+    object_class: ObjectClass
+    role: Role
+    distance: Line
+    start: tuple[float, float]
+    straight_m: float
+    radius_m: float
+
+    def state(self, t_s: float) -> ObjectState:
+        (x, y), radius = self.start, self.radius_m
+        driven = self.distance.position(t_s)
+        arc = min(max(driven - self.straight_m, 0.0), radius * math.pi / 2)
+        turned = arc / radius
+        beyond = max(driven - self.straight_m - arc, 0.0)
+        speed = self.distance.speed(t_s)
+        return ObjectState(
+            object_id=self.object_id,
+            object_class=self.object_class,
+            role=self.role,
+            stamp_ns=seconds_to_ns(t_s),
+            x_m=x - min(driven, self.straight_m) - radius * math.sin(turned),
+            y_m=y - radius * (1.0 - math.cos(turned)) - beyond,
+            yaw_rad=wrap_angle(math.pi + turned),
+            speed_mps=speed,
+            acceleration_mps2=self.distance.acceleration(t_s),
+            yaw_rate_radps=speed / radius if turned > 0.0 and beyond == 0.0 else 0.0,
+            size=DEFAULT_SIZES[self.object_class],
+        )
+
+
 LANE_M = 3.4
 VUT_START_M = 10.0
 KERB_M = -LANE_M / 2  # where the right sidewalk begins, from the VUT's path
 CAR, TRUCK, PEDESTRIAN = (
     DEFAULT_SIZES[c] for c in (ObjectClass.CAR, ObjectClass.TRUCK, ObjectClass.PEDESTRIAN)
 )
-Cast = tuple[Actor, tuple[Actor, ...]]  # the VUT, and who else is there
+Cast = tuple[Actor, tuple[Actor | Turning, ...]]  # the VUT, and who else is there
 
 
 @dataclass(frozen=True)
@@ -183,14 +224,19 @@ def clip_road(counts: LaneCounts) -> Road:
 
 # From the carriageway to where the arms of a junction begin, and the length of these.
 _SETBACK_M, _ARM_M = 6.0, 60.0
+# Radius of the way to the left through it, from the oncoming lane.
+_TURN_M = 1.5 * LANE_M + _SETBACK_M
 
 
-def clip_junction(counts: LaneCounts, middle_m: float) -> list[JunctionRoad]:
+def clip_junction(
+    counts: LaneCounts, middle_m: float, crosser: Actor | Turning
+) -> list[JunctionRoad]:
     """Return the roads of a junction: a road of one lane each way crosses the clip's squarely.
 
     Args:
         counts: lanes of the clip's road.
         middle_m: where the middle of the other road crosses, along the clip's road.
+        crosser: one that turns has a connecting road of its own.
     """
     along = clip_road(counts).lanes
     across = [
@@ -212,15 +258,22 @@ def clip_junction(counts: LaneCounts, middle_m: float) -> list[JunctionRoad]:
         start = Start(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
         return JunctionRoad(origin=start, length_m=length_m, lanes=list(lanes), junction_at=end)
 
-    def turn(x_m: float, y_m: float, yaw_rad: float) -> JunctionRoad:
-        """Return a connecting road to the right, around a corner."""
-        radius = _SETBACK_M + LANE_M / 2
+    def turn(
+        x_m: float,
+        y_m: float,
+        yaw_rad: float,
+        curvature_1pm: float = -1.0 / (_SETBACK_M + LANE_M / 2),
+    ) -> JunctionRoad:
+        """Return a connecting road of one lane; as it is, to the right around a corner."""
         own = [Lane(y_m=0.0, width_m=LANE_M, direction="forward")]
-        bare = road("both", (x_m, y_m, yaw_rad), radius * quarter, own)
-        bend = {"start_curvature_1pm": -1.0 / radius, "end_curvature_1pm": -1.0 / radius}
+        bare = road("both", (x_m, y_m, yaw_rad), quarter / abs(curvature_1pm), own)
+        bend = {"start_curvature_1pm": curvature_1pm, "end_curvature_1pm": curvature_1pm}
         pieces = [CurvePiece(length_m=bare.length_m, **bend)]
         return bare.model_copy(update={"pieces": pieces})
 
+    across_it = []
+    if isinstance(crosser, Turning):
+        across_it = [turn(east, crosser.start[1], math.pi, 1.0 / crosser.radius_m)]
     return [
         road("end", (west - _ARM_M, 0.0, 0.0), _ARM_M, along),
         road("start", (east, 0.0, 0.0), _ARM_M, along),
@@ -232,6 +285,7 @@ def clip_junction(counts: LaneCounts, middle_m: float) -> list[JunctionRoad]:
         turn(middle_m + LANE_M / 2, right, quarter),
         turn(east, outer, math.pi),
         turn(middle_m - LANE_M / 2, left, -quarter),
+        *across_it,
     ]
 
 
@@ -379,6 +433,19 @@ def crossing_car(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     return vut, (car, *_oncoming(lanes, 150.0, 9.0))
 
 
+def oncoming_turn(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
+    """Cast a car that waits on the opposite road and turns across, and a VUT that stops."""
+    speed = float(rng.uniform(8.8, 9.4))
+    step_s = float(rng.uniform(1.1, 1.5))
+    fast = float(rng.uniform(4.3, 4.6))
+    vut, _, lane_m = _crossing(speed, step_s + 2.9, 3.4, 5.0, Ramp(step_s, 2.6, fast))
+    before_m = 1.0 + CAR.front_m  # of the junction
+    start = lane_m + _TURN_M + before_m, lanes.same * LANE_M
+    way = Line(0.0, 0.0, (Ramp(step_s, 2.6, fast),))
+    car = Turning("ot1", ObjectClass.CAR, Role.OT, way, start, before_m, _TURN_M)
+    return vut, (car,)
+
+
 # New ones at the end: a scenario's number is part of its seed.
 _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "cut_in": cut_in,
@@ -387,7 +454,10 @@ _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "occluded_crossing": occluded_crossing,
     "slow_lead": slow_lead,
     "crossing_car": crossing_car,
+    "oncoming_turn": oncoming_turn,
 }
+# Where a road crosses the clip's, by the lane of it that the initiator takes: m to its right.
+_AT_JUNCTION = {"crossing_car": LANE_M / 2, "oncoming_turn": -LANE_M / 2}
 INTERACTIONS = tuple(_PLAYS)
 FPS = 24.0
 DURATION_S = 9.0
@@ -406,7 +476,7 @@ class Storyboard:
     fps: float
     duration_s: float
     vut: Actor
-    others: tuple[Actor, ...]
+    others: tuple[Actor | Turning, ...]
 
     def times(self) -> list[float]:
         """Return the times of the frames in s, from 0."""
@@ -420,7 +490,7 @@ class Storyboard:
 
 def usual_lanes(scenario: str) -> LaneCounts:
     """Return the lanes of a scenario's road: two each way, and one where roads cross."""
-    return LaneCounts(1, 1) if scenario == "crossing_car" else LaneCounts()
+    return LaneCounts(1, 1) if scenario in _AT_JUNCTION else LaneCounts()
 
 
 def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Storyboard:
@@ -440,19 +510,21 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
         )
     lanes = lanes or usual_lanes(scenario)
     least = 2 if scenario == "cut_in" else 1
-    if not least <= lanes.same <= MOST_LANES or not 0 <= lanes.opposite <= MOST_LANES:
+    oncoming = 1 if scenario == "oncoming_turn" else 0
+    if not least <= lanes.same <= MOST_LANES or not oncoming <= lanes.opposite <= MOST_LANES:
         raise InputError(
             f"can't be drawn on a road of {lanes.same}+{lanes.opposite} lanes",
             field="scenario",
             value=scenario,
-            remedy=f"{least} to {MOST_LANES} lanes in the VUT's direction and 0 to {MOST_LANES} "
-            "oncoming ones",
+            remedy=f"{least} to {MOST_LANES} lanes in the VUT's direction and {oncoming} to "
+            f"{MOST_LANES} oncoming ones",
         )
     rng = np.random.default_rng(np.random.SeedSequence([seed, INTERACTIONS.index(scenario)]))
     vut, others = _PLAYS[scenario](rng, lanes)
     road, look = clip_road(lanes), clip_look(rng)
-    if scenario == "crossing_car":
+    if scenario in _AT_JUNCTION:
         crosser = next(actor for actor in others if actor.object_id == "ot1")
-        roads = clip_junction(lanes, crosser.along.position(0.0) - LANE_M / 2)
+        lane_m = crosser.state(DURATION_S).x_m
+        roads = clip_junction(lanes, lane_m - _AT_JUNCTION[scenario], crosser)
         road = road.model_copy(update={"junction": roads})
     return Storyboard(scenario, seed, road, CLIP_CAMERA, look, FPS, DURATION_S, vut, others)

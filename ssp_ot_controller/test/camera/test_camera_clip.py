@@ -23,10 +23,12 @@ from ssp_ot_controller.camera.renderer.render import BRAKE_MPS2
 from ssp_ot_controller.camera.storyboards import (
     INTERACTIONS,
     Actor,
+    LaneCounts,
     Line,
     Ramp,
     Steered,
     Storyboard,
+    Turning,
     storyboard,
 )
 
@@ -66,6 +68,31 @@ def test_steering_keeps_the_speed_on_the_path(speed: float, share: float, half: 
         assert actor.state(t).speed_mps == pytest.approx(speed)
         assert actor.state(t).acceleration_mps2 == pytest.approx(0.0, abs=1e-6)
     assert actor.along.position(0.5) == pytest.approx(3.0 + 0.5 * speed)
+
+
+def test_one_that_turns_moves_as_its_state_says() -> None:
+    """Straight on for 4 m at 3 m/s, a quarter of a circle of 6 m, and straight on."""
+    car = Turning("a", ObjectClass.CAR, Role.OT, Line(0.0, 3.0), (50.0, 3.0), 4.0, 6.0)
+    h = 1e-5
+    turn_s = 4.0 / 3.0, (4.0 + 3.0 * math.pi) / 3.0
+    for t in np.linspace(0.05, 7.0, 31).tolist():
+        before, now, after = (car.state(t + dt) for dt in (-h, 0.0, h))
+        vx, vy = (after.x_m - before.x_m) / (2 * h), (after.y_m - before.y_m) / (2 * h)
+        assert math.hypot(vx, vy) == pytest.approx(now.speed_mps) == 3.0
+        along = 3.0 * math.cos(now.yaw_rad), 3.0 * math.sin(now.yaw_rad)
+        assert (vx, vy) == pytest.approx(along, abs=1e-3)
+        assert now.yaw_rate_radps == (0.5 if turn_s[0] < t < turn_s[1] else 0.0)
+    end = car.state(7.0)
+    assert (end.x_m, end.y_m) == pytest.approx((40.0, -3.0 - (21.0 - 4.0 - 3.0 * math.pi)))
+
+
+def test_an_oncoming_turn_needs_an_oncoming_lane() -> None:
+    with pytest.raises(InputError, match="1 to 4 oncoming ones"):
+        storyboard("oncoming_turn", 1, LaneCounts(1, 0))
+    # The way to the left is a connecting road of its own.
+    both = [storyboard(name, 1).road.junction for name in ("crossing_car", "oncoming_turn")]
+    assert len(both[1]) == len(both[0]) + 1
+    assert both[1][-1].pieces[0].start_curvature_1pm > 0.0
 
 
 def test_state_of_an_actor_that_turns_sideways() -> None:

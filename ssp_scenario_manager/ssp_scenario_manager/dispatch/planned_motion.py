@@ -8,8 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds
-from ssp_core.geometry import FloatArray, Polyline, wrap_angle
-from ssp_core.motion.encounter import AGAINST_RAD, corridor_half_m, is_crossing, swept_stations
+from ssp_core.geometry import FloatArray, Polyline, Pose2, wrap_angle
+from ssp_core.motion.encounter import (
+    AGAINST_RAD,
+    ALONG_RAD,
+    corridor_half_m,
+    swept_on_way,
+    swept_stations,
+)
 from ssp_core.motion.event import Zone
 from ssp_core.motion.reference import Points, Reference, ReferencePoint, between
 from ssp_core.motion.state import ObjectState, Size
@@ -94,7 +100,7 @@ def planned_motion_of(
     """
     columns = columns_of(current, manoeuvre, from_ns)
     half = corridor_half_m(vut.size.width_m)
-    clearance, heading = _until_it_left(columns, target, half, path)
+    clearance, heading, offset = _until_it_left(columns, target, half, path)
     inside = clearance <= 0.0
     entries = np.flatnonzero(inside[1:] & ~inside[:-1]) + 1
     if len(entries) == 0 or inside[0]:
@@ -102,17 +108,27 @@ def planned_motion_of(
     entry = int(entries[0])
     arrival = _crossing_s(columns[0], clearance, entry)
     direction = abs(float(heading[entry]))
-    if direction > AGAINST_RAD:
-        return None
     place = _state_at(columns, entry, arrival, target)
-    if not is_crossing(direction):
+    if direction <= ALONG_RAD:
         rear = min(s for s, _ in path.project_all_beyond(place.box.corners()))
         zone = Zone(rear, rear)
         return PlannedMotion(columns, manoeuvre.execute_at_ns, arrival, arrival, zone)
     left = np.flatnonzero(~inside[entry:])
     if len(left) == 0:
         return None
-    departure = _crossing_s(columns[0], clearance, entry + int(left[0]))
+    exit_ = entry + int(left[0])
+    departure = _crossing_s(columns[0], clearance, exit_)
+    if direction > AGAINST_RAD:
+        # It is oncoming, unless it turns and leaves on the other side.
+        if offset[entry - 1] * offset[exit_] > 0.0:
+            return None
+        way = (Pose2(*pose) for pose in columns[1:4, entry : exit_ + 1].T.tolist())
+        swept = swept_on_way(way, target.size, path, half)
+        return (
+            None
+            if swept is None
+            else PlannedMotion(columns, manoeuvre.execute_at_ns, arrival, departure, Zone(*swept))
+        )
     reach = 4.0 * (half + target.size.length_m + target.size.width_m)
     span = swept_stations(place, path, half, reach)
     if span is None:
@@ -122,26 +138,27 @@ def planned_motion_of(
 
 def _until_it_left(
     columns: FloatArray, target: ParticipantSpec, half_m: float, path: Polyline
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute ``_clearance`` for no more points than show the object come in and leave."""
-    clearance, heading = np.empty(0), np.empty(0)
+    clearance, heading, offset = np.empty(0), np.empty(0), np.empty(0)
     count = int(np.searchsorted(columns[0], _LOOKED_AT_S, side="right"))
     for i in range(0, count, _PIECE):
         more = _clearance(columns[:, i : min(i + _PIECE, count)], target, half_m, path)
         clearance = np.append(clearance, more[0])
         heading = np.append(heading, more[1])
+        offset = np.append(offset, more[2])
         inside = np.flatnonzero(clearance <= 0.0)
         if len(inside) and (clearance[inside[0] :] > 0.0).any():
             break
-        if len(inside) and not is_crossing(abs(float(heading[inside[0]]))):
+        if len(inside) and abs(float(heading[inside[0]])) <= ALONG_RAD:
             break
-    return clearance, heading
+    return clearance, heading, offset
 
 
 def _clearance(
     columns: FloatArray, target: ParticipantSpec, half_m: float, path: Polyline
-) -> tuple[FloatArray, FloatArray]:
-    """Return the distance from the VUT's corridor, < 0 inside it, and the heading off the path."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return distance from the VUT's corridor, < 0 inside it, heading off the path, and offset."""
     places = list(zip(columns[1].tolist(), columns[2].tolist(), strict=True))
     projected = path.project_all_beyond(places)
     offset = np.array([d for _, d in projected])
@@ -155,7 +172,7 @@ def _clearance(
     ]
     low, high = offset + np.min(across, axis=0), offset + np.max(across, axis=0)
     heading = np.array([wrap_angle(a) for a in turned.tolist()])
-    return np.maximum(low - half_m, -half_m - high), heading
+    return np.maximum(low - half_m, -half_m - high), heading, offset
 
 
 def _crossing_s(t_s: FloatArray, value: FloatArray, i: int) -> float:

@@ -406,7 +406,9 @@ def _junction_road(
     block: Block, line: ReferenceLine, end: Literal["start", "end", "both"]
 ) -> JunctionRoad:
     return JunctionRoad(
-        origin=Start(x_m=line.origin.x_m, y_m=line.origin.y_m, yaw_rad=line.origin.yaw_rad),
+        origin=Start(
+            x_m=line.origin.x_m, y_m=line.origin.y_m, yaw_rad=wrap_angle(line.origin.yaw_rad)
+        ),
         length_m=line.length_m,
         pieces=[] if line.is_straight else list(line.pieces),
         lanes=[

@@ -153,6 +153,8 @@ class Kind:
         plans: ways to place the event, from what is preferred on. Raises CannotPlace where there
             is none.
         at_junction: it takes place on routes through a junction, and nowhere else.
+        turn: headings of its initiator, in words of part M, before and after it turns; None: it
+            doesn't.
     """
 
     name: str
@@ -171,4 +173,5 @@ class Kind:
     manoeuvres: Callable[[Event], frozenset[str]]
     plans: Callable[[Setting], Iterator[Plan]]
     at_junction: bool = False
+    turn: tuple[str, str] | None = None
     vut_intents: frozenset[str] = frozenset({"keep_lane"})

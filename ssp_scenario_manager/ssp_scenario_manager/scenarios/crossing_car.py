@@ -7,14 +7,14 @@ at the junction's edge on its arm, and drives off when the trigger fires.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from ssp_core.geometry import wrap_angle
-from ssp_core.motion.encounter import corridor_half_m, is_crossing
+from ssp_core.geometry import Polyline, wrap_angle
+from ssp_core.motion.encounter import corridor_half_m, is_crossing, swept_on_way
 from ssp_core.motion.state import Size
 from ssp_core.run_file.model import Limits
 from ssp_scenario_manager.event_spec.model import Event, Interval
@@ -65,6 +65,8 @@ _STEP_M = 1.0
 _BELOW = "constraints.trigger.below"
 # So long before the VUT would the vehicle be in the VUT's corridor.
 _AHEAD_S = 0.3
+# Where routes cross, the other route, and its part in the junction.
+Crossing = tuple[Conflict, Block, Passage]
 
 
 def _manoeuvres(_event: Event) -> frozenset[str]:
@@ -76,7 +78,19 @@ def side_of(event: Event) -> str:
     return event.interaction.dominant_motion.rpartition("_")[2]
 
 
-def _passage(block: Block) -> Passage:
+def met_by(block: Block, routes: Mapping[str, Block]) -> Iterator[Crossing]:
+    """Yield the conflicts with routes that cross one which leads straight on, and those, in order.
+
+    Raises:
+        CannotPlace: the block isn't such a route.
+    """
+    for conflict in straight_on(block).conflicts:
+        other = routes.get(conflict.route)
+        if conflict.kind == "crossing" and other is not None and other.passage is not None:
+            yield conflict, other, other.passage
+
+
+def straight_on(block: Block) -> Passage:
     """Return the part of a route in its junction, on which the VUT goes straight on.
 
     Raises:
@@ -93,23 +107,18 @@ def _passage(block: Block) -> Passage:
     return block.passage
 
 
-def crossings(
-    event: Event, block: Block, routes: Mapping[str, Block]
-) -> list[tuple[Conflict, Block, Passage]]:
+def crossings(event: Event, block: Block, routes: Mapping[str, Block]) -> list[Crossing]:
     """Return conflicts with routes that cross straight on from K*'s side, and those, in order.
 
     Raises:
         CannotPlace: there is none.
     """
     side, found = side_of(event), []
-    for conflict in _passage(block).conflicts:
-        other = routes.get(conflict.route)
-        if other is None or other.passage is None:
-            continue
-        straight = abs(other.passage.turn_rad) < STRAIGHT_ON_RAD
-        across = conflict.kind == "crossing" and is_crossing(wrap_angle(conflict.angle_rad))
+    for conflict, other, passage in met_by(block, routes):
+        straight = abs(passage.turn_rad) < STRAIGHT_ON_RAD
+        across = is_crossing(wrap_angle(conflict.angle_rad))
         if straight and across and conflict.comes_from == side:
-            found.append((conflict, other, other.passage))
+            found.append((conflict, other, passage))
     if not found:
         raise CannotPlace(f"0 routes of its junction cross it straight on from the {side}, needs 1")
     return found
@@ -184,9 +193,7 @@ def _way(
     return Wait(places[0], wrap_angle(yaw)), places[1:]
 
 
-def _draft(
-    setting: Setting, crossing: tuple[Conflict, Block, Passage], values: Mapping[str, float]
-) -> Draft:
+def _draft(setting: Setting, crossing: Crossing, values: Mapping[str, float]) -> Draft:
     event, block = setting.event, setting.block
     name = event.interaction.initiator
     conflict, other, passage = crossing
@@ -196,6 +203,8 @@ def _draft(
     start = _vut_start(block, vut, v, rate, below, conflict.s_m)
     waits, way = _way(block, other, passage, vehicle, values["line_distance"])
     near_s = conflict.s_m - corridor_half_m(vehicle.width_m)
+    if not is_crossing(waits.heading_rad):
+        near_s = waits.start.s_m - vehicle.front_m
     gap = station_of(block, start.s_m, near_s, 0.0) - vut.front_m
     told = {name: fixed(event, f"participants.{name}.region.gap", "m", gap, "as cruise needs")}
     return Draft(
@@ -219,7 +228,10 @@ def _draft(
 
 
 def _earliest_fired(
-    setting: Setting, choices: Mapping[str, Choice], draft: Callable[[Mapping[str, float]], Draft]
+    setting: Setting,
+    choices: Mapping[str, Choice],
+    draft: Callable[[Mapping[str, float]], Draft],
+    ahead_s: float,
 ) -> Choice:
     """Put first the least ``below`` at which the vehicle is there before a VUT that doesn't react.
 
@@ -233,8 +245,8 @@ def _earliest_fired(
         setting.block.line, classes_of(event), event.vut_id, made.vut, made.targets, made.trigger
     )
     steady = told.driver.model_copy(update={"reacts": False})
-    seen = predict(replace(told, driver=steady), CROSSING_CAR.observable, thresholds_of(event))
-    least_s = values["below"] - (seen.vut_arrival_s - seen.overlap_s) + _AHEAD_S
+    seen = predict(replace(told, driver=steady), "lateral", thresholds_of(event))
+    least_s = values["below"] - (seen.vut_arrival_s - seen.overlap_s) + ahead_s
     if not math.isfinite(least_s):
         return as_it_is
     first = choose(event, _BELOW, "s", {_BELOW: round(least_s, 2)})
@@ -242,8 +254,22 @@ def _earliest_fired(
 
 
 def _plans(setting: Setting) -> Iterator[Plan]:
+    found = crossings(setting.event, setting.block, setting.routes)
+    return plans_with(setting, found, _AHEAD_S)
+
+
+def plans_with(setting: Setting, found: Sequence[Crossing], ahead_s: float) -> Iterator[Plan]:
+    """Yield the plans in which the vehicle comes over the first route of these that it can.
+
+    Args:
+        setting: event, block and limits.
+        found: the routes that it may come over, where they cross the block.
+        ahead_s: so long before a VUT that doesn't react the vehicle is in the corridor at first.
+
+    Raises:
+        CannotPlace: there is none.
+    """
     event, block = setting.event, setting.block
-    found = crossings(event, block, setting.routes)
     if block.lanes.index(next(x for x in block.lanes if x.y_m == 0.0)) not in [
         block.lanes.index(block.forward_lanes[i]) for i in vut_lane_indices(event, block)
     ]:
@@ -252,14 +278,14 @@ def _plans(setting: Setting) -> Iterator[Plan]:
     refused: list[CannotPlace] = []
     for crossing in found:
         try:
-            yield from _plans_over(setting, crossing)
+            yield from _plans_over(setting, crossing, ahead_s)
         except CannotPlace as error:
             refused.append(error)
     if len(refused) == len(found):
         raise refused[0]
 
 
-def _plans_over(setting: Setting, crossing: tuple[Conflict, Block, Passage]) -> Iterator[Plan]:
+def _plans_over(setting: Setting, crossing: Crossing, ahead_s: float) -> Iterator[Plan]:
     """Yield the plans in which the vehicle comes over one route.
 
     Raises:
@@ -267,7 +293,7 @@ def _plans_over(setting: Setting, crossing: tuple[Conflict, Block, Passage]) -> 
     """
     event, block, limits = setting.event, setting.block, setting.limits
     name, vut = event.interaction.initiator, event.vut_id
-    conflict, other, passage = crossing
+    _, other, passage = crossing
     pick = partial(choose, event, preferred=setting.preferred)
     _, most = speed_bounds(event, name, ("trigger", "conflict", "resolution"))
     c = "constraints"
@@ -295,18 +321,35 @@ def _plans_over(setting: Setting, crossing: tuple[Conflict, Block, Passage]) -> 
         ),
     }
     half = corridor_half_m(size_of(event, vut).width_m)
-    # METHOD 1: both swept corridors cross here, at the angle of the routes.
-    along = corridor_half_m(size_of(event, name).width_m) / abs(math.sin(conflict.angle_rad))
-    along += half / abs(math.tan(conflict.angle_rad))
+    near_s, far_s = _zone(setting, crossing)
 
     def zone(_draft: Draft, _seen: Prediction, _conflict: BlockPoint) -> tuple[BlockPoint, ...]:
-        return rectangle(conflict.s_m - along, conflict.s_m + along, -half, half)
+        return rectangle(near_s, far_s, -half, half)
 
     draft = partial(_draft, setting, crossing)
     if _BELOW not in setting.preferred:
-        choices["below"] = _earliest_fired(setting, choices, draft)
-    for plan in plans_on(setting, CROSSING_CAR.observable, choices, draft, zone):
+        choices["below"] = _earliest_fired(setting, choices, draft, ahead_s)
+    for plan in plans_on(setting, "lateral", choices, draft, zone):
         yield replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m))
+
+
+def _zone(setting: Setting, crossing: Crossing) -> tuple[float, float]:
+    """Return the arc lengths between which both swept corridors cross (METHOD 1)."""
+    event, block, (conflict, other, passage) = setting.event, setting.block, crossing
+    size = size_of(event, event.interaction.initiator)
+    half = corridor_half_m(size_of(event, event.vut_id).width_m)
+    if abs(passage.turn_rad) < STRAIGHT_ON_RAD:
+        along = corridor_half_m(size.width_m) / abs(math.sin(conflict.angle_rad))
+        along += half / abs(math.tan(conflict.angle_rad))
+        return conflict.s_m - along, conflict.s_m + along
+    last = min(passage.end_s_m + _BEYOND_M, other.length_m)
+    stations = np.arange(passage.start_s_m, last, 0.25 * _STEP_M)
+    path = Polyline(block.line.path(0.0, block.length_m, 0.0))
+    swept = swept_on_way(map(other.line.pose, stations.tolist()), size, path, half)
+    if swept is None:
+        raise CannotPlace("the vehicle's way doesn't cross the VUT's corridor")
+    near, far = (ahead_of(block, 0.0, station, 0.0) for station in swept)
+    return near, far
 
 
 CROSSING_CAR = Kind(

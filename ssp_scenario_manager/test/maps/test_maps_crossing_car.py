@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.geometry import point_in_polygon
 from ssp_core.motion.encounter import corridor_half_m
 from ssp_core.motion.state import DEFAULT_SIZES
-from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import FollowPath
 from ssp_core.vocabulary import ObjectClass, Phase, Verdict
 from ssp_core.world.reference_line import ReferenceLine
@@ -27,13 +25,11 @@ from ssp_core.world.sumo_network import write_network
 from ssp_scenario_manager.compile.area import OperatingArea
 from ssp_scenario_manager.compile.choose import NotChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task, load_area
-from ssp_scenario_manager.compile.place import Order, Realisation, realise
 from ssp_scenario_manager.compile.targets.foreseen import foresee
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
 from ssp_scenario_manager.compile.task import PlaceLink, sealed
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.routes import junction_roads, with_routes
 from ssp_scenario_manager.maps.site import find_shipped
@@ -42,9 +38,16 @@ from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.crossing_car import crossings
 from ssp_scenario_manager.triggers.on_route import off_route
+from tests.support.junctions import (
+    RIGHT_TURN,
+    STRAIGHT,
+    ground,
+    made,
+    route,
+    site_without_junction,
+    way_of,
+)
 
-STRAIGHT = "junction market: west_in > west_east lanes[0] > east_out"
-RIGHT_TURN = "junction market: west_in > west_south lanes[0] > south_out"
 # The connecting road that the car takes, by the side that it comes from.
 OVER = {"right": "south_north", "left": "north_south"}
 PHASES_BUT_APPROACH = ("trigger", "conflict", "resolution")
@@ -66,27 +69,6 @@ def event(side: str = "right", object_class: str = "car", **constraints: Any) ->
     for name, given in constraints.items():
         value["constraints"][name] |= given
     return Event.model_validate(value)
-
-
-@cache
-def ground(site: str) -> OperatingArea:
-    area = load_area(site, None)[0]
-    return replace(area, library=with_routes(area.library))
-
-
-def route(area: OperatingArea, name: str = STRAIGHT) -> Block:
-    (found,) = (block for block in area.library.blocks if block.block_id == name)
-    return found
-
-
-def made(wanted: Event, area: OperatingArea, name: str = STRAIGHT) -> Realisation:
-    return realise(Order(wanted, "sha256:test", area, "sumo", 1, {}), route(area, name))
-
-
-def way_of(run: RunSpec) -> np.ndarray[Any, Any]:
-    manoeuvre = run.triggers[0].manoeuvre
-    assert isinstance(manoeuvre, FollowPath)
-    return np.array(manoeuvre.motion.path)
 
 
 @pytest.mark.parametrize(
@@ -341,12 +323,7 @@ def test_without_a_road_from_that_side_there_is_no_event() -> None:
 
 
 def test_deleting_the_junction_refuses_it(tmp_path: Path) -> None:
-    site = yaml.safe_load(find_shipped("crossroads", "site").read_text())
-    kept = [block for block in site["blocks"] if "junction" not in block]
-    for block in kept:
-        block.pop("leads_to", None)
-    path = tmp_path / "crossroads.site.yaml"
-    path.write_text(yaml.safe_dump(site | {"blocks": kept}))
+    path = site_without_junction("crossroads", tmp_path)
     with pytest.raises(NotChosen) as caught:
         compile_task(Request(event="crossing_car", target="sumo", site=str(path)))
     assert "segment straight, needs junction (identity)" in str(caught.value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -91,6 +91,27 @@ class Foreseen:
         beyond_m = self._driven_m(end_s) - self._driven_m(start_s)
         beyond_m -= nominal.to_mps * (end_s - start_s)
         return Ramp(nominal.to_mps, round(max(2.0 * beyond_m / change, nominal.duration_s), 3))
+
+    def kept(self, nominal: Ramp, start_s: float, until_m: float) -> Ramp:
+        """Return a ramp of the initiator's act to the mean speed that it then keeps in the session.
+
+        A session plays the act a little slower or faster where it adapts it to the VUT.
+
+        Args:
+            nominal: as planned, from standstill.
+            start_s: when a player begins it, s after the trigger fires.
+            until_m: distance driven, since then, up to which the speed is kept.
+        """
+        start_s += self.fired_s
+        end_s = start_s + nominal.duration_s + _SETTLED_S
+        from_m = self._driven_m(end_s)
+        over_s = self.course[-1][0] if self.over_s is None else self.over_s
+        last_m = min(self._driven_m(over_s), self._driven_m(start_s) + until_m)
+        times, driven_m = zip(*self.course, strict=True)
+        lasts_s = float(np.interp(last_m, driven_m, times)) - end_s
+        if lasts_s < _SETTLED_S:
+            return nominal
+        return replace(nominal, to_mps=round((last_m - from_m) / lasts_s, 3))
 
     def _driven_m(self, at_s: float) -> float:
         times, driven_m = zip(*self.course, strict=True)

@@ -332,9 +332,11 @@ def _first_ramp(
         starts_s: when a player begins it, s after the trigger fires.
         seen: the session.
     """
-    nominal = journey(motion).start
+    trip = journey(motion)
+    nominal = trip.start
     if who.cls not in (ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST):
-        return seen.act(0.0, nominal, starts_s)
+        kept = seen.kept(nominal, starts_s, trip.braking_from_m)
+        return seen.act(0.0, kept, starts_s)
     # A session's ramp is rounded, and lags behind a straight one by half of the rounding.
     lag_s = max(0.0, DEFAULT_RAMP_S - 2.0 * later_s)
     return replace(nominal, duration_s=nominal.duration_s + lag_s)

@@ -373,8 +373,11 @@ def motion_fits_words(view: View) -> Iterator[Failure]:
         meaning, at = _MEANING.get(cell.motion or ""), f"motion.{who}.{phase}"
         if meaning is None or participant.role != "OT":
             continue
+        turns = who == view.initiator and view.kind is not None and view.kind.turn is not None
         for name in ("heading", "lateral", "position", "longitudinal"):
             wanted, found = getattr(meaning, name), getattr(cell, name)
+            if name == "lateral" and turns and cell.motion == "oncoming":
+                continue
             if wanted and known(found):
                 reason = f"{cell.motion} is another motion"
                 yield from _fail.unless(view, found, wanted, reason, f"{at}.{name}", f"{at}.motion")
@@ -458,13 +461,14 @@ def who_stands_is_passed(view: View) -> Iterator[Failure]:
 
 
 def nobody_turns_round(view: View) -> Iterator[Failure]:
-    """Check that the heading stays the same from phase to phase."""
+    """Check that the heading stays the same from phase to phase, but for the kind's turn."""
     before: tuple[str, str, str] = ("", "", "")
     for who, _, phase, cell in view.cells():
         if not known(cell.heading):
             continue
         path = f"motion.{who}.{phase}.heading"
-        if before[0] == who:
+        turn = view.kind.turn if view.kind and who == view.initiator else None
+        if before[0] == who and (before[2], cell.heading) != turn:
             reason = "nobody turns round within an event"
             yield from _fail.unless(view, cell.heading, [before[2]], reason, path, before[1])
         before = who, path, cell.heading

@@ -38,6 +38,7 @@ _FROM = {
     "cutting_in_from_right": ("right", "left"),
     "crossing_from_left": ("left", "right"),
     "crossing_from_right": ("right", "left"),
+    "oncoming": ("left", "right"),
 }
 
 
@@ -165,7 +166,8 @@ def path_meets_the_corridor(view: View) -> Iterator[Failure]:
     """Check that an initiator from a side is seen there at the trigger, and ahead in conflict."""
     motion, who = view.event.interaction.dominant_motion, view.initiator
     side = _FROM.get(motion)
-    crossed = _BESIDE[side[1]] if side and motion.startswith("crossing") else frozenset()
+    passes = view.event.interaction.relation == "crossing"
+    crossed = _BESIDE[side[1]] if side and passes else frozenset()
     wanted = {
         "trigger": {f"front_{side[0]}" if side else "front"},
         "conflict": {"front"},
