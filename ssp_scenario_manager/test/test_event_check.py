@@ -32,12 +32,14 @@ from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.session import outbox
+from tests.support.junctions import LEFT_TURN, RIGHT_TURN, STRAIGHT, ground, route
 from tests.support.slow_leads import SPEEDS_MPS, slow_lead
 
 Simulate = Callable[[RunSpec], tuple[InProcessResult, Record]]
 SITES = ("boulevard", "north_track", "south_loop")
 # Where roads cross: test_maps_crossing_car.py.
 ON_OPEN_ROAD = sorted(name for name, kind in KINDS.items() if not kind.at_junction)
+AT_JUNCTION = sorted(set(KINDS) - set(ON_OPEN_ROAD))
 _OTHER_SIDE = {"left": "right", "right": "left"}
 
 
@@ -287,7 +289,7 @@ def tried(event: Event, block: Block, area: OperatingArea) -> RunSpec | None:
         refused = str(error)
     else:
         return made.task.run.model_copy(update={"camera": None})
-    assert re.search(r"-?\d+(\.\d+)? (m|s|m/s|m/s\^2)\b", refused), refused
+    assert re.search(r"-?\d+(\.\d+)? (m|s|m/s|m/s\^2|deg)\b", refused), refused
     return None
 
 
@@ -314,6 +316,18 @@ def test_over_the_places_each_side_comes_up_with_each_class(name: str) -> None:
         {from_the_other_side(name).interaction.dominant_motion} & set(kind.dominant_motions)
     )
     assert found == {(word, side) for word in kind.initiator_classes for side in sides}
+
+
+@pytest.mark.parametrize("name", AT_JUNCTION)
+@pytest.mark.parametrize(("place", "site"), [(0, "crossroads"), (1, "cross_track")])
+def test_every_route_of_an_approach_happens_or_is_refused_with_what_misses(
+    name: str, place: int, site: str
+) -> None:
+    """The VUT goes straight on; what happens there was run before it is accepted."""
+    area = ground(site)
+    routes = [route(area, way) for way in (STRAIGHT, LEFT_TURN, RIGHT_TURN)]
+    event = combination_of(name, place)
+    assert [tried(event, block, area) is not None for block in routes] == [True, False, False]
 
 
 @pytest.fixture

@@ -235,18 +235,6 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         f"{OT1}.resolution.heading",
     ),
     (
-        "motion_fits_words",
-        "oncoming_turn",
-        {f"{OT1}.conflict.heading": "rightwards"},
-        f"{OT1}.conflict.heading",
-    ),
-    (
-        "nobody_turns_round",
-        "oncoming_turn",
-        {f"{OT1}.resolution.heading": "leftwards"},
-        f"{OT1}.resolution.heading",
-    ),
-    (
         "nobody_turns_round",
         "cut_in",
         {f"{OT1}.resolution.heading": "opposite"},
@@ -269,18 +257,6 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         "cut_in",
         {"participants.ot1.region.place": "right_lane"},
         "participants.ot1.region.place",
-    ),
-    (
-        "initiator_comes_from_there",
-        "oncoming_turn",
-        {"participants.ot1.region.place": "left_road"},
-        "participants.ot1.region.place",
-    ),
-    (
-        "path_meets_the_corridor",
-        "oncoming_turn",
-        {f"{OT1}.trigger.position": "front_right"},
-        f"{OT1}.trigger.position",
     ),
     (
         "initiator_comes_from_there",
