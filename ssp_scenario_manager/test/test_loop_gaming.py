@@ -25,7 +25,13 @@ from ssp_scenario_manager.run.in_process import Record
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
 # Seeds of critical starts.
-EVENTS = {"crossing_car": 7, "lead_braking": 1, "slow_lead": 1, "vru_crossing": 2}
+EVENTS = {
+    "crossing_car": 7,
+    "lead_braking": 1,
+    "oncoming_turn": 2,
+    "slow_lead": 1,
+    "vru_crossing": 2,
+}
 LATENCY = Latency(0.3)
 SCRIPTED = CampaignDriver(driver="scripted")
 
@@ -115,6 +121,7 @@ WAYS = (
     ("slow_lead", stop_before_the_event, "brakes by"),
     ("crossing_car", brake_and_speed_up, "brakes by"),
     ("crossing_car", plan_two_seconds_and_say_nothing, "falls back"),
+    ("oncoming_turn", brake_and_speed_up, "brakes by"),
     ("vru_crossing", hang_at_the_right_moment, ""),
 )
 
