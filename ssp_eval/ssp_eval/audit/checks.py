@@ -211,6 +211,16 @@ def _off_spec(one: Subject) -> Iterator[Finding]:
             )
 
 
+def _further(one: Subject) -> Iterator[Finding]:
+    """Check that no further participant is in conflict with the VUT before the initiator."""
+    if one.event is None or one.measured is None:
+        return
+    for intrusion in one.measured.intrusions:
+        text = intrusion.text(one.rules.thresholds)
+        initiator = one.event.interaction.initiator
+        yield Finding("off_spec", f"{text}, K* has the conflict with {initiator} first")
+
+
 Check = Callable[[Subject], Iterable[Finding]]
 # Beside these: what happened beside the event (history), the camera (visibility), pictures against
 # states (pictures), what differs from Synthetic (property_findings), and recordings that are the
@@ -228,6 +238,7 @@ CHECKS: tuple[Check, ...] = (
     _domain,
     _server,
     _off_spec,
+    _further,
 )
 
 

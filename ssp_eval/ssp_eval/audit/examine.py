@@ -32,6 +32,7 @@ from ssp_eval.data.audit import (
 from ssp_eval.recordings.event import Crop, crop_of, rules_of, source_times
 from ssp_eval.recordings.states import STATE_AGE_S
 from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.scenarios.further import further_ids
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,10 @@ def _measured(
     rules = rules_of(event, recording.provenance.run)
 
     def scene(part: Recording, first_s: float, last_s: float) -> Scene:
-        return Scene(part.series, who.vut, tuple(who.targets), part.road, first_s, last_s, rules)
+        further = () if event is None else further_ids(event)
+        return Scene(
+            part.series, who.vut, tuple(who.targets), part.road, first_s, last_s, rules, further
+        )
 
     try:
         whole = measure(scene(recording, start_s, end_s))

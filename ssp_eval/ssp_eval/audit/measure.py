@@ -24,6 +24,7 @@ from ssp_core.motion.event import (
     instants_of,
     passing_of,
 )
+from ssp_core.motion.intrusion import Intrusion, first_intrusions
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Packed, Series, states_of
 from ssp_core.run_file.road import Road
@@ -53,6 +54,7 @@ class Scene:
     Args:
         series: (clip time in s, states by id), times rising, from the clip's start to its end.
         road: that they drive on; None: none is bound, and there is no topology.
+        further_ids: targets that K* has beside the initiator, and that cause no conflict.
     """
 
     series: Series
@@ -62,6 +64,7 @@ class Scene:
     start_s: float
     end_s: float
     rules: EventRules
+    further_ids: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,7 @@ class Measured:
         zone_until_s: clip time at which the VUT reaches it, None: it never does.
         first_arrival_s: clip time of the first arrival at the zone, None: there is none.
         facts: quantities with their units in the name; None: it doesn't exist.
+        intrusions: conflicts with further participants before that of the event.
     """
 
     properties: Mapping[str, Property]
@@ -119,6 +123,7 @@ class Measured:
     first_arrival_s: float | None
     facts: Mapping[str, float | None]
     notes: tuple[str, ...]
+    intrusions: tuple[Intrusion, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -180,6 +185,20 @@ def measure(scene: Scene) -> Measured:
         _first_arrival(meeting),
         _facts(scene, own, target_id, phases, meeting),
         _notes(pair, meeting),
+        _intrusions(scene, own, pair),
+    )
+
+
+def _intrusions(scene: Scene, corridor: Corridor, pair: _Pair) -> tuple[Intrusion, ...]:
+    """Return the conflicts with further participants before the event's."""
+    others = [name for name in scene.further_ids if name not in (pair.other, pair.observer)]
+    return tuple(
+        first_intrusions(
+            (instants_of(scene.series, scene.vut_id, name) for name in others),
+            corridor.path,
+            scene.rules.thresholds,
+            None if pair.event is None else pair.event.conflict_s,
+        )
     )
 
 

@@ -21,6 +21,7 @@ from ssp_eval.data.audit import CoverageEntry, LabelSize, SightEntry
 from ssp_eval.observations.agreement import Agreement
 from ssp_eval.recordings.sight import Moment, object_height_px, object_sight, zone_sight
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
+from ssp_scenario_manager.scenarios.further import further_ids
 
 _SAME_S = 1e-6
 # The conflict region among what is seen.
@@ -45,21 +46,29 @@ def examine_coverage(one: Subject) -> tuple[CoverageEntry, list[Finding]]:
     is_known = recording.optics is not None and recording.provenance.camera != "assumed"
     if measured is not None and is_known:
         entry, findings = _projected(recording, event, measured, one.moments, needed)
-        return entry, [*findings, *_seen_otherwise(entry, agreement, needed)]
+        return entry, [*findings, *_seen_otherwise(entry, agreement)]
     if one.is_source:
         entry, findings = _reviewed(event, needed)
-        return entry, [*findings, *_seen_otherwise(entry, agreement, needed)]
+        return entry, [*findings, *_seen_otherwise(entry, agreement)]
     if agreement is not None:
         seen = agreement.answers.visibility
         shares = {who: one.share for who, one in seen.participants.items()}
         shares[_ZONE] = seen.conflict_region.share
-        return _judged(shares, needed, f"seen by {agreement.by}", "observed")
+        return _judged(event, shares, needed, f"seen by {agreement.by}", "observed")
     why = "there are no states"
     if measured is not None:
         guessed = recording.optics is not None
         why = "the camera's geometry is " + ("somebody's guess" if guessed else "not recorded")
     detail = f"{why}, and nobody wrote down what he saw"
     return CoverageEntry(source="none"), [Finding("coverage_unknown", detail, math.inf)]
+
+
+def _needed(event: Event, who: str, needed: float) -> float:
+    """Return the share for which a participant must be visible.
+
+    A further participant may be hidden, or passed, while the event goes on.
+    """
+    return 0.0 if who in further_ids(event) else needed
 
 
 def label_sizes(one: Subject) -> tuple[list[LabelSize], str]:
@@ -118,11 +127,12 @@ def _projected(
     findings, sights = [], {}
     for target in [name for name in who.targets if name in event.participants]:
         found = object_sight(moments, span, period_s, optics, who.vut, target)
+        least = _needed(event, target, needed)
         sights[target] = SightEntry(
-            fraction=found.fraction, needed=needed, how="projected box, trigger to resolution"
+            fraction=found.fraction, needed=least, how="projected box, trigger to resolution"
         )
-        if found.fraction is not None and found.fraction < needed - 1e-9:
-            text = _lost(target, found.fraction, needed, found.first_lost_s, measured.phases)
+        if found.fraction is not None and found.fraction < least - 1e-9:
+            text = _lost(target, found.fraction, least, found.first_lost_s, measured.phases)
             findings.append(Finding("participant_off_camera", text, found.first_lost_s))
     zone = None
     if measured.zone is not None and in_zone is not None:
@@ -144,9 +154,7 @@ def _projected(
     return entry, findings
 
 
-def _seen_otherwise(
-    entry: CoverageEntry, agreement: Agreement | None, needed: float
-) -> list[Finding]:
+def _seen_otherwise(entry: CoverageEntry, agreement: Agreement | None) -> list[Finding]:
     """List what should be visible and wasn't, as a person saw: spray, another lens, black frames.
 
     Of the conflict region only "never" counts: projected, it is asked for until the VUT reaches it,
@@ -156,20 +164,22 @@ def _seen_otherwise(
         return []
     seen = agreement.answers.visibility
     lost = [
-        (who, share, entry.participants[who].fraction)
+        (who, share, entry.participants[who])
         for who, one in seen.participants.items()
-        if who in entry.participants and (share := one.share) is not None and share < needed - 1e-9
+        if who in entry.participants
+        and (share := one.share) is not None
+        and share < entry.participants[who].needed - 1e-9
     ]
     if seen.conflict_region.share == 0.0 and entry.zone is not None:
-        lost.append(("the conflict region", 0.0, entry.zone.fraction))
+        lost.append(("the conflict region", 0.0, entry.zone))
     return [
         Finding(
             "observation_differs",
             f"{who}: {agreement.by} saw it for {100 * share:.0f} %; {entry.source}: "
-            f"{100 * fraction:.0f} %",
+            f"{100 * sight.fraction:.0f} %",
         )
-        for who, share, fraction in lost
-        if fraction is not None and fraction >= needed - 1e-9
+        for who, share, sight in lost
+        if sight.fraction is not None and sight.fraction >= sight.needed - 1e-9
     ]
 
 
@@ -185,20 +195,30 @@ def _reviewed(event: Event, needed: float) -> tuple[CoverageEntry, list[Finding]
             seen[who] = len(known) / len(cells) if reviewed else None
     zone = None if review.gaps[PHASES_FIELD] else 1.0
     return _judged(
-        {**seen, _ZONE: zone}, needed, "reviewed in the K*: positions and evidence", "reviewed"
+        event,
+        {**seen, _ZONE: zone},
+        needed,
+        "reviewed in the K*: positions and evidence",
+        "reviewed",
     )
 
 
 def _judged(
+    event: Event,
     seen: Mapping[str, float | None],
     needed: float,
     how: str,
     source: Literal["observed", "reviewed"],
 ) -> tuple[CoverageEntry, list[Finding]]:
     """Shares that a person gives, by participant; the conflict region's under _ZONE."""
-    sights = {k: SightEntry(fraction=f, needed=needed, how=how) for k, f in seen.items()}
+    sights = {
+        who: SightEntry(fraction=share, needed=_needed(event, who, needed), how=how)
+        for who, share in seen.items()
+    }
     findings = []
     for who, fraction in seen.items():
+        if who in further_ids(event):
+            continue
         name = "the conflict region" if who == _ZONE else who
         if fraction is None:
             findings.append(Finding("coverage_unknown", f"{name}: {how}, but not of it"))

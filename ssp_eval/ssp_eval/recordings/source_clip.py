@@ -7,6 +7,7 @@ truth. That is a version of its own; the event that it was made from qualifies n
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,18 +23,29 @@ from ssp_core.files import new_files
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.event import find_event, instants_of
+from ssp_core.motion.intrusion import first_intrusions
+from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.options import WholeNumber
-from ssp_core.vocabulary import PHASES, PhaseWord
+from ssp_core.vocabulary import PHASES, ObjectClass, PhaseWord
 from ssp_eval.recordings.event import rules_of
 from ssp_ot_controller.camera import clip
-from ssp_ot_controller.camera.storyboards import LaneCounts, Storyboard, usual_lanes
+from ssp_ot_controller.camera.storyboards import (
+    CAR,
+    FurtherActor,
+    LaneCounts,
+    Storyboard,
+    usual_lanes,
+    with_further,
+)
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_version, seal_event, seals, write_event
 from ssp_scenario_manager.event_spec.log import Record, append_records, log_path, utc_now
-from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.event_spec.other_lanes import topology_with_lanes
+from ssp_scenario_manager.scenarios.further import facing_rad, further_ids, stands
 from ssp_scenario_manager.scenarios.kinds import KINDS
+from ssp_scenario_manager.scenarios.values import quantity_at
 
 WHO = "ssp spec clip"
 # What a storyboard draws, whatever the event says.
@@ -94,7 +106,37 @@ def board_of(event: Event, seed: int, lanes: tuple[int, int] | None = None) -> S
             )
     shown = [road.lanes_same_direction.value, road.lanes_opposite.value]
     same, opposite = (count if isinstance(count, int) else 2 for count in shown)
-    return clip.board_of(interaction.type, seed, *(lanes or (same, opposite)))
+    board = clip.board_of(interaction.type, seed, *(lanes or (same, opposite)))
+    return with_further(board, [_further(event, name) for name in further_ids(event)])
+
+
+def _further(event: Event, name: str) -> FurtherActor:
+    """Return a further participant as the clip shows it: in the middle of part C's values.
+
+    Raises:
+        InputError: its gap or its speed has no middle.
+    """
+    who, values = event.participants[name], dict[str, float]()
+    speed = f"constraints.speeds.{name}.approach"
+    fields = [f"participants.{name}.region.gap", *(() if stands(event, name) else (speed,))]
+    for field in fields:
+        quantity = quantity_at(event, field)
+        middle = quantity.si.mid if isinstance(quantity, Interval) else math.inf
+        if math.isinf(middle):
+            raise InputError(
+                "can't be drawn", file=event.name, field=field, remedy="a closed interval"
+            )
+        values[field] = middle
+    gap_m, object_class = values[fields[0]], ObjectClass.from_word(who.class_)
+    behind_m = -CAR.length_m - gap_m - DEFAULT_SIZES[object_class].length_m
+    return FurtherActor(
+        object_id=name,
+        object_class=object_class,
+        place=who.region.place,
+        ahead_m={"ahead": gap_m, "behind": behind_m}.get(who.region.along, -CAR.length_m),
+        speed_mps=values.get(speed, 0.0),
+        facing_rad=facing_rad(event, name),
+    )
 
 
 def measure_clip(event: Event, board: Storyboard) -> ClipPhases:
@@ -117,6 +159,14 @@ def measure_clip(event: Event, board: Storyboard) -> ClipPhases:
             field="constraints.thresholds",
             value=f"ttc {thresholds.ttc_s} s, arrival gap {thresholds.arrival_gap_s} s",
             remedy="other thresholds, another --seed, or the ids vut, ot1 and ot2",
+        )
+    others = [instants_of(series, event.vut_id, name) for name in further_ids(event)]
+    for intrusion in first_intrusions(others, road, thresholds, found.resolution_s):
+        raise InputError(
+            f"would show another conflict: {intrusion.text(thresholds)}",
+            file=event.name,
+            field=f"participants.{intrusion.object_id}.region.gap",
+            remedy="a larger gap, or speeds that differ less",
         )
     starts_s = dict(
         zip(PHASES, (times[0], found.trigger_s, found.conflict_s, found.resolution_s), strict=True)

@@ -423,6 +423,8 @@ def _off_spec(run: RunSpec, result: InProcessResult, contact: Contact | None) ->
     missing = [p for p in (Phase.TRIGGER, Phase.CONFLICT) if result.phase_s(p) is None]
     if missing:
         return f"phase {missing[0].name.lower()} never begins"
+    if result.happened.intrusions:
+        return result.happened.intrusions[0].text(run.thresholds)
     if run.passing is None:
         return ""
     wrong = run.passing.misses(

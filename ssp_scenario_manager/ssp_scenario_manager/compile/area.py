@@ -353,14 +353,22 @@ def _in_the_way(vehicle: TrafficSpec, lane: BlockLane, plan: Plan) -> str | None
     act = plan.trigger.act
     if vehicle.id in {"vut", *plan.targets}:
         return "its id is a participant's"
+    others = [d for d in plan.targets.values() if isinstance(d, Drive)]
     if isinstance(act, Cross):
-        return _at_crossing(vehicle, lane, plan, act)
-    if not lane.forward:
-        return None
-    for drive in (plan.vut, *plan.targets.values()):
-        if not isinstance(drive, Drive) or abs(drive.start.l_m - lane.y_m) > lane.width_m / 2:
+        reason = _at_crossing(vehicle, lane, plan, act)
+        return reason or _with_drives(vehicle, lane, others)
+    return _with_drives(vehicle, lane, [plan.vut, *others])
+
+
+def _with_drives(vehicle: TrafficSpec, lane: BlockLane, drives: Sequence[Drive]) -> str | None:
+    """Return why a vehicle and one that drives in its lane would come too near, or None."""
+    for drive in drives:
+        if abs(drive.start.l_m - lane.y_m) > lane.width_m / 2:
             continue
+        if lane.forward is (drive.heading_rad != 0.0):
+            return "a participant drives in its lane in the opposite direction"
         ahead = vehicle.x_m - drive.start.s_m
+        ahead = ahead if lane.forward else -ahead
         if ahead < 0.0 and ahead > -_ROOM_M - 20.0:
             return "it starts too close behind a participant"
         if ahead < 0.0 and vehicle.speed_mps > 0.0:

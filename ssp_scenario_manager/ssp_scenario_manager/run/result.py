@@ -26,6 +26,7 @@ from ssp_core.motion.event import (
     passing_since,
     resolution_ns,
 )
+from ssp_core.motion.intrusion import Intrusion, first_intrusions
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import absolute
 from ssp_core.run_file.model import RunSpec
@@ -52,6 +53,7 @@ class Happened:
         faults: injected ones that began or ended.
         passing: of VUT and initiator at the conflict zone.
         min_distance_m: smallest distance of the VUT and a target, inf: unknown.
+        intrusions: conflicts with other targets before the initiator's.
     """
 
     began_ns: int | None
@@ -61,6 +63,7 @@ class Happened:
     faults: tuple[FaultFact, ...]
     passing: Passing
     min_distance_m: float
+    intrusions: tuple[Intrusion, ...] = ()
 
     @property
     def final_phases(self) -> tuple[PhaseBegan, ...]:
@@ -122,6 +125,7 @@ class Happened:
             tuple(sorted(faults, key=lambda f: (f.stamp_ns, f.fault, f.target, f.active))),
             passed,
             min((_closest_m(vut, truths[t.id]) for t in spec.targets), default=math.inf),
+            _intrusions(spec, truths, conflict_ns),
         )
 
     @classmethod
@@ -164,6 +168,23 @@ class Happened:
         )
 
 
+def _intrusions(
+    spec: RunSpec, truths: Mapping[str, Sequence[ObjectState]], conflict_ns: int | None
+) -> tuple[Intrusion, ...]:
+    """Return the conflicts with other targets than the initiator that come before its own."""
+    others = [target.id for target in spec.targets if target.id != spec.initiator_id]
+    if spec.vut.approach is None or spec.passing is None:
+        return ()
+    return tuple(
+        first_intrusions(
+            (instants(truths[spec.vut.id], truths[name]) for name in others),
+            Polyline(spec.vut.approach.path),
+            spec.thresholds,
+            None if conflict_ns is None else ns_to_seconds(conflict_ns),
+        )
+    )
+
+
 def misses(spec: RunSpec, happened: Happened) -> list[str]:
     """List how a run's event departs from K* (METHOD 4.4), each with quantity, value and range.
 
@@ -178,6 +199,10 @@ def misses(spec: RunSpec, happened: Happened) -> list[str]:
         seen.time_gap_s,
         vut_arrived=seen.own_arrival_s is not None,
     )
+    found += [
+        f"initiator: {one.text(spec.thresholds)}, K* wants the conflict with {spec.initiator_id}"
+        for one in happened.intrusions
+    ]
     announced = any(p.phase is Phase.RESOLUTION for p in happened.phases)
     if announced and happened.resolution_ns is None:
         found.append(

@@ -6,6 +6,7 @@ docs/adding-an-event.md says what else knows of kinds.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -31,7 +32,8 @@ class BlockPoint:
 class Drive:
     """A drive along the block at an offset: start, cruise speed, and where to stand.
 
-    ``headway_s`` is the VUT's alone: what its driver keeps to somebody ahead.
+    An end before the start is a drive in the opposite direction. ``headway_s`` is the VUT's alone:
+    what its driver keeps to somebody ahead.
     """
 
     start: BlockPoint
@@ -40,6 +42,11 @@ class Drive:
     acceleration_mps2: float = 2.0
     deceleration_mps2: float = 2.0
     headway_s: float = 1.4
+
+    @property
+    def heading_rad(self) -> float:
+        """Heading relative to the block, + left."""
+        return 0.0 if self.end_s_m >= self.start.s_m else math.pi
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,10 @@ _BEND_STEP_M = 1.0
 _JUMP_STEPS = 3
 # Of a jump: at most a third was measured with simulated vehicles, at 6.5 to 9 m/s.
 _OVERSHOT_SHARE = 0.4
+# Between a parked vehicle and the edge of the carriageway.
+_PARKED_M = 0.15
+# Between a parked vehicle and the outer end of the strip that it stands on.
+_EDGE_M = 0.05
 
 
 def vut_lane_indices(event: Event, block: Block) -> list[int]:
@@ -77,6 +81,40 @@ def right_kerb_m(block: Block) -> float:
 def left_kerb_m(block: Block) -> float:
     """Return the offset of the left kerb."""
     return block.left_edge_m + block.shoulder_left_m
+
+
+def parked_m(block: Block, size: Size, lane_m: float, corridor_m: float, *, right: bool) -> float:
+    """Return the offset of a vehicle that is parked along the carriageway.
+
+    It stands beside the carriageway, and as far on it as the strip beside it is too narrow. A verge
+    has no end.
+
+    Args:
+        block: that it is parked on.
+        size: of the vehicle.
+        lane_m: offset of the VUT's lane.
+        corridor_m: half the width of the VUT's corridor.
+        right: it is parked on the right side.
+
+    Raises:
+        CannotPlace: then it would stand in the VUT's corridor.
+    """
+    room = block.sidewalk_right_m + block.shoulder_right_m
+    edge = lane_m - block.right_edge_m
+    boundary = block.right_boundary if right else block.left_boundary
+    if not right:
+        room = block.sidewalk_left_m + block.shoulder_left_m
+        edge = block.left_edge_m - lane_m
+    free = boundary in ("verge", "any")
+    beside = _PARKED_M if free else min(_PARKED_M, room - size.width_m - _EDGE_M)
+    if edge + beside <= corridor_m:
+        raise CannotPlace(
+            f"a parked {size.width_m:g} m wide vehicle would stand "
+            f"{corridor_m - edge - beside:.2f} m inside the VUT's corridor: beside the lane are "
+            f"{room:g} m"
+        )
+    off = edge + beside + size.width_m / 2.0
+    return lane_m - off if right else lane_m + off
 
 
 def station_of(block: Block, from_s_m: float, to_s_m: float, l_m: float) -> float:

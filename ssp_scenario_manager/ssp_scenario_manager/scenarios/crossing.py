@@ -29,6 +29,7 @@ from ssp_scenario_manager.scenarios.block_places import (
     end_of,
     entry_m,
     left_kerb_m,
+    parked_m,
     rectangle,
     right_kerb_m,
     station_of,
@@ -94,10 +95,6 @@ _BEYOND_M = 1.0
 _LEAST_BEYOND_M = 0.3
 # Beyond the reach of a marked crossing, for whoever crosses away from it.
 _OFF_MARKING_M = 0.5
-# Between a parked vehicle and the edge of the carriageway.
-_PARKED_M = 0.15
-# Between a parked vehicle and the outer end of the strip that it stands on.
-_EDGE_M = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,29 +254,11 @@ ROOM_BEYOND_M = 20.0
 def _parked(event: Event, block: Block, size: Size, front_s_m: float, lane_m: float) -> BlockPoint:
     """Return the occluder's reference point, at the edge on the side of the one who crosses.
 
-    It stands beside the carriageway, and as far on it as the strip beside it is too narrow. A verge
-    has no end.
-
     Raises:
-        CannotPlace: then it would stand in the VUT's corridor.
+        CannotPlace: it would stand in the VUT's corridor.
     """
-    from_right = _from_right(event)
-    room = block.sidewalk_right_m + block.shoulder_right_m
-    edge = lane_m - block.right_edge_m
-    boundary = block.right_boundary if from_right else block.left_boundary
-    if not from_right:
-        room = block.sidewalk_left_m + block.shoulder_left_m
-        edge = block.left_edge_m - lane_m
-    free = boundary in ("verge", "any")
-    beside = _PARKED_M if free else min(_PARKED_M, room - size.width_m - _EDGE_M)
     corridor = corridor_half_m(size_of(event, event.vut_id).width_m)
-    if edge + beside <= corridor:
-        raise CannotPlace(
-            f"a parked {size.width_m:g} m wide vehicle would stand {corridor - edge - beside:.2f} "
-            f"m inside the VUT's corridor: beside the lane are {room:g} m"
-        )
-    off = edge + beside + size.width_m / 2.0
-    y = lane_m - off if from_right else lane_m + off
+    y = parked_m(block, size, lane_m, corridor, right=_from_right(event))
     return BlockPoint(round(front_s_m - size.front_m, 3), round(y, 3))
 
 

@@ -100,13 +100,13 @@ def start_pose(line: ReferenceLine, place: BlockPoint, heading_rad: float = 0.0)
 def _participant(
     line: ReferenceLine, name: str, object_class: ObjectWord, motion: Drive | Wait
 ) -> ParticipantSpec:
+    start = start_pose(line, motion.start, motion.heading_rad)
     if isinstance(motion, Wait):
-        start = start_pose(line, motion.start, motion.heading_rad)
         return ParticipantSpec(id=name, object_class=object_class, start=start)
     return ParticipantSpec(
         id=name,
         object_class=object_class,
-        start=start_pose(line, motion.start),
+        start=start,
         approach=Motion(
             path=line.path(motion.start.s_m, motion.end_s_m, motion.start.l_m),
             cruise_mps=motion.cruise_mps,

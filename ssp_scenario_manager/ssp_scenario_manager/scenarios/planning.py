@@ -39,6 +39,12 @@ from ssp_scenario_manager.scenarios.base import (
     Wait,
 )
 from ssp_scenario_manager.scenarios.block_places import ahead_of, rectangle
+from ssp_scenario_manager.scenarios.further import (
+    further_choices,
+    further_ids,
+    further_motions,
+    starts_apart,
+)
 from ssp_scenario_manager.scenarios.motions import CRUISE_SHARE, Motions, motions, stopping_m
 from ssp_scenario_manager.scenarios.prediction import AFTER_S, Prediction, foreseen_address, predict
 from ssp_scenario_manager.scenarios.values import (
@@ -96,6 +102,17 @@ def judge(event: Event, limits: Limits, told: Motions, seen: Prediction) -> list
         wrong.append(
             f"the VUT needs {needed:.0f} m from its start to the run's end and to a stop, the "
             f"block leaves it {path.length_m:.0f} m"
+        )
+    other = event.interaction.initiator
+    wrong += [
+        f"{one.text(thresholds_of(event))}, and the conflict is {other}'s"
+        for one in seen.intrusions
+    ]
+    near = seen.nearest
+    if near is not None and further_ids(event) and near.distance_m <= least:
+        wrong.append(
+            f"{near.first} and {near.second} come within {near.distance_m:.2f} m at "
+            f"{near.t_s:.1f} s, limit is {least:g} m"
         )
     end = EndCondition()
     longest = min(c.safety.duration.si.high, end.at_latest_s)
@@ -249,10 +266,11 @@ def plans_on(
         CannotPlace: none does; the reason is that of the preferred values.
     """
     event, block, thresholds = setting.event, setting.block, thresholds_of(setting.event)
+    choices = {**choices, **further_choices(setting)}
     first_reason, looked, found = "", 0, False
     for values in itertools.islice(combinations(choices), MOST_DRAFTED):
         try:
-            made = draft(values)
+            made = _with_further(setting, draft(values), values)
             told = motions(
                 block.line, classes_of(event), event.vut_id, made.vut, made.targets, made.trigger
             )
@@ -286,6 +304,18 @@ def plans_on(
             break
     if not found:
         raise CannotPlace(first_reason)
+
+
+def _with_further(setting: Setting, made: Draft, values: Mapping[str, float]) -> Draft:
+    """Return a draft with the further participants.
+
+    Raises:
+        CannotPlace: one has no place, or two would start too near to each other.
+    """
+    targets = {**made.targets, **further_motions(setting, made.vut, values)}
+    for reason in starts_apart(setting.event, made.vut, targets):
+        raise CannotPlace(reason)
+    return replace(made, targets=targets)
 
 
 def _ending(trigger: Trigger, seen: Prediction) -> Trigger:

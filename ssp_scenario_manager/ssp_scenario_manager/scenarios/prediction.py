@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline, box_distance
 from ssp_core.motion.encounter import Encounter, Observable, encounter, is_conflict, is_observable
+from ssp_core.motion.intrusion import Intrusion, intrusion_of
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
@@ -147,6 +150,16 @@ NO_CONFLICT_S = 12.0
 _MOVED_ON_M = 0.1
 
 
+@dataclass(frozen=True, slots=True)
+class Nearest:
+    """The least distance between two objects, m, and its session time, s."""
+
+    first: str
+    second: str
+    t_s: float
+    distance_m: float
+
+
 @dataclass(frozen=True)
 class Prediction:
     """The predicted course; times are session times in s, stations are along the VUT's path in m.
@@ -170,6 +183,8 @@ class Prediction:
         least_ttc_s: of VUT and initiator from the trigger on.
         vut_fired: the VUT's state when the trigger fires.
         targets_fired: the targets' states then.
+        intrusions: conflicts of other objects than the initiator, the first of each.
+        nearest: the two objects that come nearest to each other, of those that aren't the VUT.
     """
 
     fired_s: float
@@ -190,6 +205,8 @@ class Prediction:
     least_ttc_s: float
     vut_fired: ObjectState
     targets_fired: tuple[ObjectState, ...]
+    intrusions: tuple[Intrusion, ...] = ()
+    nearest: Nearest | None = None
 
     @property
     def time_gap_s(self) -> float:
@@ -224,6 +241,8 @@ def predict(plan: Motions, observable: Observable, thresholds: ConflictThreshold
     watch = TriggerWatch(plan.trigger, players.path, 0)
     t, fired = 0.0, None
     instants: list[_Instant] = []
+    intrusions: dict[str, Intrusion] = {}
+    nearest: Nearest | None = None
     early = False
     while t < LONGEST_S:
         vut = players.vut(t)
@@ -231,6 +250,11 @@ def predict(plan: Motions, observable: Observable, thresholds: ConflictThreshold
         meetings = [(other, encounter(vut, other, players.path)) for other in others]
         subject, meeting = next((o, m) for o, m in meetings if o.object_id == initiator.id)
         conflict = is_conflict(meeting, thresholds.ttc_s, thresholds.arrival_gap_s)
+        for other, its in meetings:
+            found = intrusion_of(other.object_id, t, its, thresholds)
+            if found is not None and other.object_id != initiator.id:
+                intrusions.setdefault(found.object_id, found)
+        nearest = _nearer(nearest, others, t)
         if fired is None:
             early = early or conflict
             snapshot = Snapshot(vut, {o.object_id: o for o in others}, players.path, 0, {})
@@ -260,7 +284,17 @@ def predict(plan: Motions, observable: Observable, thresholds: ConflictThreshold
     if fired is None:
         never = condition_text(plan.trigger.condition)
         raise CannotPlace(f"its trigger never fires, as far as can be foreseen: {never}")
-    return _summary(players, fired, instants, early, initiator.id)
+    summary = _summary(players, fired, instants, early, initiator.id)
+    return replace(summary, intrusions=tuple(intrusions.values()), nearest=nearest)
+
+
+def _nearer(nearest: Nearest | None, others: Sequence[ObjectState], t_s: float) -> Nearest | None:
+    """Return the nearest two objects so far."""
+    for one, other in combinations(others, 2):
+        distance_m = box_distance(one.box, other.box)
+        if nearest is None or distance_m < nearest.distance_m:
+            nearest = Nearest(one.object_id, other.object_id, t_s, distance_m)
+    return nearest
 
 
 def _is_far(watch: TriggerWatch) -> bool:

@@ -68,7 +68,7 @@ _NOWHERE = Pose2(0.0, 0.0, 0.0)
 
 @dataclass
 class _Body:
-    """An entity: where it is, how fast, and what moves it."""
+    """An entity: where it is, how fast, and what moves it; ``against`` the road's direction."""
 
     front_m: float
     rear_m: float
@@ -78,6 +78,7 @@ class _Body:
     driven_m: float = 0.0
     s_m: float = 0.0
     l_m: float = 0.0
+    against: bool = False
     speed: Callable[[float], float] | None = None
     shift: _Shift | None = None
     path: Polyline | None = None
@@ -146,6 +147,8 @@ class _Player:
             at = _only(private, ".//TeleportAction//WorldPosition").attrib
             body.pose = Pose2(float(at["x"]), float(at["y"]), float(at["h"]))
             body.s_m, body.l_m = road.line.to_local(body.pose.x_m, body.pose.y_m)
+            turned = body.pose.yaw_rad - road.pose(body.s_m, body.l_m).yaw_rad
+            body.against = math.cos(turned) < 0.0
         self._acts = [self._act(act) for act in root.iterfind("Storyboard/Story/Act")]
         self._stop = _only(root, "Storyboard/StopTrigger")
 
@@ -264,7 +267,8 @@ class _Player:
             body.l_m, heading = body.shift.offset_m(), math.atan(rate)
             if body.shift.gone_m >= body.shift.distance_m:
                 body.shift = None
-        ahead_m = way_m * math.cos(heading)
+        ahead_m = way_m * math.cos(heading) * (-1.0 if body.against else 1.0)
+        heading += math.pi if body.against else 0.0
         body.s_m += ahead_m / (1.0 - self._road.curvature(body.s_m) * body.l_m)
         pose = self._road.pose(body.s_m, body.l_m)
         body.pose = Pose2(pose.x_m, pose.y_m, wrap_angle(pose.yaw_rad + heading))

@@ -16,6 +16,7 @@ from ssp_scenario_manager.event_spec.checks.c1_relations import (
 )
 from ssp_scenario_manager.event_spec.checks.c2_topology import TOPOLOGY_PREDICATES
 from ssp_scenario_manager.event_spec.checks.c3_events import TIME_PREDICATES, TRIGGER_PREDICATES
+from ssp_scenario_manager.event_spec.checks.c4_further import FURTHER_PREDICATES
 from ssp_scenario_manager.event_spec.checks.c4_interaction import INTERACTION_PREDICATES
 from ssp_scenario_manager.event_spec.checks.c5_executability import (
     EXECUTABILITY_PREDICATES,
@@ -96,7 +97,7 @@ PREDICATES: dict[Check, tuple[Predicate, ...]] = {
     "C1": TYPE_PREDICATES + PLACE_PREDICATES + MOTION_PREDICATES,
     "C2": TOPOLOGY_PREDICATES,
     "C3": TIME_PREDICATES + TRIGGER_PREDICATES,
-    "C4": INTERACTION_PREDICATES,
+    "C4": INTERACTION_PREDICATES + FURTHER_PREDICATES,
     "C5": UNIT_PREDICATES + EXECUTABILITY_PREDICATES,
     "review": (
         every_field_is_covered,
