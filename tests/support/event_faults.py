@@ -561,6 +561,18 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         },
         f"{C}.weights",
     ),
+    (
+        "further_keep_to_the_road",
+        "occluded_crossing",
+        {"interaction.occluder": None, "motion.ot2.trigger.speed_trend": "any"},
+        "motion.ot2.trigger.speed_trend",
+    ),
+    (
+        "further_cause_no_conflict",
+        "occluded_crossing",
+        {"interaction.occluder": None, "participants.ot2.region.place": "vut_lane"},
+        "participants.ot2.region.gap",
+    ),
     ("every_field_is_covered", "cut_in", {"uncertainty": {}}, "topology.segment"),
     ("entries_name_fields", "cut_in", {f"{C}.manoeuvre.duration": GONE}, f"{C}.manoeuvre.duration"),
     (
