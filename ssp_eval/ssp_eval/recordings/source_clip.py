@@ -29,13 +29,12 @@ from ssp_core.options import WholeNumber
 from ssp_core.vocabulary import PHASES, ObjectClass, PhaseWord
 from ssp_eval.recordings.event import rules_of
 from ssp_ot_controller.camera import clip
+from ssp_ot_controller.camera.further_actors import FurtherActor, with_further
 from ssp_ot_controller.camera.storyboards import (
     CAR,
-    FurtherActor,
     LaneCounts,
     Storyboard,
     usual_lanes,
-    with_further,
 )
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
 from ssp_scenario_manager.event_spec.checks.check import check_event
