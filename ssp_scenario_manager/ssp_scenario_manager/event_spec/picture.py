@@ -179,6 +179,8 @@ def _actor(
         "y": strip.middle,
         "on_road": strip.is_lane,
         "walks": walks,
+        # It faces the VUT.
+        "comes": participant.region.place == "oncoming_lane",
         "length": length,
         "colour": _COLOURS[part],
         "label_x": label,
@@ -214,7 +216,8 @@ def _cell(event: Event, who: str, column: int, cell: MotionCell) -> dict[str, An
     speed = event.constraints.speeds.get(who, {}).get(PHASES[column], UNRESOLVED)
     seen = [cell.position.replace("_", " ")] if cell.position else []
     if cell.speed_trend != "standing":
-        seen.append(_SIGNS[cell.lateral])
+        sign = _SIGNS[cell.lateral]
+        seen.append(sign.replace("its", "the VUT's") if cell.heading == "opposite" else sign)
     gap = f"gap {cell.longitudinal} · " if cell.longitudinal != "none" else ""
     return {
         "column": column,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from html import unescape
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -80,6 +82,18 @@ def test_picture_is_svg_that_names_everybody_and_every_speed(event: Event) -> No
     for element in root.iter("{http://www.w3.org/2000/svg}text"):
         assert 0 < float(element.attrib["x"]) <= width
         assert 0 < float(element.attrib["y"]) <= height
+
+
+def test_what_comes_the_other_way_faces_the_vut_and_moves_by_its_sides() -> None:
+    drawn = {name: picture(load_event(name)[0]) for name in ("oncoming_turn", "cut_in")}
+    assert "to the VUT's right" in unescape(drawn["oncoming_turn"])
+    assert "to the VUT's" not in unescape(drawn["cut_in"])
+    # The windscreen lies on the side of a body's middle, at 156 and 596, that is its front.
+    sides = {}
+    for name, text in drawn.items():
+        found = re.findall(r'<rect x="([0-9.]+)" y="[0-9.]+" width="9.24"', text)
+        sides[name] = [float(x) > at for x, at in zip(found, (156.0, 596.0), strict=True)]
+    assert sides == {"oncoming_turn": [True, False], "cut_in": [True, True]}
 
 
 def test_picture_escapes_what_people_write(event: Event) -> None:
