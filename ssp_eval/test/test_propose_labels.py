@@ -347,10 +347,10 @@ def test_command_line_from_a_truth_file(tmp_path: Path) -> None:
         ("cut_in", ["--event", "cut_in"], "TTC is under 3 s (K* cut_in)"),
         ("cut_in", ["--event", "FILE"], "TTC is under 2 s (K* cut_in)"),
         (
-            "merge",
+            "weave",
             [],
             "TTC is under 2.5 s or the gap between the arrivals is under 1.5 s (no K*, "
-            "the defaults: none is shipped for merge)",
+            "the defaults: none is shipped for weave)",
         ),
         (
             "cut_in",

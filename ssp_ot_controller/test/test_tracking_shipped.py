@@ -21,6 +21,7 @@ from ssp_scenario_manager.dispatch.references import (
 )
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from support.states import object_state, state_of_body
+from tests.support.places import site_of
 
 LATERAL_RMS_M = 0.05
 LONGITUDINAL_RMS_M = 0.10
@@ -31,7 +32,7 @@ TRIGGER_S = 10.0
 @cache
 def shipped(event: str) -> tuple[ParticipantSpec, BodyLimits, tuple[Reference, ...]]:
     """The initiator of an event, its body on the site, and the references that it gets."""
-    site = "crossroads" if KINDS[event].at_junction else "boulevard"
+    site = site_of(event)
     run = compile_task(Request(event=event, target="sumo", site=site)).task.run
     target = next(t for t in run.targets if t.id == run.initiator_id)
     trigger = next(t for t in run.triggers if t.object_id == target.id)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -32,7 +32,8 @@ from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.session import outbox
-from tests.support.junctions import LEFT_TURN, RIGHT_TURN, STRAIGHT, ground, route
+from tests.support.junctions import ground
+from tests.support.places import site_of
 from tests.support.slow_leads import SPEEDS_MPS, slow_lead
 
 Simulate = Callable[[RunSpec], tuple[InProcessResult, Record]]
@@ -319,15 +320,21 @@ def test_over_the_places_each_side_comes_up_with_each_class(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", AT_JUNCTION)
-@pytest.mark.parametrize(("place", "site"), [(0, "crossroads"), (1, "cross_track")])
+@pytest.mark.parametrize(("place", "domain"), [(0, "simulation"), (1, "physical")])
 def test_every_route_of_an_approach_happens_or_is_refused_with_what_misses(
-    name: str, place: int, site: str
+    name: str, place: int, domain: Literal["simulation", "physical"]
 ) -> None:
-    """The VUT goes straight on; what happens there was run before it is accepted."""
-    area = ground(site)
-    routes = [route(area, way) for way in (STRAIGHT, LEFT_TURN, RIGHT_TURN)]
+    """The VUT goes straight on; what happens there was run before it is accepted.
+
+    The sites' ramps join from the right.
+    """
+    area = ground(site_of(name, domain))
+    routes = [one for one in area.library.blocks if one.passage and one.entrances == ("west_in",)]
     event = combination_of(name, place)
-    assert [tried(event, block, area) is not None for block in routes] == [True, False, False]
+    found = {one.block_id: tried(event, one, area) is not None for one in routes}
+    comes = not (name == "merge" and event.interaction.dominant_motion.endswith("left"))
+    assert found == {one.block_id: comes and "> east_out" in one.block_id for one in routes}
+    assert comes == any(found.values())
 
 
 @pytest.fixture

@@ -22,12 +22,13 @@ from ssp_scenario_manager.closed_loop.start import Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import Record
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from tests.support.places import site_of
 
 # Seeds of critical starts.
 EVENTS = {
     "crossing_car": 7,
     "lead_braking": 1,
+    "merge": 1,
     "oncoming_turn": 2,
     "slow_lead": 1,
     "vru_crossing": 2,
@@ -44,8 +45,7 @@ def start_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[
     def make(event: str) -> tuple[Start, Record]:
         folder = tmp_path_factory.mktemp("gaming") / event
         seed = EVENTS[event]
-        site = "crossroads" if KINDS[event].at_junction else "boulevard"
-        run = prepare_run(event, site, folder, seed=seed, mode="lockstep")
+        run = prepare_run(event, site_of(event), folder, seed=seed, mode="lockstep")
         start = make_start(run, load_event(event)[0], seed, latency_max_s=1.0)
         assert start.contact is not None
         free = drive_start(start, CampaignDriver(driver="built_in"), ZERO_LATENCY, event=False)
@@ -122,6 +122,8 @@ WAYS = (
     ("crossing_car", brake_and_speed_up, "brakes by"),
     ("crossing_car", plan_two_seconds_and_say_nothing, "falls back"),
     ("oncoming_turn", brake_and_speed_up, "brakes by"),
+    ("merge", brake_and_speed_up, "brakes by"),
+    ("merge", say_nothing, "falls back"),
     ("vru_crossing", hang_at_the_right_moment, ""),
 )
 

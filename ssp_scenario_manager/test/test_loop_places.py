@@ -17,10 +17,9 @@ from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.scenarios.crossing import is_hidden
+from tests.support.places import site_of
 
 LATENCY_S = 0.5
-# Where an event is compiled, if not on boulevard.
-SITES = {"crossing_car": "crossroads"}
 # Of a start of crossing_car whose twin has no contact.
 HARMLESS = 1
 Compiled = Callable[[str], tuple[RunSpec, Event]]
@@ -33,7 +32,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Compiled:
     @cache
     def make(name: str) -> tuple[RunSpec, Event]:
         folder = tmp_path_factory.mktemp("places") / name
-        run = prepare_run(name, SITES.get(name, "boulevard"), folder, seed=1, mode="lockstep")
+        run = prepare_run(name, site_of(name), folder, seed=1, mode="lockstep")
         return run, load_event(name)[0]
 
     return make

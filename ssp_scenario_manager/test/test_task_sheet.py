@@ -14,6 +14,7 @@ from ssp_scenario_manager.compile.targets.task_picture import lies_on, speed_lin
 from ssp_scenario_manager.compile.targets.task_sheet import limit_rows, sheet, start_row
 from ssp_scenario_manager.compile.task import Task, load_task
 from ssp_scenario_manager.scenarios.kinds import KINDS
+from tests.support.places import site_of
 
 EVENTS = tuple(sorted(KINDS))
 
@@ -21,7 +22,7 @@ EVENTS = tuple(sorted(KINDS))
 @pytest.fixture(scope="module", params=EVENTS)
 def task(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Task:
     out = tmp_path_factory.mktemp("sheet") / "task"
-    site = "cross_track" if KINDS[request.param].at_junction else "north_track"
+    site = site_of(request.param, "physical")
     where = ["--target", "track", "--site", site, "--out", str(out)]
     assert main(["compile", request.param, *where]) == 0
     return load_task(out)

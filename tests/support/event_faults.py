@@ -301,6 +301,12 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         "topology.segment",
     ),
     (
+        "speeds_hold_the_manoeuvre",
+        "merge",
+        {"constraints.manoeuvre.merging_speed": span(0, 0, "m/s")},
+        "constraints.manoeuvre.merging_speed",
+    ),
+    (
         "phases_in_order",
         "cut_in",
         {"events.conflict.start": span(3, 3, "s")},

@@ -20,10 +20,8 @@ from ssp_scenario_manager.compile.changes import value_at, with_value
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import Record, append_record
 from ssp_scenario_manager.maps.site import LIBRARY
-from ssp_scenario_manager.scenarios.kinds import KINDS
+from tests.support.places import site_of
 
-SITES = {"simulation": "boulevard", "physical": "north_track"}
-JUNCTIONS = {"simulation": "crossroads", "physical": "cross_track"}
 # Of sessions whose pictures aren't looked at.
 SMALL = {"camera.width_px": 240, "camera.height_px": 136}
 SAID_FILE = "said.json"
@@ -149,8 +147,16 @@ class Recordings:
             if missing and domain == "synthetic":
                 self._import(event, target)
             elif missing:
-                site = (JUNCTIONS if KINDS[event].at_junction else SITES)[domain]
-                run = ("run", bound, "--site", site, "--seed", 11, "--out", target)
+                run = (
+                    "run",
+                    bound,
+                    "--site",
+                    site_of(event, domain),
+                    "--seed",
+                    11,
+                    "--out",
+                    target,
+                )
                 succeed(*run, "--in-process", "--record")
         return target
 
@@ -159,7 +165,7 @@ class Recordings:
         target = self.folder / f"{event}-task"
         with self._once(target.name) as missing:
             if missing:
-                site = SITES["simulation"]
+                site = site_of(event)
                 succeed("compile", event, "--target", "sumo", "--site", site, "--out", target)
                 change_on_site(target, SMALL, reason="its pictures aren't looked at")
         return target
@@ -170,7 +176,7 @@ class Recordings:
         target = self.folder / f"{event}-{domain}-session"
         with self._once(target.name) as missing:
             if missing:
-                run = ("run", bound, "--site", SITES[domain], "--seed", 11, "--json")
+                run = ("run", bound, "--site", site_of(event, domain), "--seed", 11, "--json")
                 command = [sys.executable, "-m", "ssp_core.cli", *map(str, run)]
                 done = subprocess.run(
                     [*command, "--out", str(target)],

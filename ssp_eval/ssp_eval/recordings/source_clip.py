@@ -56,6 +56,7 @@ _DRAWN = {
     "slow_lead": ("same_direction", "car"),
     "crossing_car": ("crossing_from_right", "car"),
     "oncoming_turn": ("oncoming", "car"),
+    "merge": ("cutting_in_from_right", "car"),
 }
 
 

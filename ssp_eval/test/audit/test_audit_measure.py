@@ -206,6 +206,71 @@ def oncoming_turn(start_s: float = 3.3, side: float = 1.0, **more: Any) -> Scene
     return scene(vut, way, **given)
 
 
+# A ramp comes from the right at this angle, and joins the road at x in an arc of this radius.
+_RAMP_RAD, _JOINS_M, _RADIUS_M = math.radians(20.0), 105.0, 40.0
+
+
+def ramp_road(joins_m: float = _JOINS_M) -> RoadFacts:
+    """A road of one lane each way, and a ramp that joins it from the right."""
+    lanes = [
+        Lane(y_m=y, width_m=3.5, direction=d) for y, d in ((0.0, "forward"), (3.5, "backward"))
+    ]
+    x_m, y_m = on_ramp(60.0, joins_m)
+    ramp = JunctionRoad(
+        origin=Start(
+            x_m=x_m - 60.0 * math.cos(_RAMP_RAD),
+            y_m=y_m - 60.0 * math.sin(_RAMP_RAD),
+            yaw_rad=_RAMP_RAD,
+        ),
+        length_m=60.0,
+        lanes=[Lane(y_m=0.0, width_m=3.5, direction="forward")],
+        junction_at="end",
+    )
+    connecting = ramp.model_copy(
+        update={
+            "origin": Start(x_m=x_m, y_m=y_m, yaw_rad=_RAMP_RAD),
+            "length_m": 8.0 + _RADIUS_M * _RAMP_RAD,
+            "pieces": [
+                CurvePiece(length_m=8.0),
+                CurvePiece(
+                    length_m=_RADIUS_M * _RAMP_RAD,
+                    start_curvature_1pm=-1.0 / _RADIUS_M,
+                    end_curvature_1pm=-1.0 / _RADIUS_M,
+                ),
+            ],
+            "junction_at": "both",
+        }
+    )
+    return road(lanes=lanes, junction=[ramp, connecting])
+
+
+def on_ramp(driven_m: float, joins_m: float = _JOINS_M) -> tuple[float, float]:
+    """A place on its way, which begins 60 m before the junction."""
+    arc_m = _RADIUS_M * _RAMP_RAD
+    left_m = 68.0 + arc_m - driven_m
+    if left_m <= 0.0:
+        return joins_m - left_m, 0.0
+    turned = min(left_m, arc_m) / _RADIUS_M
+    x_m = joins_m - _RADIUS_M * math.sin(turned)
+    y_m = -_RADIUS_M * (1.0 - math.cos(turned))
+    back_m = max(0.0, left_m - arc_m)
+    return x_m - back_m * math.cos(_RAMP_RAD), y_m - back_m * math.sin(_RAMP_RAD)
+
+
+def merge(start_s: float = 4.0, side: float = 1.0, **more: Any) -> Scene:
+    """A car drives off at the end of the ramp with 2 m/s² up to 6 m/s; the VUT brakes at 7 s."""
+
+    def way(t_s: float) -> tuple[float, float]:
+        faster_s = min(max(0.0, t_s - start_s), 3.0)
+        x_m, y_m = on_ramp(55.0 + faster_s**2 + 6.0 * max(0.0, t_s - start_s - 3.0))
+        return x_m, side * y_m
+
+    vut = more.pop("vut", braking(8.0, 9.8, 7.0, 2.5, 5.0))
+    given = {"length_s": 18.0, "road": ramp_road()} | more
+    given.setdefault("thresholds", ConflictThresholds(ttc_s=2.0, arrival_gap_s=None))
+    return scene(vut, way, **given)
+
+
 def words(found: Measured, field: str, part: str) -> tuple[str, ...]:
     value = found.properties[field].words
     assert value is not None
@@ -235,6 +300,7 @@ def codes(name: str, found: Measured) -> list[str]:
         ("slow_lead", slow_lead, "following", "same_direction"),
         ("crossing_car", crossing_car, "crossing", "crossing_from_right"),
         ("oncoming_turn", oncoming_turn, "crossing", "oncoming"),
+        ("merge", merge, "merge", "cutting_in_from_right"),
     ],
 )
 def test_an_event_is_what_its_specification_says(
@@ -319,6 +385,26 @@ def test_what_is_no_crossing_car_is_refused_with_what_differs(made: Scene, code:
 )
 def test_what_is_no_oncoming_turn_is_refused_with_what_differs(made: Scene, code: str) -> None:
     assert codes("oncoming_turn", measure(made))[:1] == [code]
+
+
+@pytest.mark.parametrize(
+    ("made", "code"),
+    [
+        pytest.param(merge(side=-1.0), "wrong_side", id="from the left"),
+        pytest.param(merge(cls=ObjectClass.PEDESTRIAN), "roles_differ", id="a pedestrian"),
+        pytest.param(merge(cls=ObjectClass.TRUCK), "roles_differ", id="a truck"),
+        pytest.param(merge(start_s=60.0), "no_manoeuvre", id="it waits"),
+        pytest.param(
+            merge(8.0, vut=braking(8.0, 9.8, 60.0, 2.5)), "roles_swapped", id="the VUT is first"
+        ),
+        pytest.param(merge(road=ramp_road(200.0)), "place_differs", id="from beside the road"),
+        pytest.param(
+            merge(road=replace(ramp_road(), road=road().road)), "topology_differs", id="no junction"
+        ),
+    ],
+)
+def test_what_is_no_merge_is_refused_with_what_differs(made: Scene, code: str) -> None:
+    assert codes("merge", measure(made))[:1] == [code]
 
 
 def test_phases_and_facts_of_a_cut_in() -> None:

@@ -146,13 +146,15 @@ class Actor:
 
 @dataclass(frozen=True)
 class Turning:
-    """A participant that drives along the road against the VUT, and turns off to its own left.
+    """A participant that drives straight on, turns, and goes straight on.
 
     Args:
         distance: along its way, from its place at the start.
-        start: its place then; it heads against the road.
+        start: its place then.
         straight_m: up to where the turn begins.
-        radius_m: of the turn, a quarter of a circle; it goes straight on beyond.
+        radius_m: of the turn, an arc.
+        heading_rad: at the start; as it is, it heads against the road.
+        turn_rad: by which it turns, + left.
     """
 
     object_id: str
@@ -162,25 +164,29 @@ class Turning:
     start: tuple[float, float]
     straight_m: float
     radius_m: float
+    heading_rad: float = math.pi
+    turn_rad: float = math.pi / 2
 
     def state(self, t_s: float) -> ObjectState:
-        (x, y), radius = self.start, self.radius_m
-        driven = self.distance.position(t_s)
-        arc = min(max(driven - self.straight_m, 0.0), radius * math.pi / 2)
-        turned = arc / radius
-        beyond = max(driven - self.straight_m - arc, 0.0)
+        (x, y), side = self.start, math.copysign(self.radius_m, self.turn_rad)
+        driven, straight = self.distance.position(t_s), self.straight_m
+        arc = min(max(driven - straight, 0.0), abs(self.radius_m * self.turn_rad))
+        turned, beyond = arc / side, max(driven - straight - arc, 0.0)
+        before, yaw, ahead = self.heading_rad, self.heading_rad + turned, min(driven, straight)
         speed = self.distance.speed(t_s)
+        x += ahead * math.cos(before) + side * (math.sin(yaw) - math.sin(before))
+        y += ahead * math.sin(before) - side * (math.cos(yaw) - math.cos(before))
         return ObjectState(
             object_id=self.object_id,
             object_class=self.object_class,
             role=self.role,
             stamp_ns=seconds_to_ns(t_s),
-            x_m=x - min(driven, self.straight_m) - radius * math.sin(turned),
-            y_m=y - radius * (1.0 - math.cos(turned)) - beyond,
-            yaw_rad=wrap_angle(math.pi + turned),
+            x_m=x + beyond * math.cos(yaw),
+            y_m=y + beyond * math.sin(yaw),
+            yaw_rad=wrap_angle(yaw),
             speed_mps=speed,
             acceleration_mps2=self.distance.acceleration(t_s),
-            yaw_rate_radps=speed / radius if turned > 0.0 and beyond == 0.0 else 0.0,
+            yaw_rate_radps=speed / side if arc > 0.0 and beyond == 0.0 else 0.0,
             size=DEFAULT_SIZES[self.object_class],
         )
 
@@ -287,6 +293,51 @@ def clip_junction(
         turn(middle_m - LANE_M / 2, left, -quarter),
         *across_it,
     ]
+
+
+# A ramp comes at this angle, then straight on for so long in the junction, and then in an arc.
+_RAMP_RAD, _RAMP_M, _RAMP_RADIUS_M = math.radians(20.0), 8.0, 40.0
+
+
+def clip_ramp(counts: LaneCounts, joins_m: float) -> list[JunctionRoad]:
+    """Return the roads of a junction in which a ramp of one lane joins the VUT's lane.
+
+    Args:
+        counts: lanes of the clip's road.
+        joins_m: where it ends, along the clip's road.
+    """
+    along, own = clip_road(counts).lanes, [Lane(y_m=0.0, width_m=LANE_M, direction="forward")]
+    x_m, y_m = _ramp_start(joins_m)
+    cos, sin = math.cos(_RAMP_RAD), math.sin(_RAMP_RAD)
+    arc_m, bend = _RAMP_RADIUS_M * _RAMP_RAD, -1.0 / _RAMP_RADIUS_M
+    pieces = [
+        CurvePiece(length_m=_RAMP_M),
+        CurvePiece(length_m=arc_m, start_curvature_1pm=bend, end_curvature_1pm=bend),
+    ]
+    far = Start(x_m=x_m - _ARM_M * cos, y_m=y_m - _ARM_M * sin, yaw_rad=_RAMP_RAD)
+    on = Start(x_m=x_m, y_m=y_m, yaw_rad=_RAMP_RAD)
+    made = [
+        JunctionRoad(origin=far, length_m=_ARM_M, lanes=own, junction_at="end"),
+        JunctionRoad(
+            origin=on, length_m=_RAMP_M + arc_m, pieces=pieces, lanes=own, junction_at="both"
+        ),
+    ]
+    ends: tuple[tuple[float, float, Literal["start", "end", "both"]], ...] = (
+        (x_m - _ARM_M, _ARM_M, "end"),
+        (x_m, joins_m - x_m, "both"),
+        (joins_m, _ARM_M, "start"),
+    )
+    for begins_m, length_m, end in ends:
+        at = Start(x_m=begins_m, y_m=0.0, yaw_rad=0.0)
+        made.append(JunctionRoad(origin=at, length_m=length_m, lanes=along, junction_at=end))
+    return made
+
+
+def _ramp_start(joins_m: float) -> tuple[float, float]:
+    """Return where the ramp meets the junction, by where it ends along the clip's road."""
+    cos, sin = math.cos(_RAMP_RAD), math.sin(_RAMP_RAD)
+    back_m = _RAMP_RADIUS_M * sin + _RAMP_M * cos
+    return joins_m - back_m, -_RAMP_RADIUS_M * (1.0 - cos) - _RAMP_M * sin
 
 
 # Another one than in the sessions.
@@ -446,6 +497,34 @@ def oncoming_turn(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     return vut, (car,)
 
 
+def merge(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
+    """Cast a car that waits at the end of a ramp and merges, and a VUT that brakes behind it."""
+    speed = float(rng.uniform(9.4, 10.0))
+    step_s = float(rng.uniform(1.9, 2.3))
+    fast = float(rng.uniform(5.8, 6.2))
+    before_m = 1.0 + CAR.front_m  # of the junction
+    x_m, y_m = _ramp_start(_JOINS_M)
+    start = x_m - before_m * math.cos(_RAMP_RAD), y_m - before_m * math.sin(_RAMP_RAD)
+    way = Line(0.0, 0.0, (Ramp(step_s, 2.4, fast),))
+    car = Turning(
+        "ot1",
+        ObjectClass.CAR,
+        Role.OT,
+        way,
+        start,
+        before_m + _RAMP_M,
+        _RAMP_RADIUS_M,
+        _RAMP_RAD,
+        -_RAMP_RAD,
+    )
+    # In the end a little slower than the car ahead, so that the gap opens again.
+    vut = _vut(speed, Ramp(step_s + 3.2, 2.4, fast - 0.8 - speed))
+    return vut, (car, *_oncoming(lanes, 150.0, 9.0))
+
+
+# Where the ramp of the clip ends, along its road.
+_JOINS_M = 86.0
+
 # New ones at the end: a scenario's number is part of its seed.
 _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "cut_in": cut_in,
@@ -455,6 +534,7 @@ _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "slow_lead": slow_lead,
     "crossing_car": crossing_car,
     "oncoming_turn": oncoming_turn,
+    "merge": merge,
 }
 # Where a road crosses the clip's, by the lane of it that the initiator takes: m to its right.
 _AT_JUNCTION = {"crossing_car": LANE_M / 2, "oncoming_turn": -LANE_M / 2}
@@ -490,7 +570,7 @@ class Storyboard:
 
 def usual_lanes(scenario: str) -> LaneCounts:
     """Return the lanes of a scenario's road: two each way, and one where roads cross."""
-    return LaneCounts(1, 1) if scenario in _AT_JUNCTION else LaneCounts()
+    return LaneCounts(1, 1) if scenario in {*_AT_JUNCTION, "merge"} else LaneCounts()
 
 
 def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Storyboard:
@@ -527,4 +607,6 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
         lane_m = crosser.state(DURATION_S).x_m
         roads = clip_junction(lanes, lane_m - _AT_JUNCTION[scenario], crosser)
         road = road.model_copy(update={"junction": roads})
+    if scenario == "merge":
+        road = road.model_copy(update={"junction": clip_ramp(lanes, _JOINS_M)})
     return Storyboard(scenario, seed, road, CLIP_CAMERA, look, FPS, DURATION_S, vut, others)

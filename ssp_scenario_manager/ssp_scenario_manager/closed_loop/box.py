@@ -18,7 +18,11 @@ _OF_MANOEUVRE = {
     "deceleration": "deceleration_mps2",
 }
 _OF_BRAKING = {"end_speed": "to_mps", "deceleration": "deceleration_mps2"}
-_OF_PATH = {"walking_speed": "cruise_mps", "acceleration": "acceleration_mps2"}
+_OF_PATH = {
+    "walking_speed": "cruise_mps",
+    "merging_speed": "cruise_mps",
+    "acceleration": "acceleration_mps2",
+}
 _OF_KIND = {
     "lane_change": _OF_MANOEUVRE,
     "brake": _OF_BRAKING,

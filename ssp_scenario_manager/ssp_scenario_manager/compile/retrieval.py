@@ -207,7 +207,7 @@ def places(event: Event, block: Block) -> Met:
             lacking.append(f"{name} needs a lane to the left of the VUT's")
         elif place == "right_lane" and not any(i > 0 for i in mine):
             lacking.append(f"{name} needs a lane to the right of the VUT's")
-        elif place in ("left_road", "right_road") and not _crossed_from(block, place):
+        elif place in ("left_road", "right_road") and not _met_from(event, block, place):
             lacking.append(f"{name} needs a road from the {place.partition('_')[0]}")
         elif place == "oncoming_lane" and not block.backward_lanes:
             lacking.append(f"{name} needs an oncoming lane")
@@ -216,10 +216,11 @@ def places(event: Event, block: Block) -> Met:
     return Met(1.0 - len(lacking) / len(event.participants), "; ".join(lacking))
 
 
-def _crossed_from(block: Block, place: str) -> bool:
-    """Tell whether another route crosses a route from the side of ``left_road`` or another."""
+def _met_from(event: Event, block: Block, place: str) -> bool:
+    """Tell whether another route crosses or joins a route, as K* says, from the side of a place."""
     conflicts = () if block.passage is None else block.passage.conflicts
-    return any(c.kind == "crossing" and place == f"{c.comes_from}_road" for c in conflicts)
+    wanted = event.interaction.relation
+    return any(c.kind == wanted and place == f"{c.comes_from}_road" for c in conflicts)
 
 
 # -- part C ---------------------------------------------------------------------------------------

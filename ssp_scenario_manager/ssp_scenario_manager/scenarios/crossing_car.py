@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
 from ssp_core.geometry import Polyline, wrap_angle
-from ssp_core.motion.encounter import corridor_half_m, is_crossing, swept_on_way
+from ssp_core.motion.encounter import AGAINST_RAD, corridor_half_m, is_crossing, swept_on_way
 from ssp_core.motion.state import Size
 from ssp_core.run_file.model import Limits
 from ssp_scenario_manager.event_spec.model import Event, Interval
@@ -41,7 +42,7 @@ from ssp_scenario_manager.scenarios.block_places import (
     within_block,
 )
 from ssp_scenario_manager.scenarios.motions import HOLD_S, cruise_reached_s, driver_travel, motions
-from ssp_scenario_manager.scenarios.planning import BODY_MPS2, Draft, plans_on
+from ssp_scenario_manager.scenarios.planning import BODY_MPS2, Draft, plans_in_lane, plans_on
 from ssp_scenario_manager.scenarios.prediction import Prediction, predict
 from ssp_scenario_manager.scenarios.values import (
     Choice,
@@ -69,6 +70,21 @@ _AHEAD_S = 0.3
 Crossing = tuple[Conflict, Block, Passage]
 
 
+@dataclass(frozen=True, slots=True)
+class Course:
+    """How the vehicle goes over its route.
+
+    Args:
+        ahead_s: so long before a VUT that doesn't react it is in the corridor, where K* allows it.
+        speed: field of ``constraints.manoeuvre`` that holds its speed.
+        beyond_m: its way ends so far beyond the junction, at the latest.
+    """
+
+    ahead_s: float
+    speed: str = "crossing_speed"
+    beyond_m: float = _BEYOND_M
+
+
 def _manoeuvres(_event: Event) -> frozenset[str]:
     return frozenset({"keep_lane"})
 
@@ -78,15 +94,17 @@ def side_of(event: Event) -> str:
     return event.interaction.dominant_motion.rpartition("_")[2]
 
 
-def met_by(block: Block, routes: Mapping[str, Block]) -> Iterator[Crossing]:
-    """Yield the conflicts with routes that cross one which leads straight on, and those, in order.
+def met_by(
+    block: Block, routes: Mapping[str, Block], kind: Literal["crossing", "merge"] = "crossing"
+) -> Iterator[Crossing]:
+    """Yield the conflicts with routes that cross or join one which leads straight on, and those.
 
     Raises:
         CannotPlace: the block isn't such a route.
     """
     for conflict in straight_on(block).conflicts:
         other = routes.get(conflict.route)
-        if conflict.kind == "crossing" and other is not None and other.passage is not None:
+        if conflict.kind == kind and other is not None and other.passage is not None:
             yield conflict, other, other.passage
 
 
@@ -169,7 +187,12 @@ def _vut_start(
 
 
 def _way(
-    block: Block, other: Block, passage: Passage, size: Size, line_distance_m: float
+    block: Block,
+    other: Block,
+    passage: Passage,
+    size: Size,
+    line_distance_m: float,
+    beyond_m: float,
 ) -> tuple[Wait, tuple[BlockPoint, ...]]:
     """Return the vehicle's place before the junction, and its way over its own route.
 
@@ -177,8 +200,8 @@ def _way(
         CannotPlace: its arm is too short, or it leaves the frame of the VUT's route.
     """
     start = passage.start_s_m - line_distance_m - size.front_m
-    within_block(other, size, start, "the vehicle that crosses")
-    end = min(passage.end_s_m + _BEYOND_M, end_of(other, size))
+    within_block(other, size, start, "the vehicle that waits")
+    end = min(passage.end_s_m + beyond_m, end_of(other, size))
     if end <= passage.end_s_m:
         short_m = passage.end_s_m - end
         raise CannotPlace(f"the road beyond the junction is {short_m:.1f} m too short for it")
@@ -193,18 +216,22 @@ def _way(
     return Wait(places[0], wrap_angle(yaw)), places[1:]
 
 
-def _draft(setting: Setting, crossing: Crossing, values: Mapping[str, float]) -> Draft:
+def _draft(
+    setting: Setting, crossing: Crossing, course: Course, values: Mapping[str, float]
+) -> Draft:
     event, block = setting.event, setting.block
     name = event.interaction.initiator
     conflict, other, passage = crossing
     vut, vehicle = size_of(event, event.vut_id), size_of(event, name)
     v, below = values["vut_speed"], values["below"]
     rate = approach_acceleration(event, event.vut_id, setting.limits)
-    start = _vut_start(block, vut, v, rate, below, conflict.s_m)
-    waits, way = _way(block, other, passage, vehicle, values["line_distance"])
+    waits, way = _way(block, other, passage, vehicle, values["line_distance"], course.beyond_m)
     near_s = conflict.s_m - corridor_half_m(vehicle.width_m)
     if not is_crossing(waits.heading_rad):
-        near_s = waits.start.s_m - vehicle.front_m
+        comes = abs(waits.heading_rad) > AGAINST_RAD
+        near_s = waits.start.s_m - (vehicle.front_m if comes else vehicle.rear_m)
+    anchor_s = near_s if conflict.kind == "merge" else conflict.s_m
+    start = _vut_start(block, vut, v, rate, below, anchor_s)
     gap = station_of(block, start.s_m, near_s, 0.0) - vut.front_m
     told = {name: fixed(event, f"participants.{name}.region.gap", "m", gap, "as cruise needs")}
     return Draft(
@@ -214,10 +241,10 @@ def _draft(setting: Setting, crossing: Crossing, values: Mapping[str, float]) ->
             object_id=name,
             quantity="time_to_arrival",
             below=below,
-            anchor=BlockPoint(conflict.s_m, 0.0),
+            anchor=BlockPoint(anchor_s, 0.0),
             act=Cross(
                 goal=way[-1],
-                speed_mps=values["crossing_speed"],
+                speed_mps=values["speed"],
                 acceleration_mps2=values["acceleration"],
                 via=way[:-1],
             ),
@@ -255,16 +282,16 @@ def _earliest_fired(
 
 def _plans(setting: Setting) -> Iterator[Plan]:
     found = crossings(setting.event, setting.block, setting.routes)
-    return plans_with(setting, found, _AHEAD_S)
+    return plans_with(setting, found, Course(_AHEAD_S))
 
 
-def plans_with(setting: Setting, found: Sequence[Crossing], ahead_s: float) -> Iterator[Plan]:
+def plans_with(setting: Setting, found: Sequence[Crossing], course: Course) -> Iterator[Plan]:
     """Yield the plans in which the vehicle comes over the first route of these that it can.
 
     Args:
         setting: event, block and limits.
         found: the routes that it may come over, where they cross the block.
-        ahead_s: so long before a VUT that doesn't react the vehicle is in the corridor at first.
+        course: that it takes over its route.
 
     Raises:
         CannotPlace: there is none.
@@ -278,14 +305,14 @@ def plans_with(setting: Setting, found: Sequence[Crossing], ahead_s: float) -> I
     refused: list[CannotPlace] = []
     for crossing in found:
         try:
-            yield from _plans_over(setting, crossing, ahead_s)
+            yield from _plans_over(setting, crossing, course)
         except CannotPlace as error:
             refused.append(error)
     if len(refused) == len(found):
         raise refused[0]
 
 
-def _plans_over(setting: Setting, crossing: Crossing, ahead_s: float) -> Iterator[Plan]:
+def _plans_over(setting: Setting, crossing: Crossing, course: Course) -> Iterator[Plan]:
     """Yield the plans in which the vehicle comes over one route.
 
     Raises:
@@ -304,15 +331,13 @@ def _plans_over(setting: Setting, crossing: Crossing, ahead_s: float) -> Iterato
     hardest = BODY_MPS2[event.participants[name].class_][0]
     line_distance = pick(f"{c}.manoeuvre.line_distance", "m")
     from_s_m = passage.start_s_m - max(line_distance.values) - size_of(event, name).front_m
-    speed = quantity_at(event, f"{c}.manoeuvre.crossing_speed")
+    speed = quantity_at(event, f"{c}.manoeuvre.{course.speed}")
     least_mps = speed.si.low if isinstance(speed, Interval) else 0.0
     crossing_mps = _crossing_speed_limit(event, limits, other, from_s_m, least_mps)
     choices = {
         "vut_speed": pick(f"{c}.speeds.{vut}.approach", "m/s", at_most=fastest),
         "below": pick(_BELOW, "s"),
-        "crossing_speed": pick(
-            f"{c}.manoeuvre.crossing_speed", "m/s", at_most=min(most, crossing_mps)
-        ),
+        "speed": pick(f"{c}.manoeuvre.{course.speed}", "m/s", at_most=min(most, crossing_mps)),
         "line_distance": line_distance,
         "acceleration": pick(
             f"{c}.manoeuvre.acceleration",
@@ -320,15 +345,19 @@ def _plans_over(setting: Setting, crossing: Crossing, ahead_s: float) -> Iterato
             at_most=min(hardest, acceleration_limit(event, limits)),
         ),
     }
+    draft = partial(_draft, setting, crossing, course)
+    if _BELOW not in setting.preferred:
+        choices["below"] = _earliest_fired(setting, choices, draft, course.ahead_s)
+    if crossing[0].kind == "merge":
+        # It comes to stay, and goes on as fast as it came.
+        yield from plans_in_lane(setting, "lateral", choices, draft, lambda *_: course.beyond_m)
+        return
     half = corridor_half_m(size_of(event, vut).width_m)
     near_s, far_s = _zone(setting, crossing)
 
     def zone(_draft: Draft, _seen: Prediction, _conflict: BlockPoint) -> tuple[BlockPoint, ...]:
         return rectangle(near_s, far_s, -half, half)
 
-    draft = partial(_draft, setting, crossing)
-    if _BELOW not in setting.preferred:
-        choices["below"] = _earliest_fired(setting, choices, draft, ahead_s)
     for plan in plans_on(setting, "lateral", choices, draft, zone):
         yield replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m))
 

@@ -7,6 +7,7 @@ from ssp_scenario_manager.scenarios.crossing import OCCLUDED_CROSSING, VRU_CROSS
 from ssp_scenario_manager.scenarios.crossing_car import CROSSING_CAR
 from ssp_scenario_manager.scenarios.cut_in import CUT_IN
 from ssp_scenario_manager.scenarios.lead_braking import LEAD_BRAKING
+from ssp_scenario_manager.scenarios.merge import MERGE
 from ssp_scenario_manager.scenarios.oncoming_turn import ONCOMING_TURN
 from ssp_scenario_manager.scenarios.slow_lead import SLOW_LEAD
 
@@ -16,6 +17,7 @@ KINDS: dict[str, Kind] = {
         CROSSING_CAR,
         CUT_IN,
         LEAD_BRAKING,
+        MERGE,
         OCCLUDED_CROSSING,
         ONCOMING_TURN,
         SLOW_LEAD,

@@ -15,7 +15,7 @@ from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
-from ssp_scenario_manager.scenarios.crossing_car import Crossing, met_by, plans_with
+from ssp_scenario_manager.scenarios.crossing_car import Course, Crossing, met_by, plans_with
 
 # So long before a VUT that keeps its speed is where the vehicle comes into its corridor does the
 # vehicle do so: it is seen turning before the conflict, and is still there when the VUT comes.
@@ -48,7 +48,7 @@ def turns(block: Block, routes: Mapping[str, Block]) -> list[Crossing]:
 
 
 def _plans(setting: Setting) -> Iterator[Plan]:
-    return plans_with(setting, turns(setting.block, setting.routes), _AHEAD_S)
+    return plans_with(setting, turns(setting.block, setting.routes), Course(_AHEAD_S))
 
 
 ONCOMING_TURN = Kind(

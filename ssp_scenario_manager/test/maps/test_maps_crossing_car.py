@@ -173,7 +173,7 @@ def test_a_road_without_a_junction_is_written_as_before() -> None:
         (
             event(manoeuvre={"line_distance": {"min": 160, "max": 160, "unit": "m"}}),
             STRAIGHT,
-            "the vehicle that crosses would start at s = ",
+            "the vehicle that waits would start at s = ",
         ),
         (
             event(trigger={"below": {"min": 1, "max": 1, "unit": "s"}}),
@@ -310,7 +310,7 @@ def test_a_crossing_route_that_doesnt_fit_leaves_the_next_one() -> None:
     )
     alone = replace(own, passage=replace(own.passage, conflicts=conflicts[:1]))
     kept = (alone if block is own else block for block in area.library.blocks)
-    with pytest.raises(CannotPlace, match="the vehicle that crosses would start at s = "):
+    with pytest.raises(CannotPlace, match="the vehicle that waits would start at s = "):
         made(event(), replace(area, library=replace(area.library, blocks=(*kept, short))))
 
 

@@ -30,6 +30,7 @@ from ssp_scenario_manager.maps.routes import with_routes
 from ssp_scenario_manager.maps.site import find_shipped, load_site, site_library
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from tests.support.blocks import block_of
+from tests.support.places import site_of
 
 Made = Any
 Words = Any
@@ -138,7 +139,7 @@ def lanes(forward: int, backward: int, width_m: float = 3.5) -> tuple[BlockLane,
 def test_a_block_that_suits_scores_one(name: str) -> None:
     block = made_block()
     if KINDS[name].at_junction:
-        crossed = Conflict("other", "crossing", 150.0, 80.0, math.pi / 2, 146.0, 154.0)
+        crossed = Conflict("other", KINDS[name].relation, 150.0, 80.0, math.pi / 2, 146.0, 154.0)
         passage = Passage(("inside",), 140.0, 160.0, 0.0, (crossed,))
         block = replace(block, segment="junction", junction="j", passage=passage)
     (score,) = score_blocks(event(name), library(block))
@@ -154,7 +155,7 @@ def test_a_block_that_suits_scores_one(name: str) -> None:
         (name, site)
         for name in EVENTS
         for site in (
-            ("crossroads", "cross_track")
+            (site_of(name), site_of(name, "physical"))
             if KINDS[name].at_junction
             else ("boulevard", "north_track", "south_loop")
         )

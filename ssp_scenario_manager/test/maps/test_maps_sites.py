@@ -25,7 +25,15 @@ from ssp_scenario_manager.maps.site import (
     site_version,
 )
 
-SHIPPED = ("boulevard", "cross_track", "crossroads", "north_track", "south_loop")
+SHIPPED = (
+    "boulevard",
+    "cross_track",
+    "crossroads",
+    "entry",
+    "entry_track",
+    "north_track",
+    "south_loop",
+)
 
 
 def mapping(name: str = "south_loop") -> dict[str, Any]:
@@ -55,10 +63,13 @@ def test_shipped_sites_hold_together(name: str) -> None:
             assert [lane.forward for lane in block.lanes] == [True]
             continue
         crossed = name.startswith("cross")
-        assert len(block.forward_lanes) >= (1 if crossed else 2)
-        assert block.backward_lanes
+        narrow = crossed or name.startswith("entry")
+        assert len(block.forward_lanes) >= (1 if narrow else 2)
+        assert block.backward_lanes or block.block_id == "ramp_in"
         assert [lane.y_m for lane in block.lanes] == sorted(lane.y_m for lane in block.lanes)
-        wanted = {"crossing", "following"} | (set() if crossed else {"merge"})
+        wanted = {"following"} | (set() if narrow else {"merge"})
+        if not name.startswith("entry"):
+            wanted.add("crossing")
         assert {area.kind for area in block.conflict_areas} == wanted
         for share in (0.001, 0.25, 0.5, 0.75, 0.999):
             for offset in (block.left_edge_m + 0.1, block.right_edge_m - 0.1):

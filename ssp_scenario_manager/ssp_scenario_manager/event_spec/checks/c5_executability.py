@@ -154,13 +154,15 @@ def speeds_hold_the_manoeuvre(view: View) -> Iterator[Failure]:
         if found is None or kind is None:
             continue
         before, target = found
+        rises = kind.relation == "crossing" or kind.at_junction
         wrong = {
             "merge": target.high > before.high,
             "following": target.high >= before.low,
-            "crossing": target.low <= before.high,
-        }[kind.relation]
+        }.get(kind.relation)
+        if rises:
+            wrong = target.low <= before.high
         if wrong:
-            remedy = f"a range {'above' if kind.relation == 'crossing' else 'below'} the approach's"
+            remedy = f"a range {'above' if rises else 'below'} the approach's"
             yield _fail(view, "the manoeuvre changes the speed the other way", remedy, at, approach)
         hull = Span(min(before.low, target.low), max(before.high, target.high))
         for phase in ("trigger", "conflict", "resolution"):
