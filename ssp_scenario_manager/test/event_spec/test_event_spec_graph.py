@@ -86,8 +86,8 @@ def test_picture_is_svg_that_names_everybody_and_every_speed(event: Event) -> No
 
 def test_what_comes_the_other_way_faces_the_vut_and_moves_by_its_sides() -> None:
     drawn = {name: picture(load_event(name)[0]) for name in ("oncoming_turn", "cut_in")}
-    assert "to the VUT's right" in unescape(drawn["oncoming_turn"])
-    assert "to the VUT's" not in unescape(drawn["cut_in"])
+    assert "↱ to the VUT's right" in unescape(drawn["oncoming_turn"])
+    assert "↱ to the VUT's" not in unescape(drawn["cut_in"])
     # The windscreen lies on the side of a body's middle, at 156 and 596, that is its front.
     sides = {}
     for name, text in drawn.items():
