@@ -19,6 +19,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+# Tests replace functions of modules, which compiled modules call directly.
+os.environ["SSP_INTERPRETED"] = "1"
+
 import ssp_core
 from ssp_core.processes import session_environment
 from tests.support.order import spread

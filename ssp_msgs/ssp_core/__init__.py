@@ -5,6 +5,7 @@ Its public API is what ``PUBLIC`` names; docs/api.md describes it.
 
 from typing import Any
 
+from ssp_core.compiled import use_compiled
 from ssp_core.public_names import public_name
 
 __version__ = "0.1.0"
@@ -25,6 +26,9 @@ PUBLIC = {
     "check_bag": "ssp_core.bag.check",
     "load_run": "ssp_core.run_file.model",
 }
+
+
+use_compiled()
 
 
 def __getattr__(name: str) -> Any:

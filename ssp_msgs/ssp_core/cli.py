@@ -97,6 +97,10 @@ VERBS: dict[str, tuple[str, str]] = {
         "ssp_scenario_manager.cli.doctor:doctor",
         "Say what is installed, missing or broken.",
     ),
+    "build-core": (
+        "ssp_eval.checkout:build_core",
+        "Compile the core of sessions to machine code, an option.",
+    ),
     "check": ("ssp_eval.checkout:check", "Check format, lint and types of what changed."),
     "docs": ("ssp_eval.checkout:docs", "Build the site of the documentation."),
     "test": ("ssp_eval.checkout:test", "Run lint, types and all tests."),

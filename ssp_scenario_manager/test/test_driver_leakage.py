@@ -12,6 +12,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -26,6 +27,10 @@ from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import run_in_process
 
 SEED = 1
+PARTS = {
+    *("schema", "request_id", "stamp_ns", "frames", "camera", "history"),
+    *("ego_provenance", "task", "previous", "prompt"),
+}
 HEALTH = {"schema": "ssp.vla_http/1", "model_id": "m", "ready": True, "detail": ""}
 
 
@@ -158,10 +163,7 @@ def test_a_driver_gets_frames_motion_camera_and_task_and_nothing_else(
         fields = {line.partition(":")[0] for line in lines[1:]}
         known = {"Host", "Accept", "Accept-Encoding", "Content-Type", "Content-Length"}
         assert fields <= known | {"User-Agent", "Connection"}
-        assert set(body) == {
-            *("schema", "request_id", "stamp_ns", "frames", "camera", "history"),
-            *("ego_provenance", "task", "previous", "prompt"),
-        }
+        assert set(body) == PARTS
         assert {key for one in body["history"] for key in one} == {
             *("t_s", "x_m", "y_m", "yaw_rad", "speed_mps", "yaw_rate_radps"),
         }
@@ -210,3 +212,36 @@ def test_a_driver_gets_frames_motion_camera_and_task_and_nothing_else(
     triggered_ns = round(min(start.facts()["triggers_s"]) * 1e9)
     steady = [one for one in before if one["stamp_ns"] <= triggered_ns]
     assert steady == again[: len(steady)]
+
+
+def test_a_driver_that_is_given_its_lane_gets_that_and_nothing_else_more(
+    proxy: Proxy, start: Start
+) -> None:
+    """The boulevard's lane is straight, and the initiator comes from the one beside it."""
+    url = f"http://127.0.0.1:{proxy.server_address[1]}"
+    options = driver_options("mine", {"backend": "http", "url": url, "centre_line": True})
+    run = start.driven_by("mine", options, Latency(0.3))
+    asked = asked_in(run, proxy)
+    assert len(asked) > 20
+    for _, body in asked:
+        assert set(body) == PARTS | {"route_m"}
+        line = body["route_m"]
+        assert 2 <= len(line) <= 41
+        assert all(len(point) == 2 for point in line)
+        ahead_m = [x for x, _ in line]
+        assert ahead_m[0] == pytest.approx(0.0, abs=1e-6)
+        assert ahead_m[-1] <= 80.5
+        assert ahead_m == sorted(ahead_m)
+        # No place of another lane, 3.5 m away, whatever the initiator does there.
+        assert max(abs(y) for _, y in line) < 1.0
+    # The lane says of a moment only where the VUT is: it is the same line at all times.
+    begin, later = asked[0][1]["route_m"], asked[-1][1]["route_m"]
+    assert [round(b[0] - a[0], 3) for a, b in pairwise(begin)] == pytest.approx(
+        [round(b[0] - a[0], 3) for a, b in pairwise(later)], abs=0.01
+    )
+    whole = "\n".join(head.decode() + json.dumps(_blind(body)) for head, body in asked)
+    assert not found_in(whole, words_of(run, start))
+
+
+def _blind(body: Any) -> Any:
+    return {**body, "frames": [{**frame, "jpeg_base64": ""} for frame in body["frames"]]}

@@ -34,8 +34,9 @@ from ssp_scenario_manager.closed_loop.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.plan_file import BASELINES, ZERO, LoopPlan, load_plan
 from ssp_scenario_manager.closed_loop.rates import RunRow, rates_of, refused_for, rising
-from ssp_scenario_manager.closed_loop.runs import Done, Job, jobs_of
+from ssp_scenario_manager.closed_loop.runs import Done, Job, jobs_of, rows_of
 from ssp_scenario_manager.closed_loop.seal import draw_starts
+from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS, read_row
 
 PLAN = {
     "schema": "ssp.loop/1",
@@ -92,6 +93,23 @@ def test_no_response_reproduces_v_r_and_constant_velocity_comes_near_at_each_lat
         elif one["driver"] == "constant_velocity":
             assert abs(float(one["v_i_mps"]) - float(one["v_r_mps"])) <= 0.05
             assert one["needless"] == ""
+
+
+def test_over_all_latencies_no_baseline_gains_by_being_slower(tmp_path: Path) -> None:
+    """Six latencies, and the two baselines that METHOD 8.10 says it of."""
+    latencies = ["zero", *(f"fixed:{s}" for s in ("0.1", "0.2", "0.5", "1", "2"))]
+    plan = plan_of(latencies=latencies)
+    starts = draw_starts(plan, tmp_path, 1, lambda _: None)
+    chosen = ("oracle", "aeb")
+    jobs = [job for job in jobs_of(plan, starts) if job.driver.driver in chosen]
+    made = [dict(zip(RUN_COLUMNS, row, strict=True)) for job in jobs for row in rows_of(job).rows]
+    assert [one["latency"] for one in made] == latencies * len(chosen)
+    found = rates_of([read_row(list(one.values())) for one in made])
+    assert rising(found, chosen) == []
+    headlines = {(one.driver, str(one.latency)): one.headline for one in found}
+    assert headlines["oracle", "zero"] == 1.0
+    # So slow that even the hardest braking comes too late.
+    assert headlines["oracle", "fixed:2"] == 0.0
 
 
 def test_starts_are_sealed_before_a_driver_runs(done: Path) -> None:

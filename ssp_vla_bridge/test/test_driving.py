@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import pytest
 
+from ssp_core.errors import PeerError
 from ssp_core.run_file.model import Camera
 from ssp_core.world.driver import EgoSample, GivenAnswer, Question, SeenFrame
 from ssp_vla_bridge.driving.driver import BridgeDriver, DriverModel
@@ -328,6 +329,31 @@ def test_a_process_that_left_its_model_s_group_delays_no_answer(tmp_path: Path) 
         os.kill(daemon, signal.SIGKILL)
     assert isinstance(got, GivenAnswer)
     assert got.ended == "gave no answer within its timeout_s of 0.1 s"
+
+
+@pytest.mark.parametrize(("line", "words"), [("os._exit(3)", "while it was loaded"), ("", "")])
+def test_a_model_that_crashes_while_what_it_started_lives_on_is_seen_at_once(
+    tmp_path: Path, line: str, words: str
+) -> None:
+    """Both hold the model's end of the connection, and only one of them has ended."""
+    text = DAEMON.replace("    time.sleep(3600.0)", "    os._exit(3)") + f"\n\n{line}\n"
+    (tmp_path / "crashing_models.py").write_text(text)
+    options = {"function": "crashing_models:hang", "folder": str(tmp_path)}
+    reason = "its process ended with exit status 3"
+    try:
+        if words:
+            with pytest.raises(PeerError, match=f"{reason} {words}"):
+                ModelProcess("m", "python", options, "waypoints:ego_xy", start_s=60.0)
+        else:
+            process = ModelProcess("m", "python", options, "waypoints:ego_xy")
+            got = process.ask(small_request(), 60.0)
+            process.close()
+            assert isinstance(got, GivenAnswer)
+            assert got.ended == reason
+        daemon = int((tmp_path / "pid").read_text())
+        assert not is_over(daemon)
+    finally:
+        os.kill(int((tmp_path / "pid").read_text()), signal.SIGKILL)
 
 
 OWNER = """

@@ -165,7 +165,7 @@ def make_driver(
         # gRPC is loaded where it is used.
         from ssp_vla_bridge.egodriver.client import EgodriverDriver
 
-        return EgodriverDriver(name, read_options(options[EGODRIVER], name), recorded)
+        return EgodriverDriver(name, read_options(options[EGODRIVER], name), recorded, is_wanted)
     return BridgeDriver(bridge_model(name, options), recorded, is_wanted)
 
 

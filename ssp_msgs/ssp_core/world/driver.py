@@ -107,9 +107,10 @@ class Question:
 
     @property
     def sha256(self) -> str:
-        """Hash of stamp, motion and pictures."""
+        """Hash of stamp, motion, centre line and pictures."""
         pictures = [(frame.stamp_ns, sha256_bytes(frame.jpeg)) for frame in self.frames]
-        return sha256_bytes(repr((self.number, self.stamp_ns, self.history, pictures)).encode())
+        asked = self.number, self.stamp_ns, self.history, self.route_m, pictures
+        return sha256_bytes(repr(asked).encode())
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from ssp_core.carla.acceptance import refusals
 from ssp_core.carla.address import CarlaAddress
 from ssp_core.carla.client import CarlaServer
 from ssp_core.clock import NS_PER_S
+from ssp_core.compiled import state_of_core
 from ssp_core.environment import (
     environment_errors,
     finds_sessions,
@@ -123,6 +124,11 @@ def interfaces() -> Finding:
         remedy = "start through ./ssp (it builds them), or `source install/setup.bash`"
         return fail("ssp_msgs", f"the built messages don't load: {error}", remedy)
     return ok("ssp_msgs", "messages and type support load")
+
+
+def compiled_core() -> Finding:
+    """Say whether sessions run compiled; either way they do the same."""
+    return ok("compiled core", state_of_core())
 
 
 def libsumo() -> Finding:
@@ -316,7 +322,7 @@ def all_checks(measure_link: Callable[[], LinkMeasurement]) -> list[Finding]:
             called where ROS is found to be installed.
     """
     findings = [python_version(), *(package(*one) for one in _PACKAGES), interfaces()]
-    findings += [libsumo(), netconvert(), shared_memory(), disk(), domain()]
+    findings += [compiled_core(), libsumo(), netconvert(), shared_memory(), disk(), domain()]
     findings += [one_checkout(_places()), *environment(os.environ)]
     findings.append(leap_seconds_table(time.time_ns()))
     if any(f.status is Status.FAIL for f in findings if f.name in ("rclpy", "ssp_msgs")):

@@ -37,7 +37,7 @@ START_S = 600.0
 # A backend that keeps its own time limit says so itself within this time behind it.
 _GRACE_S = 1.0
 _END_S = 2.0
-# Between two looks at whether a model that loads is still wanted.
+# Between two looks at whether a model is still wanted, or its process has ended.
 _LOOK_S = 0.2
 _MOST_CHARACTERS = 1 << 20
 _MOST_NUMBERS = 1 << 18
@@ -225,7 +225,10 @@ class ModelProcess:
 
     def _await_ready(self, start_s: float, is_wanted: Callable[[], bool]) -> None:
         end_s = time.monotonic() + start_s
-        while not self._connection.poll(_LOOK_S):
+        while self._connection not in wait([self._connection, self._process.sentinel], _LOOK_S):
+            # A process that the model started may hold the other end of the connection open.
+            if self._process.exitcode is not None and not self._connection.poll():
+                raise PeerError(f"{self._ending()} while it was loaded")
             if not is_wanted():
                 raise PeerError("it was given up while it was loaded")
             if time.monotonic() >= end_s:
@@ -267,16 +270,28 @@ class ModelProcess:
         # Sending, too, waits for a process that doesn't read.
         exchange = threading.Thread(target=self._exchange, args=(request, got), daemon=True)
         exchange.start()
-        exchange.join(timeout_s + _GRACE_S)
+        self._await_end(exchange, timeout_s + _GRACE_S)
         if exchange.is_alive():
+            code = self._process.exitcode
             self._kill()
             exchange.join()  # its connection is shut down
-            return no_answer_within(timeout_s)
+            if code is None:
+                return no_answer_within(timeout_s)
         if not got:
             latency = LatencyParts(seconds_to_ns(time.perf_counter() - begin_s))
             return GivenAnswer(None, latency, self._ending())
         measured, end_s = got[0]
         return measured, measured.latency(end_s - begin_s)
+
+    def _await_end(self, exchange: threading.Thread, limit_s: float) -> None:
+        """Wait for an exchange, or until its process has ended while another one holds its pipe."""
+        end_s = time.monotonic() + limit_s
+        while exchange.is_alive() and (left_s := end_s - time.monotonic()) > 0.0:
+            exchange.join(min(left_s, _LOOK_S))
+            if self._process.exitcode is not None:
+                # What it said last may still be on its way.
+                exchange.join(min(left_s, _GRACE_S))
+                return
 
     def _exchange(self, request: Request, got: list[tuple[Measured, float]]) -> None:
         try:

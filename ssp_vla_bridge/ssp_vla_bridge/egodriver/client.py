@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 import uuid
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import grpc  # type: ignore[import-untyped] # has no types
@@ -58,6 +58,9 @@ _BEFORE_REVISIONS = "-carla-driver-interface-1."
 _LARGER_THAN_MAX = "Received message larger than max"
 ENDED = "it ended the session (terminate_session)"
 CLOSED = "its connection was closed"
+GIVEN_UP = "it was given up while it was loaded"
+# Between two looks at whether an answer is still wanted.
+_LOOK_S = 0.2
 
 
 class CallFailedError(PeerError):
@@ -117,6 +120,7 @@ class EgodriverDriver:
         name: of the driver.
         options: of the connection.
         recorded: answers of a run before, which it repeats without a connection; None: it is asked.
+        is_wanted: tells, while its server is looked for, whether it is still waited for.
 
     Attributes:
         problem: why it can't be asked; empty: it can.
@@ -133,6 +137,7 @@ class EgodriverDriver:
         name: str,
         options: EgodriverOptions,
         recorded: Sequence[RecordedAnswer] | None = None,
+        is_wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         self._name, self._options, self._recorded = name, options, recorded
         self.problem, self.version, self.revision = "", "", 0
@@ -147,12 +152,12 @@ class EgodriverDriver:
         try:
             self._channel = open_channel(options)
             self._stub = proto.EgodriverServiceStub(self._channel)  # type: ignore[no-untyped-call] # generated without types
-            self._negotiate()
+            self._negotiate(is_wanted)
         except (SspError, ContractError) as error:
             self.problem = str(error)
 
-    def _negotiate(self) -> None:
-        version, metadata = self._call("get_version", proto.Empty())
+    def _negotiate(self, is_wanted: Callable[[], bool]) -> None:
+        version, metadata = self._call("get_version", proto.Empty(), is_wanted=is_wanted)
         self.version = console.visible(version.version_id)[:_WORDS]
         try:
             self.revision = read_revision(metadata, self._undeclared())
@@ -315,12 +320,23 @@ class EgodriverDriver:
         return Raw(self.version, arrays, json.dumps(decoding, sort_keys=True))
 
     def _call(
-        self, call: str, message: Any, metadata: Sequence[tuple[str, str | bytes]] = ()
+        self,
+        call: str,
+        message: Any,
+        metadata: Sequence[tuple[str, str | bytes]] = (),
+        is_wanted: Callable[[], bool] | None = None,
     ) -> tuple[Any, Sequence[tuple[str, str | bytes]]]:
         """Return the answer to a call, and the metadata that came before it.
 
+        Args:
+            call: name of the method.
+            message: of the call.
+            metadata: that goes with it.
+            is_wanted: tells whether the answer is still waited for; None: it is.
+
         Raises:
-            CallFailedError: it failed, or took longer than what is left of the deadline.
+            CallFailedError: it failed, took longer than what is left of the deadline, or was given
+                up.
         """
         method: Any = getattr(self._stub, call)
         budget, begin_s = self._budget, time.perf_counter()
@@ -329,7 +345,11 @@ class EgodriverDriver:
             late = grpc.StatusCode.DEADLINE_EXCEEDED
             raise CallFailedError(call, late, "", budget.exceeded(call))
         try:
-            answer, done = method.with_call(message, timeout=left_s, metadata=list(metadata))
+            if is_wanted is None:
+                answer, done = method.with_call(message, timeout=left_s, metadata=list(metadata))
+            else:
+                done = method.future(message, timeout=left_s, metadata=list(metadata))
+                answer = _awaited(call, done, is_wanted)
         except grpc.RpcError as error:
             exceeded = budget.exceeded(call)
             raise CallFailedError(call, error.code(), error.details(), exceeded) from error
@@ -353,6 +373,17 @@ class EgodriverDriver:
             console.note(f"{self._name}: {error}")
         finally:
             channel.close()
+
+
+def _awaited(call: str, pending: Any, is_wanted: Callable[[], bool]) -> Any:
+    """Return the answer to a call that is under way, or give it up once it isn't wanted."""
+    while True:
+        try:
+            return pending.result(timeout=_LOOK_S)
+        except grpc.FutureTimeoutError:
+            if not is_wanted():
+                pending.cancel()
+                raise CallFailedError(call, grpc.StatusCode.CANCELLED, GIVEN_UP, "") from None
 
 
 def _since(begin_s: float, parsing_s: float = 0.0) -> LatencyParts:

@@ -6,6 +6,7 @@ import json
 import math
 import pickle
 import re
+import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -190,6 +191,23 @@ def test_a_driver_that_an_abort_closes_ends_whether_it_is_asked_then_or_before()
     # It closes in the midst of a call, or just before the next one.
     assert re.match("(submit_route|drive) failed: CANCELLED: ", while_asked.ended)
     assert afterwards.ended == "its connection was closed"
+
+
+def test_a_driver_that_is_no_longer_wanted_waits_for_no_server() -> None:
+    """An abort while a session loads its models ends at once, whatever their servers do."""
+    asked, release = threading.Event(), threading.Event()
+
+    class Hanging(Straight):
+        def took(self, call: str, message: Any, context: Any) -> None:
+            super().took(call, message, context)
+            asked.set()
+            release.wait()
+
+    with serving(Hanging()) as url:
+        options = read_options({"url": url, "deadline_s": 60.0}, "mine")
+        one = EgodriverDriver("mine", options, is_wanted=lambda: not asked.is_set())
+        release.set()
+    assert "it was given up while it was loaded" in one.problem
 
 
 @pytest.mark.parametrize(
