@@ -11,15 +11,21 @@ from collections.abc import Iterator, Mapping
 
 from ssp_core.geometry import wrap_angle
 from ssp_core.motion.encounter import AGAINST_RAD
+from ssp_core.motion.state import DEFAULT_SIZES
+from ssp_core.vocabulary import ObjectClass
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
 from ssp_scenario_manager.scenarios.crossing_car import Course, Crossing, met_by, plans_with
+from ssp_scenario_manager.scenarios.values import size_of
 
 # So long before a VUT that keeps its speed is where the vehicle comes into its corridor does the
 # vehicle do so: it is seen turning before the conflict, and is still there when the VUT comes.
 _AHEAD_S = 2.1
+# That is of a car. Of one that reaches further ahead of its rear axle the front is in the corridor
+# as soon as the turn shows.
+_AHEAD_SPM = 0.15
 
 
 def _manoeuvres(_event: Event) -> frozenset[str]:
@@ -48,7 +54,10 @@ def turns(block: Block, routes: Mapping[str, Block]) -> list[Crossing]:
 
 
 def _plans(setting: Setting) -> Iterator[Plan]:
-    return plans_with(setting, turns(setting.block, setting.routes), Course(_AHEAD_S))
+    front_m = size_of(setting.event, setting.event.interaction.initiator).front_m
+    longer_m = max(0.0, front_m - DEFAULT_SIZES[ObjectClass.CAR].front_m)
+    ahead_s = _AHEAD_S + _AHEAD_SPM * longer_m
+    return plans_with(setting, turns(setting.block, setting.routes), Course(ahead_s))
 
 
 ONCOMING_TURN = Kind(
