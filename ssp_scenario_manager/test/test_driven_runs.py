@@ -455,8 +455,11 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
         raised(invoked(str(again), "--in-process", "--out", str(tmp_path / "third")))
     # A recorded session is judged by the run that it is, and by none where its states differ.
     run = load_run(first / "run.yaml")
+    view = (again / "top_view.svg").read_bytes()
+    (again / "top_view.svg").unlink()
     told, why = told_of_session(None, None, run, again / "bag")
     assert (told["driven"], why) == (results[0], "")
+    assert (again / "top_view.svg").read_bytes() == view
     assert run.driven is not None
     later = run.driven.model_copy(update={"latency": Latency(0.5)})
     told, why = told_of_session(None, None, run.model_copy(update={"driven": later}), again / "bag")

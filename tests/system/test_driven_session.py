@@ -32,6 +32,7 @@ def test_a_driver_leads_the_vut_over_dds_to_the_states_of_one_process(start_sess
     driven = result["driven"]
     assert (driven["outcome"], driven["why"]) == ("avoided", "no contact until T_end")
     assert "oracle: avoided at" in session.out
+    assert "oracle, L = 0.2 s: avoided at" in (session.folder / "top_view.svg").read_text()
     with BagReader(session.folder / "bag") as bag:
         counts = Counter(message.topic for message in bag.messages())
     assert counts["/ssp/vla/oracle/request"] == driven["questions"]

@@ -27,6 +27,7 @@ from ssp_scenario_manager.closed_loop.answers import KeptAnswers, Question
 from ssp_scenario_manager.closed_loop.before import Before, failed_for
 from ssp_scenario_manager.closed_loop.single import is_kept, told_of_run
 from ssp_scenario_manager.closed_loop.start import without_operator
+from ssp_scenario_manager.closed_loop.top_view import leave_view
 from ssp_scenario_manager.run.in_process import Record, run_in_process
 from ssp_scenario_manager.run.sweep import for_one_process
 
@@ -36,7 +37,8 @@ def told_of_session(
 ) -> tuple[dict[str, Any], str]:
     """Return what ``result.json`` says of who drove, and why the verdict can't stand.
 
-    Both are empty for a run without a driver.
+    Both are empty for a run without a driver. The view from above is left beside the bag where the
+    states are those of one process, and no operator cut them off.
 
     Args:
         before: what the run was, where it is driven again; None: it is held against nothing.
@@ -66,6 +68,8 @@ def told_of_session(
             "the operator aborted, and the model wasn't asked without the event"
         )
     why = heard if isinstance(heard, str) else _difference(heard.truths, record.reports)
+    if not why and abort is None:
+        leave_view(bag.parent, run, record, told["driven"])
     if why:
         told["driven"] |= failed_for(why)
     elif before is not None and abort is None:

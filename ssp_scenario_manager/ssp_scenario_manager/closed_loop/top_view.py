@@ -91,12 +91,18 @@ def told_with_view(
     told = told_of_run(run, result, record, folder=folder, kept=kept)
     if not told:
         return {}, ""
-    event, _ = load_event(str(folder / TASK_FOLDER / EVENT_FILE))
-    write_text(folder / VIEW_FILE, top_view(run, record, told["driven"], event))
+    leave_view(folder, run, record, told["driven"])
     if before is None:
         return told, ""
     driven, why = before.judged(told["driven"])
     return {"driven": driven}, why
+
+
+def leave_view(folder: Path, run: RunSpec, record: Record, told: dict[str, Any]) -> None:
+    """Write the view from above into the folder of a run; its task there has the distances."""
+    task = folder / TASK_FOLDER / EVENT_FILE
+    event = load_event(str(task))[0] if task.is_file() else None
+    write_text(folder / VIEW_FILE, top_view(run, record, told, event))
 
 
 def _latency(told: dict[str, Any]) -> str:
