@@ -72,7 +72,7 @@ Crossing = tuple[Conflict, Block, Passage]
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """How the vehicle goes over its route.
+    """The motion of the vehicle over its route.
 
     Args:
         ahead_s: so long before a VUT that doesn't react it is in the corridor, where K* allows it.
