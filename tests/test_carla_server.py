@@ -137,7 +137,8 @@ def test_a_world_that_carla_makes_of_our_exported_map_is_accepted_for_it(tmp_pat
     with Counterpart() as server:
         asked = ("doctor", "--carla", server.address, "--map", chart)
         refused(ssp(asked)[0], "has OpenDRIVE")
-        assert client("-c", _GENERATE, str(server.port), str(chart)).endswith("OpenDriveMap\n")
+        made = client("-c", _GENERATE, str(server.port), str(chart), starts=3)
+        assert made.endswith("OpenDriveMap\n")
         ((status, text),) = ssp(asked)
         assert (status, "a run would be accepted" in text) == (0, True), text
 

@@ -36,8 +36,6 @@ CELLS = [
 BUSY = re.compile("overrun:? scenario_manager")
 # Noticed on the wall's clock, so that the run has to last.
 NEVER_TRIGGERED = {"disk_full"}
-DRIVES = re.compile("drives .* bound")
-NOTICED_S = 0.5
 HELD_S = 30.0
 # Until a session begins its heartbeats are judged by the wall's clock, on a machine that is busy.
 HEARTBEAT_S = 2.0
@@ -67,10 +65,6 @@ def test_a_fault_of_a_process_is_answered_as_it_is_written(
     findings = [
         f for f in result.judged.findings if not f.endswith("(wall)") and not BUSY.search(f)
     ]
-    late_s = 0.0
-    if name in NEVER_TRIGGERED:
-        # While it is noticed on the wall's clock, steps go on whose number depends on the machine.
-        findings, late_s = [f for f in findings if not DRIVES.search(f)], NOTICED_S
     assert findings == [], (result.folder / SAID_FILE).read_text()
     expected = ROWS[name].cells[stage]
     assert isinstance(expected, Expected)
@@ -80,6 +74,4 @@ def test_a_fault_of_a_process_is_answered_as_it_is_written(
     assert result.judged.reaction is None or result.judged.reaction.seconds is not None
     if stage is not Stage.ARMED:
         assert set(result.judged.stops) == {"ot1", "vut"}
-        for stop in result.judged.stops.values():
-            assert stop.standstill_s is not None
-            assert stop.distance_m <= stop.bound_m + late_s * stop.speed_mps
+        assert all(stop.kept for stop in result.judged.stops.values())

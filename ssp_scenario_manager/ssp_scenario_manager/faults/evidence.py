@@ -85,9 +85,9 @@ class Stop:
     """The stop of an object.
 
     Args:
-        speed_mps: the highest from the fault until it had to be noticed.
-        distance_m: driven from the fault to standstill.
-        bound_m: that it may be at most.
+        speed_mps: the highest from the last state before the fault until it had to be noticed.
+        distance_m: driven from that state to standstill.
+        bound_m: that it may be at most, with what the speed makes between state and fault.
         standstill_s: session time at which it stands for good; None when it doesn't.
     """
 
@@ -104,6 +104,9 @@ class Stop:
 def stop_of(track: Track, fault_s: float, timeout_s: float, stopping: Stopping) -> Stop:
     """Return the stop after a fault.
 
+    It is counted from the last state before the fault: a witness on a busy machine hears some of
+    the states, and what lies between two that are seconds apart can't be interpolated.
+
     Args:
         track: of the object.
         fault_s: session time of the fault.
@@ -112,12 +115,10 @@ def stop_of(track: Track, fault_s: float, timeout_s: float, stopping: Stopping) 
     """
     if len(track.t_s) == 0:
         return Stop(0.0, 0.0, stopping.distance_m(0.0, timeout_s), fault_s)
-    # From the very instant: a busy witness may have missed the states just before it.
-    after = track.t_s > fault_s
-    t = np.concatenate(([fault_s], track.t_s[after]))
-    x, y, speed = (
-        np.interp(t, track.t_s, v) for v in (track.x_m, track.y_m, np.abs(track.speed_mps))
-    )
+    first = max(0, int(np.searchsorted(track.t_s, fault_s, side="right")) - 1)
+    t, x, y = track.t_s[first:], track.x_m[first:], track.y_m[first:]
+    speed = np.abs(track.speed_mps[first:])
+    before_s = max(0.0, fault_s - float(t[0]))
     unnoticed = t <= fault_s + timeout_s + stopping.reaction_s
     fastest = float(speed[unnoticed].max()) if unnoticed.any() else 0.0
     distance = float(np.hypot(np.diff(x), np.diff(y)).sum())
@@ -128,7 +129,7 @@ def stop_of(track: Track, fault_s: float, timeout_s: float, stopping: Stopping) 
         standstill = float(t[moving[-1] + 1])
     else:
         standstill = None
-    bound = stopping.distance_m(fastest, timeout_s)
+    bound = stopping.distance_m(fastest, timeout_s + before_s)
     return Stop(fastest, distance, bound, standstill)
 
 

@@ -143,7 +143,7 @@ def entry_m(block: Block) -> float:
     return min(high, max(low, _ENTRY_SHARE * block.length_m))
 
 
-def bend_speed_mps(block: Block, from_s_m: float, most_mps2: float) -> float:
+def bend_speed_mps(block: Block, from_s_m: float, to_s_m: float, most_mps2: float) -> float:
     """Return the highest speed at which a vehicle keeps to an acceleration sideways, m/s.
 
     Where curvature jumps, the steering lags behind it and then overshoots it by a share of the
@@ -152,15 +152,17 @@ def bend_speed_mps(block: Block, from_s_m: float, most_mps2: float) -> float:
     Args:
         block: whose reference line it follows.
         from_s_m: arc length at which it begins.
+        to_s_m: arc length at which it ends.
         most_mps2: the acceleration.
 
     Returns:
         inf where the line doesn't bend.
     """
-    if block.line.is_straight:
+    first, last = max(0.0, from_s_m), min(to_s_m, block.length_m)
+    if block.line.is_straight or last <= first:
         return math.inf
-    stations = np.arange(max(0.0, from_s_m), block.length_m + _BEND_STEP_M, _BEND_STEP_M)
-    bends = np.diff(headings(block.line, stations)) / _BEND_STEP_M
+    stations = np.linspace(first, last, math.ceil((last - first) / _BEND_STEP_M) + 1)
+    bends = np.diff(headings(block.line, stations)) / np.diff(stations)
     windows = np.lib.stride_tricks.sliding_window_view(
         np.pad(bends, (_JUMP_STEPS, 0), mode="edge"), _JUMP_STEPS + 1
     )

@@ -17,7 +17,6 @@ import numpy as np
 from ssp_core.geometry import Polyline, wrap_angle
 from ssp_core.motion.encounter import AGAINST_RAD, corridor_half_m, is_crossing, swept_on_way
 from ssp_core.motion.state import Size
-from ssp_core.run_file.model import Limits
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.maps.block import Block, Conflict, Passage
 from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
@@ -142,42 +141,55 @@ def crossings(event: Event, block: Block, routes: Mapping[str, Block]) -> list[C
     return found
 
 
-def _crossing_speed_limit(
-    event: Event, limits: Limits, other: Block, from_s_m: float, least_mps: float
+def _speed_limit(
+    setting: Setting, route: Block, span_m: tuple[float, float], field: str, who: str
 ) -> float:
-    """Return the least of what road, place and K* allow the vehicle, also sideways, m/s.
+    """Return the least of what road, place and K* allow on a stretch, also sideways, m/s.
 
     Args:
-        event: the K*.
-        limits: of the place.
-        other: the vehicle's route.
-        from_s_m: arc length on it, from which its way leads.
-        least_mps: that K* demands.
+        setting: event and limits.
+        route: that the stretch is part of.
+        span_m: arc lengths at which the stretch begins and ends.
+        field: of the speed in K*.
+        who: drives there.
 
     Raises:
-        CannotPlace: the way bends too much for that.
+        CannotPlace: the stretch bends too much for what K* demands.
     """
-    fastest = vehicle_speed_limit(event, limits, other)
-    in_bend = bend_speed_mps(other, from_s_m, acceleration_limit(event, limits))
+    event, limits = setting.event, setting.limits
+    fastest, most_mps2 = (
+        vehicle_speed_limit(event, limits, route),
+        acceleration_limit(event, limits),
+    )
+    in_bend = bend_speed_mps(route, *span_m, most_mps2)
+    wanted = quantity_at(event, field)
+    least_mps = wanted.si.low if isinstance(wanted, Interval) else 0.0
     if in_bend < min(least_mps, fastest):
         raise CannotPlace(
-            f"the vehicle's way bends so much that {acceleration_limit(event, limits):g} m/s^2 "
-            f"sideways allow {in_bend:.1f} m/s; K* wants at least {least_mps:g} m/s"
+            f"the way of {who} bends so much that {most_mps2:g} m/s^2 sideways allow "
+            f"{in_bend:.1f} m/s; K* wants at least {least_mps:g} m/s"
         )
     return min(fastest, in_bend)
 
 
+def _approach_m(setting: Setting, speed_mps: float, below_s: float) -> float:
+    """Return the distance that the VUT's front needs up to where it is crossed, m."""
+    rate = approach_acceleration(setting.event, setting.event.vut_id, setting.limits)
+    driven, _ = driver_travel(speed_mps, rate, cruise_reached_s(speed_mps, rate) + HOLD_S)
+    return driven + speed_mps * below_s
+
+
 def _vut_start(
-    block: Block, vut: Size, speed_mps: float, rate: float, below_s: float, crossing_s_m: float
+    setting: Setting, speed_mps: float, below_s: float, crossing_s_m: float
 ) -> BlockPoint:
     """Return the VUT's start, from which it drives at cruise speed before the trigger.
 
     Raises:
         CannotPlace: the approach is too short.
     """
-    driven, _ = driver_travel(speed_mps, rate, cruise_reached_s(speed_mps, rate) + HOLD_S)
-    needed = vut.front_m + driven + speed_mps * below_s
-    start = round(ahead_of(block, crossing_s_m, -needed, 0.0), 3)
+    vut = size_of(setting.event, setting.event.vut_id)
+    needed = vut.front_m + _approach_m(setting, speed_mps, below_s)
+    start = round(ahead_of(setting.block, crossing_s_m, -needed, 0.0), 3)
     if start < vut.rear_m:
         raise CannotPlace(
             f"the VUT needs {needed + vut.rear_m:.0f} m up to where it is crossed, and the route "
@@ -231,7 +243,7 @@ def _draft(
         comes = abs(waits.heading_rad) > AGAINST_RAD
         near_s = waits.start.s_m - (vehicle.front_m if comes else vehicle.rear_m)
     anchor_s = near_s if conflict.kind == "merge" else conflict.s_m
-    start = _vut_start(block, vut, v, rate, below, anchor_s)
+    start = _vut_start(setting, v, below, anchor_s)
     gap = station_of(block, start.s_m, near_s, 0.0) - vut.front_m
     told = {name: fixed(event, f"participants.{name}.region.gap", "m", gap, "as cruise needs")}
     return Draft(
@@ -263,21 +275,28 @@ def _earliest_fired(
     """Put first the least ``below`` at which the vehicle is there before a VUT that doesn't react.
 
     So near to its own arrival a VUT that keeps its speed meets the vehicle, and doesn't pass behind
-    it. The other values follow as they do for any quantity.
+    it. The other values follow as they do for any quantity, and so do all where the first ones
+    can't be placed.
     """
     event, as_it_is = setting.event, choices["below"]
     values = {name: choice.values[0] for name, choice in choices.items()}
-    made = draft(values)
+    try:
+        made = draft(values)
+    except CannotPlace:
+        return as_it_is
     told = motions(
         setting.block.line, classes_of(event), event.vut_id, made.vut, made.targets, made.trigger
     )
     steady = told.driver.model_copy(update={"reacts": False})
     seen = predict(replace(told, driver=steady), "lateral", thresholds_of(event))
-    least_s = values["below"] - (seen.vut_arrival_s - seen.overlap_s) + ahead_s
+    least_s = round(values["below"] - (seen.vut_arrival_s - seen.overlap_s) + ahead_s, 2)
     if not math.isfinite(least_s):
         return as_it_is
-    first = choose(event, _BELOW, "s", {_BELOW: round(least_s, 2)})
-    return replace(first, why="least at which it is first, if the VUT keeps its speed")
+    first = choose(event, _BELOW, "s", {_BELOW: least_s})
+    why = f"it is there {ahead_s:g} s before a VUT that keeps its speed"
+    if first.values[0] != least_s:
+        why = f"the end of K*'s interval; with {least_s:g} s {why}"
+    return replace(first, why=why)
 
 
 def _plans(setting: Setting) -> Iterator[Plan]:
@@ -320,24 +339,25 @@ def _plans_over(setting: Setting, crossing: Crossing, course: Course) -> Iterato
     """
     event, block, limits = setting.event, setting.block, setting.limits
     name, vut = event.interaction.initiator, event.vut_id
-    _, other, passage = crossing
+    conflict, other, passage = crossing
     pick = partial(choose, event, preferred=setting.preferred)
     _, most = speed_bounds(event, name, ("trigger", "conflict", "resolution"))
     c = "constraints"
-    fastest = min(
-        vehicle_speed_limit(event, limits, block),
-        bend_speed_mps(block, 0.0, acceleration_limit(event, limits)),
-    )
+    approach, crossing_speed = f"{c}.speeds.{vut}.approach", f"{c}.manoeuvre.{course.speed}"
+    below = pick(_BELOW, "s")
+    vut_speed = pick(approach, "m/s", at_most=vehicle_speed_limit(event, limits, block))
+    needed_m = _approach_m(setting, max(vut_speed.values), max(below.values))
+    from_m = conflict.s_m - needed_m - size_of(event, vut).length_m
+    fastest = _speed_limit(setting, block, (from_m, block.length_m), approach, "the VUT")
     hardest = BODY_MPS2[event.participants[name].class_][0]
     line_distance = pick(f"{c}.manoeuvre.line_distance", "m")
-    from_s_m = passage.start_s_m - max(line_distance.values) - size_of(event, name).front_m
-    speed = quantity_at(event, f"{c}.manoeuvre.{course.speed}")
-    least_mps = speed.si.low if isinstance(speed, Interval) else 0.0
-    crossing_mps = _crossing_speed_limit(event, limits, other, from_s_m, least_mps)
+    from_m = passage.start_s_m - max(line_distance.values) - size_of(event, name).front_m
+    way_m = (from_m, passage.end_s_m + course.beyond_m)
+    crossing_mps = _speed_limit(setting, other, way_m, crossing_speed, "the vehicle")
     choices = {
-        "vut_speed": pick(f"{c}.speeds.{vut}.approach", "m/s", at_most=fastest),
-        "below": pick(_BELOW, "s"),
-        "speed": pick(f"{c}.manoeuvre.{course.speed}", "m/s", at_most=min(most, crossing_mps)),
+        "vut_speed": pick(approach, "m/s", at_most=fastest),
+        "below": below,
+        "speed": pick(crossing_speed, "m/s", at_most=min(most, crossing_mps)),
         "line_distance": line_distance,
         "acceleration": pick(
             f"{c}.manoeuvre.acceleration",

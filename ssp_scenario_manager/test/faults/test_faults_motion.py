@@ -38,6 +38,17 @@ def test_one_that_brakes_too_late_or_too_gently_is_beyond_its_bound() -> None:
     assert not stop_of(braking(10.0, 2.5, 3.8, 8.0), 2.0, 0.5, stopping).kept
 
 
+def test_a_witness_that_missed_most_states_finds_a_good_stop_good() -> None:
+    """On a busy machine seconds lie between two states that it heard, also around the fault."""
+    track, random = braking(8.5, 2.1, 4.0, 8.0), np.random.default_rng(0)
+    for _ in range(200):
+        heard = np.sort(random.choice(len(track.t_s), 12, replace=False))
+        heard = np.unique([0, *heard, len(track.t_s) - 1])
+        columns = (track.t_s, track.x_m, track.y_m, track.yaw_rad, track.speed_mps)
+        seen = Track(*(column[heard] for column in columns))
+        assert stop_of(seen, 2.0, 0.0, Stopping(0.1, 4.0, 0.1)).kept
+
+
 def test_one_that_never_stands_has_kept_nothing() -> None:
     stop = stop_of(braking(1.0, 5.0, 4.0, 5.1), 5.0, 0.0, Stopping(0.3, 4.0))
     assert stop.standstill_s is None

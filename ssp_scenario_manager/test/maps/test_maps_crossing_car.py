@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,12 @@ import pytest
 import yaml
 
 from ssp_core.clock import NS_PER_S
-from ssp_core.geometry import point_in_polygon
+from ssp_core.geometry import Pose2, point_in_polygon
 from ssp_core.motion.encounter import corridor_half_m
 from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.run_file.participants import FollowPath
-from ssp_core.vocabulary import ObjectClass, Phase, Verdict
-from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.vocabulary import ObjectClass, Verdict
+from ssp_core.world.reference_line import CurvePiece, ReferenceLine
 from ssp_core.world.road_drawing import drawing_of
 from ssp_core.world.sumo_network import write_network
 from ssp_scenario_manager.compile.area import OperatingArea
@@ -36,6 +37,7 @@ from ssp_scenario_manager.maps.site import find_shipped
 from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
+from ssp_scenario_manager.scenarios.block_places import bend_speed_mps
 from ssp_scenario_manager.scenarios.crossing_car import crossings
 from ssp_scenario_manager.triggers.on_route import off_route
 from tests.support.junctions import (
@@ -252,21 +254,80 @@ def test_a_vut_that_keeps_its_speed_meets_it(side: str, object_class: str) -> No
     assert any("collision: ot1" in reason for reason in result.reasons)
 
 
+def test_an_approach_too_short_for_the_middle_of_the_intervals_takes_lower_values(
+    tmp_path: Path,
+) -> None:
+    def short(blocks: Blocks) -> None:
+        blocks["west_in"] |= {"pieces": [{"length_m": 66.0}]}
+        blocks["west_in"]["origin"]["x_m"] = -9.75 - 66.0
+
+    below = {"below": {"min": 3.2, "max": 5.0, "unit": "s"}}
+    assert made(event(trigger=below), changed_site(tmp_path, short)).task.run.triggers
+
+
+def test_a_bend_that_the_vut_doesnt_come_through_doesnt_count(tmp_path: Path) -> None:
+    """An arc with a radius of 15 m ends 62 m before the VUT's start."""
+    turn_rad, radius_m = 20.0 / 15.0, 15.0
+
+    def bend(blocks: Blocks, before_m: float) -> None:
+        arc = {"length_m": 20.0} | dict.fromkeys(
+            ("start_curvature_1pm", "end_curvature_1pm"), 1.0 / radius_m
+        )
+        blocks["west_in"]["pieces"] = [arc, {"length_m": before_m}]
+        blocks["west_in"]["origin"] |= {
+            "x_m": -9.75 - before_m - radius_m * math.sin(turn_rad),
+            "y_m": radius_m * (1.0 - math.cos(turn_rad)),
+            "yaw_rad": -turn_rad,
+        }
+
+    far = made(event(), changed_site(tmp_path, partial(bend, before_m=130.0))).task
+    plain = made(event(), ground("crossroads")).task
+    assert far.run.vut.start.x_m == pytest.approx(plain.run.vut.start.x_m, abs=1e-3)
+    values = [one.value for one in plain.tunings]
+    assert [one.value for one in far.tunings] == pytest.approx(values, abs=1e-3)
+    (tmp_path / "near").mkdir()
+    near = changed_site(tmp_path / "near", partial(bend, before_m=60.0))
+    with pytest.raises(CannotPlace, match="way of the VUT bends so much that"):
+        made(event(), near)
+
+
+def test_the_length_of_a_bend_doesnt_change_the_speed_in_it() -> None:
+    area = ground("crossroads")
+    for length_m in (50.0, 50.05, 50.5, 50.95):
+        piece = CurvePiece(length_m=length_m, start_curvature_1pm=0.05, end_curvature_1pm=0.05)
+        arc = ReferenceLine(Pose2(0.0, 0.0, 0.0), [piece])
+        block = replace(area.library.blocks[0], line=arc)
+        assert bend_speed_mps(block, 0.0, math.inf, 4.5) == pytest.approx(math.sqrt(90.0), rel=0.01)
+        assert bend_speed_mps(block, length_m + 1.0, math.inf, 4.5) == math.inf
+
+
+def test_a_threshold_says_for_what_it_was_chosen() -> None:
+    def reason(low_s: float, high_s: float) -> str:
+        below = {"below": {"min": low_s, "max": high_s, "unit": "s"}}
+        tunings = made(event(trigger=below), ground("crossroads")).task.tunings
+        return next(one.reason for one in tunings if one.field == "constraints.trigger.below")
+
+    assert reason(3.2, 5.0) == "it is there 0.3 s before a VUT that keeps its speed"
+    assert re.fullmatch(
+        r"the end of K\*'s interval; with 3\.\d+ s it is there 0\.3 s before a VUT that keeps .*",
+        reason(4.6, 5.0),
+    )
+
+
 def test_an_export_ends_when_the_session_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """A conflict may come back after the session found it resolved, and ended."""
     run = made(event(), ground("crossroads")).task.run
     result, record = driven(run)
-    announced = tuple(
-        replace(p, stamp_ns=p.stamp_ns - NS_PER_S) if p.phase is Phase.RESOLUTION else p
-        for p in result.happened.phases
-    )
-    earlier = replace(result, happened=replace(result.happened, phases=announced))
     over_s = foresee(run).over_s
     assert over_s is not None
+    resolution_ns = result.happened.resolution_ns
+    assert resolution_ns is not None
+    happened = replace(result.happened, resolution_ns=resolution_ns + 20 * NS_PER_S)
     monkeypatch.setattr(
-        "ssp_scenario_manager.compile.targets.foreseen.driven", lambda _: (earlier, record)
+        "ssp_scenario_manager.compile.targets.foreseen.driven",
+        lambda _: (replace(result, happened=happened), record),
     )
-    assert foresee(run).over_s == pytest.approx(over_s - 1.0)
+    assert foresee(run).over_s == pytest.approx(over_s, abs=0.1)
 
 
 def test_a_road_too_short_beyond_the_junction_is_refused_with_what_is_missing(

@@ -20,6 +20,7 @@ from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.compile.targets.ramps import Ramp
 from ssp_scenario_manager.run.feasibility import driven
+from ssp_scenario_manager.run.in_process import InProcessResult
 from ssp_scenario_manager.triggers.conditions import condition_text
 
 # A player looks at time conditions once per step, and a step of esmini is 10 ms: half of one before
@@ -130,11 +131,8 @@ def foresee(run: RunSpec) -> Foreseen:
             f"its trigger never fires: {condition_text(run.triggers[0].condition)}",
             field="run.triggers[0]",
         )
-    announced = (p.stamp_ns for p in result.happened.phases if p.phase is Phase.RESOLUTION)
-    resolved_ns, over_s = next(announced, None), None
-    if resolved_ns is not None:
-        over_s = ns_to_seconds(resolved_ns) + RESOLUTION_CONFIRMATION_S + run.end.after_resolution_s
     vut = record.truths(run.vut.id)
+    over_s = _over_s(run, result, ns_to_seconds(vut[-1].stamp_ns))
     kept = [
         (t, state.speed_mps, driven_m)
         for state, (t, driven_m) in zip(vut, _course(vut), strict=True)
@@ -152,6 +150,23 @@ def foresee(run: RunSpec) -> Foreseen:
         tracks={run.vut.id: _track(vut), run.initiator_id: _track(initiator)},
         course=_course(initiator),
     )
+
+
+def _over_s(run: RunSpec, result: InProcessResult, ended_s: float) -> float | None:
+    """Return when the session is over, s after the start; None where nothing was resolved.
+
+    Args:
+        run: the compiled run.
+        result: of the session.
+        ended_s: when the session ended. True states may resolve the event later, or never, where a
+            conflict comes back: then it counts when the session announced the resolution.
+    """
+    announced = (p.stamp_ns for p in result.happened.phases if p.phase is Phase.RESOLUTION)
+    after_s = RESOLUTION_CONFIRMATION_S + run.end.after_resolution_s
+    over_s = result.phase_s(Phase.RESOLUTION)
+    if over_s is None or over_s + after_s > ended_s:
+        over_s = next(map(ns_to_seconds, announced), None)
+    return None if over_s is None else over_s + after_s
 
 
 def _pose_at(states: Sequence[ObjectState], at_ns: int) -> Pose2:
