@@ -117,7 +117,7 @@ def parse_options(
 
     Raises:
         InputError: the text is no JSON object. It doesn't quote the text, in which somebody may
-            have put a key that doesn't differ from the rest.
+            have put a key that can't be distinguished from the rest.
     """
     if not text.strip():
         return {}

@@ -119,10 +119,12 @@ def test_killed_runner_takes_its_nodes_along(long_session: Any, live_processes: 
 def test_a_session_outlives_its_page_and_waits_for_a_recorder_that_stands_still(
     start_session: Any,
 ) -> None:
-    """In lockstep the world waits for the recorder, of which a stall of some length is tested."""
+    """In lockstep the world waits for the recorder, of which a stall of some length is tested.
+
+    The page dies last, when it has found everybody. Killed while it creates a port in shared
+    memory, it would leave half of one, for which the DDS of the others waits without end.
+    """
     session = start_session("cut_in", "--no-camera", "--page", "0")
-    session.wait_for("operator page: ")
-    session.kill("monitor_page")
     session.wait_for("session RUNNING")
     # Looking for it takes a busy machine a while, which would be a part of the stall.
     monitor = session.pid_of("monitor")
@@ -133,6 +135,8 @@ def test_a_session_outlives_its_page_and_waits_for_a_recorder_that_stands_still(
         time.sleep(0.5)
         os.kill(monitor, signal.SIGCONT)
         until(lambda written=written: file.stat().st_size > written, "word of the recorder")
+    session.wait_for("operator page: ")
+    session.kill("monitor_page")
     result = session.finish()
     assert (result["verdict"], result["reasons"]) == ("valid", [])
     assert "the operator page killed by SIGKILL; the session goes on" in "".join(session.lines)

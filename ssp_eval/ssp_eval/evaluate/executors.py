@@ -390,7 +390,7 @@ def look_for(address: str, own_ip: Callable[[], str] = lambda: "") -> None:
         own_ip: this machine's address, as the head of a cluster on it may have bound that alone.
 
     Raises:
-        HostError: no node does.
+        HostError: it accepts none, or is no address.
     """
     host, _, port = address.rpartition("://")[2].rpartition(":")
     host = host.strip("[]")

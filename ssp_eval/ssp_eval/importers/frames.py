@@ -82,7 +82,7 @@ def _driving(stamps_ns: Sequence[int], speed_mps: FloatArray) -> Iterator[list[i
 
 @dataclass(frozen=True)
 class _Frame:
-    """A frame as JPEG, and pixels by which it differs from others: small ones, or its own."""
+    """A frame as JPEG, and pixels by which it is compared with others: small ones, or its own."""
 
     jpeg: bytes
     pixels: NDArray[np.uint8]

@@ -253,7 +253,7 @@ def make_package(
         out: folder of the package.
         force: an earlier package there is replaced, once the new one is whole.
         copy: copy all bytes, without hard links.
-        progress: called with the bytes to store and each step.
+        progress: receives how many bytes there are to store, those read, and each step.
 
     Returns:
         The table of contents, and what was found.

@@ -333,7 +333,7 @@ def verify_package(
     Args:
         folder: as `ssp package make` left it.
         expected_id: id that it must have, as somebody wrote it down when it was made.
-        progress: called with the bytes to read and each step.
+        progress: receives how many bytes there are to read, those read, and each step.
 
     Raises:
         InputError: there is no such folder.

@@ -29,7 +29,7 @@ class Pixels:
     """Counts in what a twin's pictures differ from the factual ones, before JPEG.
 
     Args:
-        object_id: whose image and shadow bound the difference; empty: of none.
+        object_id: whose image and shadow bound the difference; empty: no object.
     """
 
     object_id: str

@@ -167,7 +167,7 @@ def subscribe_raw(
 
 
 def tolerant(node: Node, topic: str, decode: Callable[[Any], T]) -> Callable[[Any], T | None]:
-    """Wrap ``decode`` as subscribe_raw calls it: None, reported once, for no message."""
+    """Wrap ``decode`` for subscribe_raw: None for bytes that are no message, reported once."""
     told = False
 
     def decode_or_tell(data: Any) -> T | None:

@@ -149,7 +149,7 @@ def serve(
     until: Callable[[], bool],
     sent: Callable[[BodyServer], None] = lambda _body: None,
 ) -> None:
-    """Follow commands and send states until ended; ``sent`` is called with each state."""
+    """Follow commands and send states until ended; ``sent`` gets the body after each state."""
     sockets = [sock for _, sock in bodies]
     while not until():
         readable, _, _ = select.select(sockets, [], [], _TICK_S)

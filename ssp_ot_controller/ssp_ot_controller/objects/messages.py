@@ -163,7 +163,7 @@ class ManagerArbiter:
             sequence: number of the heartbeat; one that doesn't rise is not obeyed.
             token: of the session that it leads.
             steady_ns: when it came, on the steady clock.
-            may_move: an object moves or is about to, so that no new controller may take over.
+            may_move: an object moves or is about to, so that no other manager may take over.
         """
         is_of_session = token == self._token if self._token else not mode_problem(token, self._mode)
         gone = not may_move and self._is_gone(steady_ns)

@@ -189,7 +189,7 @@ class IsoObject:
 
     @property
     def brakes_by_itself(self) -> bool:
-        """It stops, whatever it was sent to drive."""
+        """It stops, whatever trajectory it was sent."""
         return self._target.state is ControlState.ABORTING
 
     def connect(self, host: str, now_ns: int) -> bool:

@@ -328,7 +328,7 @@ class VutDriver:
             vut: its true state; the stamp is session time.
             others: true states of everybody else.
             external: age in s and command of an external driver, None before its first one.
-            drives: False: the run is over or it has no driver; it brakes to a standstill.
+            drives: False: the run is over or no manager leads it; it brakes to a standstill.
         """
         self.fault_changes += self._faults.begin(vut.stamp_ns, running=True, armed=True)
         driver, wants_to_drive = self._driver(vut.stamp_ns)

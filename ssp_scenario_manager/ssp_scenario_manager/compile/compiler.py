@@ -171,7 +171,7 @@ def compile_task(
     Args:
         request: event, place, target and options.
         said: called with each block that is tried.
-        loading: called with each road of the map.
+        loading: called with how many roads of the map were read, and of how many.
 
     Raises:
         EventRefused: the event doesn't pass its checks.

@@ -20,7 +20,7 @@ def load_library(path: str | Path, loading: Loading = untold) -> Library:
 
     Args:
         path: an OpenDRIVE map, a SUMO network, or a site file.
-        loading: called with each road of a map.
+        loading: called with how many roads of a map were read, and of how many.
 
     Raises:
         InputError: the file can't be read, is none of these, or is malformed.

@@ -64,7 +64,7 @@ def ends_validly(stage: Any, run: subprocess.Popen[Any]) -> Path:
 def test_a_rehearsed_session_with_an_iso_object_is_admitted_and_scored(
     stage: Any, task: Callable[..., Path], recordings: Recordings, tmp_path: Path
 ) -> None:
-    """All parts are rehearsed on one host; a session over two hosts follows below."""
+    """All parts are rehearsed on one host; a cut link between two hosts follows below."""
     port = local_port()
     compiled = task(str(recordings.k_star("vru_crossing")), datum=True)
     run = stage.run_live(compiled, *body_at("127.0.0.1", port))

@@ -142,8 +142,9 @@ def test_a_start_and_an_abort_from_elsewhere_are_followed(
     result = stage.finish(run)
     assert (result["verdict"], result["status"]) == ("aborted", 1), result
     assert "page_of_somebody" in " ".join(result["reasons"]), result
-    # Of a run that was begun elsewhere, too.
-    assert result["running_wall_s"] > 0.0, result
+    # Of a run that was begun elsewhere, too: live, both clocks are the wall's. A busy machine may
+    # let the runner hear of the start late, and of the end however late.
+    assert 0.0 < 0.5 * result["session_s"] <= result["running_wall_s"], result
     assert stage.rows()[-1].speed_mps == 0.0
 
 

@@ -57,7 +57,7 @@ class Extractor:
         cache: folder that keeps its answers byte for byte, each by the hash of the whole request
             (model, prompt, parameters, text), so that no question is paid for twice; None: none.
         use_schema: ask the server to hold answers to a schema.
-        note: called with trouble of the service.
+        note: called with each failure of the service.
         use_reader: let the learned reader fill what the rules leave empty, before an LLM does.
 
     Raises:

@@ -214,8 +214,8 @@ def read_items(cls: type, items: tuple[Item, ...], odd: list[str]) -> Any | Reje
     Args:
         cls: of the message.
         items: of the payload, in their order.
-        odd: called with items that the message doesn't have, and of values that are none; of the
-            first MOST_ODD.
+        odd: receives a sentence for each item that the message doesn't have and each value that is
+            none, up to MOST_ODD sentences.
     """
     known = {group.value_id: group for group in _groups_of(cls)}
     values: dict[str, Any] = {}
