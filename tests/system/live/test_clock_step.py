@@ -24,7 +24,11 @@ SOURCE = Path(__file__).with_name("clock_step.cpp")
 STEP_S = -5.0
 # Limits of time, but for those of the run's own length; or the manager is silent for the runner.
 LATE = {SafetyCode.EVENT_MISSING, SafetyCode.DURATION}
-NOTICED = {m.limit_name for c, m in MEANINGS.items() if m.unit == "s" and c not in LATE} | {"silent"}
+NOTICED = {"silent"} | {
+    meaning.limit_name
+    for code, meaning in MEANINGS.items()
+    if meaning.unit == "s" and code not in LATE
+}
 
 
 class SteppedClock:
