@@ -14,7 +14,7 @@ from ssp_core.motion.encounter import is_crossing
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
-from ssp_scenario_manager.scenarios.crossing_car import (
+from ssp_scenario_manager.scenarios.over_routes import (
     Course,
     Crossing,
     met_by,

@@ -17,7 +17,7 @@ from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
-from ssp_scenario_manager.scenarios.crossing_car import Course, Crossing, met_by, plans_with
+from ssp_scenario_manager.scenarios.over_routes import Course, Crossing, met_by, plans_with
 from ssp_scenario_manager.scenarios.values import size_of
 
 # So long before a VUT that keeps its speed is where the vehicle comes into its corridor does the

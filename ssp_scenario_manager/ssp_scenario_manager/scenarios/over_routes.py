@@ -1,0 +1,372 @@
+"""Plans in which a vehicle comes over one route through a junction while the VUT follows another.
+
+The vehicle waits on its arm before the junction, and drives off along its route when the trigger
+fires. Which routes it may come over is up to the kind.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from ssp_core.geometry import Polyline, wrap_angle
+from ssp_core.motion.encounter import AGAINST_RAD, corridor_half_m, is_crossing, swept_on_way
+from ssp_core.motion.state import Size
+from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.maps.block import Block, Conflict, Passage
+from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
+from ssp_scenario_manager.scenarios.base import (
+    BlockPoint,
+    CannotPlace,
+    Cross,
+    Drive,
+    Plan,
+    Setting,
+    Trigger,
+    Wait,
+)
+from ssp_scenario_manager.scenarios.block_places import (
+    ahead_of,
+    bend_speed_mps,
+    end_of,
+    rectangle,
+    station_of,
+    vut_lane_indices,
+    within_block,
+)
+from ssp_scenario_manager.scenarios.motions import HOLD_S, cruise_reached_s, driver_travel, motions
+from ssp_scenario_manager.scenarios.planning import BODY_MPS2, Draft, plans_in_lane, plans_on
+from ssp_scenario_manager.scenarios.prediction import Prediction, predict
+from ssp_scenario_manager.scenarios.values import (
+    Choice,
+    acceleration_limit,
+    approach_acceleration,
+    choose,
+    chosen,
+    classes_of,
+    fixed,
+    quantity_at,
+    size_of,
+    speed_bounds,
+    thresholds_of,
+    vehicle_speed_limit,
+)
+
+_VUT_BRAKING_MPS2 = 3.0
+# The vehicle's way goes on so far beyond the junction, and is sampled at this step.
+_BEYOND_M = 40.0
+_STEP_M = 1.0
+_BELOW = "constraints.trigger.below"
+# Where routes cross, the other route, and its part in the junction.
+Crossing = tuple[Conflict, Block, Passage]
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """The motion of the vehicle over its route.
+
+    Args:
+        ahead_s: so long before a VUT that doesn't react it is in the corridor, where K* allows it.
+        speed: field of ``constraints.manoeuvre`` that holds its speed.
+        beyond_m: its way ends so far beyond the junction, at the latest.
+    """
+
+    ahead_s: float
+    speed: str = "crossing_speed"
+    beyond_m: float = _BEYOND_M
+
+
+def side_of(event: Event) -> str:
+    """Return the side that the vehicle comes from."""
+    return event.interaction.dominant_motion.rpartition("_")[2]
+
+
+def met_by(
+    block: Block, routes: Mapping[str, Block], kind: Literal["crossing", "merge"] = "crossing"
+) -> Iterator[Crossing]:
+    """Yield the conflicts with routes that cross or join one which leads straight on, and those.
+
+    Raises:
+        CannotPlace: the block isn't such a route.
+    """
+    for conflict in straight_on(block).conflicts:
+        other = routes.get(conflict.route)
+        if conflict.kind == kind and other is not None and other.passage is not None:
+            yield conflict, other, other.passage
+
+
+def straight_on(block: Block) -> Passage:
+    """Return the part of a route in its junction, on which the VUT goes straight on.
+
+    Raises:
+        CannotPlace: the block is no route, or it turns.
+    """
+    if block.passage is None:
+        raise CannotPlace("it leads over no connecting road of a junction")
+    turn_rad = abs(block.passage.turn_rad)
+    if turn_rad >= STRAIGHT_ON_RAD:
+        raise CannotPlace(
+            f"it turns by {math.degrees(turn_rad):.0f} deg in the junction; the VUT goes straight "
+            f"on, which is less than {math.degrees(STRAIGHT_ON_RAD):.0f} deg"
+        )
+    return block.passage
+
+
+def _speed_limit(
+    setting: Setting, route: Block, span_m: tuple[float, float], field: str, who: str
+) -> float:
+    """Return the least of what road, place and K* allow on a stretch, also sideways, m/s.
+
+    Args:
+        setting: event and limits.
+        route: that the stretch is part of.
+        span_m: arc lengths at which the stretch begins and ends.
+        field: of the speed in K*.
+        who: drives there.
+
+    Raises:
+        CannotPlace: the stretch bends too much for what K* demands.
+    """
+    event, limits = setting.event, setting.limits
+    fastest, most_mps2 = (
+        vehicle_speed_limit(event, limits, route),
+        acceleration_limit(event, limits),
+    )
+    in_bend = bend_speed_mps(route, *span_m, most_mps2)
+    wanted = quantity_at(event, field)
+    least_mps = wanted.si.low if isinstance(wanted, Interval) else 0.0
+    if in_bend < min(least_mps, fastest):
+        raise CannotPlace(
+            f"the way of {who} bends so much that {most_mps2:g} m/s^2 sideways allow "
+            f"{in_bend:.1f} m/s; K* wants at least {least_mps:g} m/s"
+        )
+    return min(fastest, in_bend)
+
+
+def _approach_m(setting: Setting, speed_mps: float, below_s: float) -> float:
+    """Return the distance that the VUT's front needs up to where it is crossed, m."""
+    rate = approach_acceleration(setting.event, setting.event.vut_id, setting.limits)
+    driven, _ = driver_travel(speed_mps, rate, cruise_reached_s(speed_mps, rate) + HOLD_S)
+    return driven + speed_mps * below_s
+
+
+def _vut_start(
+    setting: Setting, speed_mps: float, below_s: float, crossing_s_m: float
+) -> BlockPoint:
+    """Return the VUT's start, from which it drives at cruise speed before the trigger.
+
+    Raises:
+        CannotPlace: the approach is too short.
+    """
+    vut = size_of(setting.event, setting.event.vut_id)
+    needed = vut.front_m + _approach_m(setting, speed_mps, below_s)
+    start = round(ahead_of(setting.block, crossing_s_m, -needed, 0.0), 3)
+    if start < vut.rear_m:
+        raise CannotPlace(
+            f"the VUT needs {needed + vut.rear_m:.0f} m up to where it is crossed, and the route "
+            f"has {crossing_s_m:.0f} m"
+        )
+    return BlockPoint(start, 0.0)
+
+
+def _way(
+    block: Block,
+    other: Block,
+    passage: Passage,
+    size: Size,
+    line_distance_m: float,
+    beyond_m: float,
+) -> tuple[Wait, tuple[BlockPoint, ...]]:
+    """Return the vehicle's place before the junction, and its way over its own route.
+
+    Raises:
+        CannotPlace: its arm is too short, or it leaves the frame of the VUT's route.
+    """
+    start = passage.start_s_m - line_distance_m - size.front_m
+    within_block(other, size, start, "the vehicle that waits")
+    end = min(passage.end_s_m + beyond_m, end_of(other, size))
+    if end <= passage.end_s_m:
+        short_m = passage.end_s_m - end
+        raise CannotPlace(f"the road beyond the junction is {short_m:.1f} m too short for it")
+    stations = np.linspace(start, end, max(2, math.ceil((end - start) / _STEP_M) + 1))
+    if other.line.is_straight:
+        stations = stations[[0, -1]]
+    local = block.line.to_local_many(other.line.to_map_many(stations, 0.0))
+    if not np.isfinite(local).all():
+        raise CannotPlace("the VUT's route bends too much for a way across it")
+    places = tuple(BlockPoint(round(s, 3), round(y, 3)) for s, y in local.tolist())
+    yaw = other.line.pose(start).yaw_rad - block.line.pose(places[0].s_m).yaw_rad
+    return Wait(places[0], wrap_angle(yaw)), places[1:]
+
+
+def _draft(
+    setting: Setting, crossing: Crossing, course: Course, values: Mapping[str, float]
+) -> Draft:
+    event, block = setting.event, setting.block
+    name = event.interaction.initiator
+    conflict, other, passage = crossing
+    vut, vehicle = size_of(event, event.vut_id), size_of(event, name)
+    v, below = values["vut_speed"], values["below"]
+    rate = approach_acceleration(event, event.vut_id, setting.limits)
+    waits, way = _way(block, other, passage, vehicle, values["line_distance"], course.beyond_m)
+    near_s = conflict.s_m - corridor_half_m(vehicle.width_m)
+    if not is_crossing(waits.heading_rad):
+        comes = abs(waits.heading_rad) > AGAINST_RAD
+        near_s = waits.start.s_m - (vehicle.front_m if comes else vehicle.rear_m)
+    anchor_s = near_s if conflict.kind == "merge" else conflict.s_m
+    start = _vut_start(setting, v, below, anchor_s)
+    gap = station_of(block, start.s_m, near_s, 0.0) - vut.front_m
+    told = {name: fixed(event, f"participants.{name}.region.gap", "m", gap, "as cruise needs")}
+    return Draft(
+        vut=Drive(start, v, end_of(block, vut), rate, _VUT_BRAKING_MPS2),
+        targets={name: waits},
+        trigger=Trigger(
+            object_id=name,
+            quantity="time_to_arrival",
+            below=below,
+            anchor=BlockPoint(anchor_s, 0.0),
+            act=Cross(
+                goal=way[-1],
+                speed_mps=values["speed"],
+                acceleration_mps2=values["acceleration"],
+                via=way[:-1],
+            ),
+            not_before_s=round(0.5 * (cruise_reached_s(v, rate) + HOLD_S), 1),
+        ),
+        chosen=chosen(told, {name: gap}),
+    )
+
+
+def _earliest_fired(
+    setting: Setting,
+    choices: Mapping[str, Choice],
+    draft: Callable[[Mapping[str, float]], Draft],
+    ahead_s: float,
+) -> Choice:
+    """Put first the least ``below`` at which the vehicle is there before a VUT that doesn't react.
+
+    So near to its own arrival a VUT that keeps its speed meets the vehicle, and doesn't pass behind
+    it. The other values follow as they do for any quantity, and so do all where the first ones
+    can't be placed.
+    """
+    event, as_it_is = setting.event, choices["below"]
+    values = {name: choice.values[0] for name, choice in choices.items()}
+    try:
+        made = draft(values)
+    except CannotPlace:
+        return as_it_is
+    told = motions(
+        setting.block.line, classes_of(event), event.vut_id, made.vut, made.targets, made.trigger
+    )
+    steady = told.driver.model_copy(update={"reacts": False})
+    seen = predict(replace(told, driver=steady), "lateral", thresholds_of(event))
+    least_s = round(values["below"] - (seen.vut_arrival_s - seen.overlap_s) + ahead_s, 2)
+    if not math.isfinite(least_s):
+        return as_it_is
+    first = choose(event, _BELOW, "s", {_BELOW: least_s})
+    why = f"it is there {ahead_s:g} s before a VUT that keeps its speed"
+    if first.values[0] != least_s:
+        why = f"the end of K*'s interval; with {least_s:g} s {why}"
+    return replace(first, why=why)
+
+
+def plans_with(setting: Setting, found: Sequence[Crossing], course: Course) -> Iterator[Plan]:
+    """Yield the plans in which the vehicle comes over the first route of these that it can.
+
+    Args:
+        setting: event, block and limits.
+        found: the routes that it may come over, where they cross the block.
+        course: that it takes over its route.
+
+    Raises:
+        CannotPlace: there is none.
+    """
+    event, block = setting.event, setting.block
+    if block.lanes.index(next(x for x in block.lanes if x.y_m == 0.0)) not in [
+        block.lanes.index(block.forward_lanes[i]) for i in vut_lane_indices(event, block)
+    ]:
+        wanted = " or ".join(event.topology.vut_lane.words)
+        raise CannotPlace(f"it goes on from a lane that is not the {wanted} one")
+    refused: list[CannotPlace] = []
+    for crossing in found:
+        try:
+            yield from _plans_over(setting, crossing, course)
+        except CannotPlace as error:
+            refused.append(error)
+    if len(refused) == len(found):
+        raise refused[0]
+
+
+def _plans_over(setting: Setting, crossing: Crossing, course: Course) -> Iterator[Plan]:
+    """Yield the plans in which the vehicle comes over one route.
+
+    Raises:
+        CannotPlace: there is none.
+    """
+    event, block, limits = setting.event, setting.block, setting.limits
+    name, vut = event.interaction.initiator, event.vut_id
+    conflict, other, passage = crossing
+    pick = partial(choose, event, preferred=setting.preferred)
+    _, most = speed_bounds(event, name, ("trigger", "conflict", "resolution"))
+    c = "constraints"
+    approach, crossing_speed = f"{c}.speeds.{vut}.approach", f"{c}.manoeuvre.{course.speed}"
+    below = pick(_BELOW, "s")
+    vut_speed = pick(approach, "m/s", at_most=vehicle_speed_limit(event, limits, block))
+    needed_m = _approach_m(setting, max(vut_speed.values), max(below.values))
+    from_m = conflict.s_m - needed_m - size_of(event, vut).length_m
+    fastest = _speed_limit(setting, block, (from_m, block.length_m), approach, "the VUT")
+    hardest = BODY_MPS2[event.participants[name].class_][0]
+    line_distance = pick(f"{c}.manoeuvre.line_distance", "m")
+    from_m = passage.start_s_m - max(line_distance.values) - size_of(event, name).front_m
+    way_m = (from_m, passage.end_s_m + course.beyond_m)
+    crossing_mps = _speed_limit(setting, other, way_m, crossing_speed, "the vehicle")
+    choices = {
+        "vut_speed": pick(approach, "m/s", at_most=fastest),
+        "below": below,
+        "speed": pick(crossing_speed, "m/s", at_most=min(most, crossing_mps)),
+        "line_distance": line_distance,
+        "acceleration": pick(
+            f"{c}.manoeuvre.acceleration",
+            "m/s^2",
+            at_most=min(hardest, acceleration_limit(event, limits)),
+        ),
+    }
+    draft = partial(_draft, setting, crossing, course)
+    if _BELOW not in setting.preferred:
+        choices["below"] = _earliest_fired(setting, choices, draft, course.ahead_s)
+    if crossing[0].kind == "merge":
+        # It comes to stay, and goes on as fast as it came.
+        yield from plans_in_lane(setting, "lateral", choices, draft, lambda *_: course.beyond_m)
+        return
+    half = corridor_half_m(size_of(event, vut).width_m)
+    near_s, far_s = _zone(setting, crossing)
+
+    def zone(_draft: Draft, _seen: Prediction, _conflict: BlockPoint) -> tuple[BlockPoint, ...]:
+        return rectangle(near_s, far_s, -half, half)
+
+    for plan in plans_on(setting, "lateral", choices, draft, zone):
+        yield replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m))
+
+
+def _zone(setting: Setting, crossing: Crossing) -> tuple[float, float]:
+    """Return the arc lengths between which both swept corridors cross (METHOD 1)."""
+    event, block, (conflict, other, passage) = setting.event, setting.block, crossing
+    size = size_of(event, event.interaction.initiator)
+    half = corridor_half_m(size_of(event, event.vut_id).width_m)
+    if abs(passage.turn_rad) < STRAIGHT_ON_RAD:
+        along = corridor_half_m(size.width_m) / abs(math.sin(conflict.angle_rad))
+        along += half / abs(math.tan(conflict.angle_rad))
+        return conflict.s_m - along, conflict.s_m + along
+    last = min(passage.end_s_m + _BEYOND_M, other.length_m)
+    stations = np.arange(passage.start_s_m, last, 0.25 * _STEP_M)
+    path = Polyline(block.line.path(0.0, block.length_m, 0.0))
+    swept = swept_on_way(map(other.line.pose, stations.tolist()), size, path, half)
+    if swept is None:
+        raise CannotPlace("the vehicle's way doesn't cross the VUT's corridor")
+    near, far = (ahead_of(block, 0.0, station, 0.0) for station in swept)
+    return near, far
