@@ -10,13 +10,14 @@ import pytest
 
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.road import CurvePiece
-from ssp_scenario_manager.closed_loop.box import gap_draw
+from ssp_scenario_manager.closed_loop.box import drawn_run, gap_draw
 from ssp_scenario_manager.closed_loop.places import Places
 from ssp_scenario_manager.closed_loop.start import OffSpec, Start, make_start, prepared
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.scenarios.crossing import is_hidden
+from tests.support.junctions import ground, made
 from tests.support.places import site_of
 
 LATENCY_S = 0.5
@@ -221,3 +222,15 @@ def test_a_twin_may_leave_the_site_after_the_end_of_its_event(compiled: Compiled
         assert again.twin[ns] == start.twin[ns]
     with pytest.raises(OffSpec, match="outside_geofence: vut"):
         make_start(fenced_off(run, at_end_m - 2.0), event, HARMLESS, LATENCY_S)
+
+
+def test_a_truck_gets_no_acceleration_that_it_would_refuse() -> None:
+    """K* allows 3 m/s^2 for what comes over the ramp; trucks and buses reach 1.7."""
+    value = load_event("merge")[0].model_dump(mode="json", by_alias=True)
+    value["participants"]["ot1"]["class"] = "truck"
+    event = Event.model_validate(value)
+    block = "junction entry: west_in > west_east lanes[0] > east_out"
+    run = made(event, ground("entry"), block).task.run
+    field = "triggers.0.manoeuvre.motion.acceleration_mps2"
+    drawn = [drawn_run(run, event, seed)[1][field] for seed in range(20)]
+    assert 1.5 <= min(drawn) < max(drawn) <= 1.7

@@ -216,9 +216,11 @@ def test_an_oncoming_one_that_turns_across(state: StateMaker, frame: Pose2) -> N
     # The corridor goes on for 500 m behind the VUT's start.
     zone = met.zone.start_m - 500.0, met.zone.end_m - 500.0
     assert zone == pytest.approx((69.50, 75.74), abs=0.02)
-    # One that stays in the corridor is oncoming.
-    in_it = [now for now in instants if now.t_s < 4.0]
-    assert passing_of(in_it, Corridor.of([own for own, _ in pairs]), None).relation == "oncoming"
+    # Recorded up to within the corridor, it is oncoming until it has turned by 45 deg, at 3.96 s.
+    corridor = Corridor.of([own for own, _ in pairs])
+    for until_s, relation in ((3.9, "oncoming"), (4.1, "crossing")):
+        in_it = [now for now in instants if now.t_s < until_s]
+        assert passing_of(in_it, corridor, None).relation == relation
 
 
 @pytest.mark.parametrize(("lateral_mps", "seen"), [(0.19, False), (0.21, True)])

@@ -206,6 +206,20 @@ def oncoming_turn(start_s: float = 3.3, side: float = 1.0, **more: Any) -> Scene
     return scene(vut, way, **given)
 
 
+def drift_across(start_s: float = 4.0) -> Scene:
+    """An oncoming car drives straight on, aslant over the VUT's lane to the kerb beyond it."""
+    aslant = math.radians(15.0)
+
+    def way(t_s: float) -> tuple[float, float]:
+        faster_s = min(max(0.0, t_s - start_s), 2.0)
+        driven_m = faster_s**2 + 4.0 * max(0.0, t_s - start_s - 2.0)
+        return 95.0 - driven_m * math.cos(aslant), 3.5 - driven_m * math.sin(aslant)
+
+    short = ConflictThresholds(ttc_s=1.6, arrival_gap_s=None)
+    vut = braking(0.0, 9.0, 6.3, 4.0, 1.5)
+    return scene(vut, way, thresholds=short, length_s=18.0, road=crossing_road(70.0))
+
+
 # A ramp comes from the right at this angle, and joins the road at x in an arc of this radius.
 _RAMP_RAD, _JOINS_M, _RADIUS_M = math.radians(20.0), 105.0, 40.0
 
@@ -375,6 +389,7 @@ def test_what_is_no_crossing_car_is_refused_with_what_differs(made: Scene, code:
             id="the VUT is first",
         ),
         pytest.param(oncoming_turn(start_s=60.0), "no_manoeuvre", id="it waits"),
+        pytest.param(drift_across(), "conflict_type_differs", id="it drifts across"),
         pytest.param(crossing_car(side=1.0), "motion_differs", id="from the road on the left"),
         pytest.param(
             oncoming_turn(road=replace(crossing_road(), road=road().road)),
@@ -385,6 +400,11 @@ def test_what_is_no_crossing_car_is_refused_with_what_differs(made: Scene, code:
 )
 def test_what_is_no_oncoming_turn_is_refused_with_what_differs(made: Scene, code: str) -> None:
     assert codes("oncoming_turn", measure(made))[:1] == [code]
+
+
+def test_an_oncoming_turn_may_be_recorded_up_to_its_resolution() -> None:
+    """It is turning across the corridor still; the resolution is at 7.7 s."""
+    assert codes("oncoming_turn", measure(oncoming_turn(length_s=8.5))) == []
 
 
 @pytest.mark.parametrize(

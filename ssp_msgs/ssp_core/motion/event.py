@@ -407,10 +407,14 @@ class Corridor:
         """Tell whether an extent lies within the corridor sideways."""
         return extent.l_min_m >= -self.half_width_m and extent.l_max_m <= self.half_width_m
 
+    def heading_rad(self, state: ObjectState) -> float:
+        """Return the angle from the path's direction to where it faces, + to the left."""
+        station, _ = self.path.project_beyond(state.x_m, state.y_m)
+        return wrap_angle(state.yaw_rad - self.path.pose(station).yaw_rad)
+
     def velocity(self, state: ObjectState) -> tuple[float, float]:
         """Return the speed along the path and to its left, m/s."""
-        station, _ = self.path.project_beyond(state.x_m, state.y_m)
-        angle = wrap_angle(state.yaw_rad - self.path.pose(station).yaw_rad)
+        angle = self.heading_rad(state)
         return state.speed_mps * math.cos(angle), state.speed_mps * math.sin(angle)
 
     def front_m(self, vut: ObjectState) -> float:
@@ -539,7 +543,7 @@ class _Seen:
         direction = abs(math.atan2(leftwards, along))
         departure_s = instants[left].t_s if left < len(instants) else None
         against = direction > AGAINST_RAD
-        if against and not self._goes_through(entry, left):
+        if against and not self._turns_through(entry, left):
             relation = "oncoming"
             covered = extents[entry:left]
             zone = Zone(min(e.s_min_m for e in covered), max(e.s_max_m for e in covered))
@@ -561,10 +565,16 @@ class _Seen:
                 gap_s = arrival_s - cleared_s
         return Passing(relation, zone, arrival_s, own_s, gap_s)
 
-    def _goes_through(self, entry: int, left: int) -> bool:
-        """Tell whether it leaves the corridor on another side than it came from."""
-        if left == len(self._instants):
+    def _turns_through(self, entry: int, left: int) -> bool:
+        """Tell whether it turns off, and leaves the corridor on another side than it came from.
+
+        Where the recording ends before it has left, its heading at that end decides.
+        """
+        last = self._instants[min(left, len(self._instants) - 1)].other
+        if abs(self._corridor.heading_rad(last)) > AGAINST_RAD:
             return False
+        if left == len(self._instants):
+            return True
         before, after = (self._extents[i] for i in (entry - 1, left))
         return (before.l_min_m + before.l_max_m) * (after.l_min_m + after.l_max_m) < 0.0
 

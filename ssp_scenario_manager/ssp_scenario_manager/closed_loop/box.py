@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from ssp_core.files import parse_model
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.closed_loop.places import GapDraw, placed_run, span_of
 from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.scenarios.planning import BODY_MPS2
 
 # Fields of a manoeuvre by K*'s names of its quantities.
 _OF_MANOEUVRE = {
@@ -35,7 +37,8 @@ def drawn_run(run: RunSpec, event: Event, seed: int) -> tuple[RunSpec, dict[str,
     """Return the run with values drawn from K*'s box, and these by field of run file or K*.
 
     Each quantity that K* gives an interval is drawn uniformly from it, in an order of its own, so
-    that a seed gives the same values everywhere. Other values stay as they were compiled. Gaps at
+    that a seed gives the same values everywhere; an acceleration from the part of it that the
+    object's class and the place's limits allow. Other values stay as they were compiled. Gaps at
     the start are drawn by ``gap_draw``: how small they may be depends on all else.
 
     Args:
@@ -50,11 +53,12 @@ def drawn_run(run: RunSpec, event: Event, seed: int) -> tuple[RunSpec, dict[str,
     random = np.random.default_rng([seed, 8])
     drawn: dict[str, float] = {}
 
-    def draw(quantity: object, *fields: str) -> None:
+    def draw(quantity: object, *fields: str, most: float = math.inf) -> None:
         span = span_of(quantity)
         if span is None or not all(_holds(data, field) for field in fields):
             return
-        value = round(float(random.uniform(span.low, span.high)), 3)
+        high = max(span.low, min(span.high, most))
+        value = round(float(random.uniform(span.low, high)), 3)
         for field in fields:
             _put(data, field, value)
             drawn[field] = value
@@ -68,8 +72,11 @@ def drawn_run(run: RunSpec, event: Event, seed: int) -> tuple[RunSpec, dict[str,
     manoeuvre = run.triggers[0].manoeuvre
     within = "manoeuvre.motion" if manoeuvre.kind == "follow_path" else "manoeuvre"
     names = _OF_KIND[manoeuvre.kind]
+    body = event.participants[run.triggers[0].object_id].class_
+    hardest = min(BODY_MPS2[body][0], run.limits.acceleration_mps2)
     for name in sorted(needs.manoeuvre.keys() & names.keys()):
-        draw(needs.manoeuvre[name], f"triggers.0.{within}.{names[name]}")
+        most = hardest if name == "acceleration" else math.inf
+        draw(needs.manoeuvre[name], f"triggers.0.{within}.{names[name]}", most=most)
     data["seed"] = seed
     parsed = parse_model(RunSpec, data, f"the start of seed {seed}")
     placed, lengths = placed_run(parsed, event, np.random.default_rng([seed, 9]).uniform)

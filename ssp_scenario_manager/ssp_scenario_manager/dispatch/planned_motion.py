@@ -120,7 +120,8 @@ def planned_motion_of(
     departure = _crossing_s(columns[0], clearance, exit_)
     if direction > AGAINST_RAD:
         # It is oncoming, unless it turns and leaves on the other side.
-        if offset[entry - 1] * offset[exit_] > 0.0:
+        turned = abs(float(heading[exit_])) <= AGAINST_RAD
+        if not turned or offset[entry - 1] * offset[exit_] > 0.0:
             return None
         way = (Pose2(*pose) for pose in columns[1:4, entry : exit_ + 1].T.tolist())
         swept = swept_on_way(way, target.size, path, half)

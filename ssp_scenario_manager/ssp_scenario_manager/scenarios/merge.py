@@ -20,6 +20,7 @@ from ssp_scenario_manager.scenarios.over_routes import (
     met_by,
     plans_with,
     side_of,
+    straight_on,
 )
 
 # So long before a VUT that keeps its speed the vehicle is in its corridor, and slower; a VUT that
@@ -37,22 +38,28 @@ def ramps(event: Event, block: Block, routes: Mapping[str, Block]) -> list[Cross
     Raises:
         CannotPlace: there is none.
     """
-    side, found, angles = side_of(event), [], []
+    side, found, refused = side_of(event), [], []
     for conflict, other, passage in met_by(block, routes, "merge"):
         if conflict.comes_from != side:
             continue
-        x_m, y_m = other.line.to_map(passage.start_s_m, 0.0)
-        beside_s_m = block.line.to_local(x_m, y_m)[0]
-        own_rad = block.line.pose(beside_s_m).yaw_rad
-        turns_rad = wrap_angle(other.line.pose(passage.start_s_m).yaw_rad - own_rad)
-        angles.append(f"{abs(math.degrees(turns_rad)):.0f} deg")
-        if abs(turns_rad) < math.pi / 2 and not is_crossing(turns_rad):
+        start = other.line.pose(passage.start_s_m)
+        beside = block.line.pose(block.line.to_local(start.x_m, start.y_m)[0])
+        comes_rad = wrap_angle(start.yaw_rad - beside.yaw_rad)
+        goes_on_rad = block.line.pose(straight_on(block).end_s_m).yaw_rad
+        own_rad, its_rad = (abs(wrap_angle(goes_on_rad - p.yaw_rad)) for p in (beside, start))
+        if abs(comes_rad) > math.pi / 2 or is_crossing(comes_rad):
+            refused.append(f"one comes at {abs(math.degrees(comes_rad)):.0f} deg, limit 45 deg")
+        elif own_rad >= its_rad:
+            refused.append(
+                f"one turns by {math.degrees(its_rad):.0f} deg, and the VUT by "
+                f"{math.degrees(own_rad):.0f} deg: the VUT would come over the ramp"
+            )
+        else:
             found.append((conflict, other, passage))
     if not found:
-        at = f" ({', '.join(angles)})" if angles else ""
         raise CannotPlace(
-            f"0 of {len(angles)} routes that join it from the {side} come at less than 45 deg, "
-            f"needs 1{at}"
+            f"0 of {len(refused)} routes that join it from the {side} do so over a ramp, needs 1"
+            + "".join(f"; {one}" for one in refused)
         )
     return found
 

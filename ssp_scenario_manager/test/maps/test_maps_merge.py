@@ -19,7 +19,8 @@ from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
-from tests.support.junctions import ground, made, site_without_junction
+from ssp_scenario_manager.scenarios.merge import ramps
+from tests.support.junctions import ground, made, route, site_without_junction
 
 MAIN = "junction entry: west_in > west_east lanes[0] > east_out"
 
@@ -33,6 +34,18 @@ def event(object_class: str = "car", **constraints: Any) -> Event:
     for name, given in constraints.items():
         value["constraints"][name] |= given
     return Event.model_validate(value)
+
+
+def test_the_vut_doesnt_come_over_the_ramp_itself() -> None:
+    area = ground("entry")
+    ramp = route(area, "junction entry: ramp_in > ramp_east lanes[0] > east_out")
+    shipped = event()
+    from_left = {"dominant_motion": "cutting_in_from_left"}
+    interaction = shipped.interaction.model_copy(update=from_left)
+    left = shipped.model_copy(update={"interaction": interaction})
+    said = "turns by 0 deg, and the VUT by 20 deg: the VUT would come over the ramp"
+    with pytest.raises(CannotPlace, match=said):
+        ramps(left, ramp, area.routes_with(ramp))
 
 
 @pytest.mark.parametrize(
@@ -88,7 +101,7 @@ def test_it_waits_before_the_junction_on_the_ramp() -> None:
             event(),
             "crossroads",
             "junction market: west_in > west_east lanes[0] > east_out",
-            r"0 of 1 routes that join it from the right come at less than 45 deg, .*\(8\d deg\)",
+            r"0 of 1 routes that join it from the right do .*; one comes at 8\d deg, limit 45 deg",
         ),
         (
             event(),

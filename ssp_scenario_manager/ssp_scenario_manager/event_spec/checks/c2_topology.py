@@ -189,7 +189,7 @@ def roads_cross_at_a_junction(view: View) -> Iterator[Failure]:
     """Check that a kind which takes place on routes has a junction as its segment, everywhere."""
     words = set(view.event.topology.segment.words)
     if view.kind and view.kind.at_junction and words - {"junction"}:
-        reason = f"{view.kind.name} takes place where roads cross"
+        reason = f"{view.kind.name} takes place at a junction"
         yield _fail(view, reason, "junction", "topology.segment", "interaction.type")
 
 
