@@ -41,6 +41,7 @@ CORNERS: list[Cell] = [
     ("cut_in", 4, 4),
     ("lead_braking", 1, 1),
     ("slow_lead", 1, 0),
+    ("cut_out", 2, 0),
     ("vru_crossing", 1, 0),
     ("vru_crossing", 4, 4),
     ("occluded_crossing", 1, 2),

@@ -31,11 +31,11 @@ TRIGGER_S = 10.0
 
 @cache
 def shipped(event: str) -> tuple[ParticipantSpec, BodyLimits, tuple[Reference, ...]]:
-    """The initiator of an event, its body on the site, and the references that it gets."""
+    """Who acts in an event, its body on the site, and the references that it gets."""
     site = site_of(event)
     run = compile_task(Request(event=event, target="sumo", site=site)).task.run
-    target = next(t for t in run.targets if t.id == run.initiator_id)
-    trigger = next(t for t in run.triggers if t.object_id == target.id)
+    trigger = run.triggers[-1]
+    target = next(t for t in run.targets if t.id == trigger.object_id)
     start = target.start
     state = object_state(target.id, target.cls, start.x_m, start.y_m, start.yaw_rad)
     references = []

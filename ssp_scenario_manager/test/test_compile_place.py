@@ -120,6 +120,13 @@ def test_manoeuvres_and_conditions_are_those_of_the_kind() -> None:
         (trigger,) = make(name, shipped("boulevard")).task.run.triggers
         assert isinstance(trigger.manoeuvre, manoeuvre)
         assert isinstance(trigger.condition, condition)
+    held, left = make("cut_out", shipped("boulevard")).task.run.triggers
+    assert (held.object_id, left.object_id) == ("ot1", "ot2")
+    assert isinstance(held.manoeuvre, Hold)
+    assert isinstance(left.manoeuvre, LaneChange)
+    assert held.condition == left.condition
+    assert isinstance(held.condition, RelativeDistance)
+    assert held.condition.object_id == "ot1"
     occluded = make("occluded_crossing", shipped("boulevard")).task.run
     assert [t.id for t in occluded.targets if t.approach is None] == ["ot1", "ot2"]
 

@@ -22,7 +22,7 @@ from ssp_scenario_manager.compile.compiler import load_area
 from ssp_scenario_manager.compile.place import Order, realise
 from ssp_scenario_manager.compile.retrieval import score_blocks
 from ssp_scenario_manager.event_spec.load import load_event
-from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.site import LIBRARY
 from ssp_scenario_manager.run import feasibility
@@ -65,12 +65,13 @@ def mirrored(value: Any) -> Any:
 def from_the_other_side(name: str) -> Event:
     """A shipped event whose OTs come from the other side.
 
-    The road stays as it is; a VUT that is cut in on from the right drives in the left lane.
+    The road stays as it is; a VUT that is cut in on from the right, or whose leader leaves to the
+    right, drives in the left lane.
     """
     value = dict(shipped(name))
     for part in ("participants", "motion", "interaction"):
         value[part] = mirrored(value[part])
-    if name == "cut_in":
+    if name in ("cut_in", "cut_out"):
         value["topology"] = {
             **value["topology"],
             "vut_lane": {"value": "leftmost", "identity": True},
@@ -389,6 +390,11 @@ def test_what_compiles_runs_valid(name: str, side: str, simulate: Simulate) -> N
     result, _ = simulate(run)
     assert result.verdict is Verdict.VALID, result.reasons
     assert run.passing is not None
+    if event.constraints.time_gap == UNRESOLVED:
+        # Nobody passes what stands in the VUT's lane.
+        assert result.passing.other_first
+        assert result.passing.time_gap_s is None
+        return
     assert result.passing.time_gap_s is not None
     gap_s = result.passing.time_gap_s
     first = result.passing.other_first

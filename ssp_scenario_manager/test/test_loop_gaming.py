@@ -27,6 +27,7 @@ from tests.support.places import site_of
 # Seeds of critical starts.
 EVENTS = {
     "crossing_car": 7,
+    "cut_out": 1,
     "lead_braking": 1,
     "merge": 1,
     "oncoming_turn": 2,
@@ -119,6 +120,7 @@ WAYS = (
     ("lead_braking", stop_before_the_event, "brakes by"),
     ("slow_lead", brake_and_speed_up, "brakes by"),
     ("slow_lead", stop_before_the_event, "brakes by"),
+    ("cut_out", brake_and_speed_up, "brakes by"),
     ("crossing_car", brake_and_speed_up, "brakes by"),
     ("crossing_car", plan_two_seconds_and_say_nothing, "falls back"),
     ("oncoming_turn", brake_and_speed_up, "brakes by"),

@@ -172,8 +172,8 @@ def check(event: Event, place: Block, plan: Plan) -> None:
     # Passing order and time gap.
     assert seen.initiator_first == (event.interaction.passing_order[0] == "ot1")
     gap = event.constraints.time_gap
-    assert isinstance(gap, Interval)
     if math.isfinite(seen.vut_arrival_s):
+        assert isinstance(gap, Interval)
         assert (gap.min or 0.0) - 1e-9 <= seen.time_gap_s <= (gap.max or math.inf) + 1e-9
     assert seen.separation_m > LIMITS.separation_m
     # Every chosen value lies in its interval.
@@ -196,7 +196,15 @@ def check(event: Event, place: Block, plan: Plan) -> None:
     act = plan.trigger.act
     initiator = plan.targets[event.interaction.initiator]
     motion_word = event.interaction.dominant_motion
-    if isinstance(act, LaneChange):
+    if plan.trigger.acting_id != event.interaction.initiator:
+        # Who leaves was in the lane in which the initiator stands, and goes to the next one.
+        leaving = plan.targets[plan.trigger.acting_id]
+        assert isinstance(initiator, Wait)
+        assert isinstance(act, LaneChange)
+        assert initiator.start.l_m == leaving.start.l_m == plan.vut.start.l_m
+        assert leaving.start.s_m < initiator.start.s_m
+        assert act.lateral_shift_m > 3.0
+    elif isinstance(act, LaneChange):
         assert initiator.start.l_m + act.lateral_shift_m == pytest.approx(plan.vut.start.l_m)
         assert (act.lateral_shift_m < 0.0) == (motion_word == "cutting_in_from_left")
     elif isinstance(act, Cross):

@@ -64,6 +64,7 @@ def cutting_in(below_m: float = 18.0, **changes: float) -> Motions:
             object_id="ot1",
             manoeuvre=LaneChange(kind="lane_change", **manoeuvre),
         ),
+        initiator_id="ot1",
     )
 
 
@@ -87,6 +88,7 @@ def crossing(speed_mps: float = 1.5, below_s: float = 3.2) -> Motions:
                 motion=Motion(path=[(110.0, -2.5), (110.0, 13.0)], cruise_mps=speed_mps),
             ),
         ),
+        initiator_id="ot1",
     )
 
 

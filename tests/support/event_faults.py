@@ -149,6 +149,13 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         "participants.vut.class",
     ),
     ("occluder_hides", "occluded_crossing", {"interaction.occluder": GONE}, "interaction.occluder"),
+    ("occluder_hides", "cut_out", {"interaction.occluder": GONE}, "interaction.occluder"),
+    (
+        "occluder_hides",
+        "cut_out",
+        {"participants.ot2.region.gap": span(130, 170, "m")},
+        "participants.ot2.region.gap",
+    ),
     (
         "occluder_hides",
         "occluded_crossing",
@@ -448,6 +455,12 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         "slow_lead",
         {f"{C}.safety.acceleration": span(None, 0.8, "m/s^2")},
         f"{C}.trigger.below",
+    ),
+    (
+        "trigger_is_observable",
+        "cut_out",
+        {f"{C}.thresholds.ttc": span(4, 4, "s")},
+        f"{C}.thresholds.ttc",
     ),
     (
         "trigger_is_observable",

@@ -57,6 +57,7 @@ _DRAWN = {
     "crossing_car": ("crossing_from_right", "car"),
     "oncoming_turn": ("oncoming", "car"),
     "merge": ("cutting_in_from_right", "car"),
+    "cut_out": ("stationary", "car"),
 }
 
 

@@ -18,6 +18,7 @@ from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.run_file.road import CurvePiece, JunctionRoad, Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.camera import Intrinsics, Mounting
 from ssp_eval.audit.checks import phase_findings, property_findings
 from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
 from ssp_eval.audit.measure import Measured, RoadFacts, Scene, measure
@@ -25,6 +26,7 @@ from ssp_eval.audit.paths import Lanes
 from ssp_eval.audit.reasons import explain
 from ssp_eval.data.audit import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY, Property, is_equal
 from ssp_eval.recordings.event import NO_RULES
+from ssp_eval.recordings.sight import Moment, Optics, object_sight
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 
@@ -151,6 +153,24 @@ def slow_lead(speed: float = 3.5, offset_m: float = -0.35, x_m: float = 60.0, **
     vut = more.pop("vut", braking(0.0, 11.0, 4.5, 2.5, 3.0))
     given = {"observable": "closing"} | more
     return scene(vut, lambda t: (x_m + speed * t, offset_m), **given)
+
+
+def cut_out(
+    x_m: float = 90.0, side: float = 0.0, speed: float = 0.0, *, leaves: bool = True, **more: Any
+) -> Scene:
+    """A car leaves to the left at 2.5 s, before one that stands; the VUT brakes at 5 s."""
+    vut = more.pop("vut", braking(0.0, 11.0, 5.0, 3.0))
+    given = {"observable": "closing", "target_ids": ("ot1", "ot2")} | more
+    made = scene(vut, lambda t: (x_m + speed * t, side), **given)
+
+    def way(t_s: float) -> tuple[float, float]:
+        return 25.0 + 9.5 * t_s, shift(t_s, 2.5, 0.0, 3.5) if leaves else 0.0
+
+    series = [
+        (t_s, {**states, "ot2": moving("ot2", ObjectClass.CAR, t_s, way)})
+        for t_s, states in made.series
+    ]
+    return replace(made, series=series)
 
 
 def crossing_road(arm_at_m: float = 80.0) -> RoadFacts:
@@ -312,6 +332,7 @@ def codes(name: str, found: Measured) -> list[str]:
         ("vru_crossing", crossing, "crossing", "crossing_from_right"),
         ("lead_braking", lead, "following", "same_direction"),
         ("slow_lead", slow_lead, "following", "same_direction"),
+        ("cut_out", cut_out, "following", "stationary"),
         ("crossing_car", crossing_car, "crossing", "crossing_from_right"),
         ("oncoming_turn", oncoming_turn, "crossing", "oncoming"),
         ("merge", merge, "merge", "cutting_in_from_right"),
@@ -349,6 +370,34 @@ def test_an_event_is_what_its_specification_says(
 )
 def test_what_is_no_slow_lead_is_refused_with_what_differs(made: Scene, code: str) -> None:
     assert codes("slow_lead", measure(made))[:1] == [code]
+
+
+@pytest.mark.parametrize(
+    ("made", "code"),
+    [
+        pytest.param(cut_out(cls=ObjectClass.TRUCK), "roles_differ", id="a truck stands"),
+        pytest.param(cut_out(x_m=72.0, speed=2.0), "motion_differs", id="it drives"),
+        pytest.param(cut_out(side=3.5), "no_manoeuvre", id="it stands in the next lane"),
+        pytest.param(cut_out(x_m=-20.0), "no_manoeuvre", id="the VUT is first"),
+        pytest.param(cut_out(vut=braking(0.0, 11.0, 1.0, 2.5)), "no_manoeuvre", id="kept away"),
+    ],
+)
+def test_what_is_no_cut_out_is_refused_with_what_differs(made: Scene, code: str) -> None:
+    assert codes("cut_out", measure(made))[:1] == [code]
+
+
+@pytest.mark.parametrize("leaves", [True, False])
+def test_a_vehicle_that_does_not_leave_keeps_the_standing_one_off_camera(leaves: bool) -> None:
+    made = cut_out(leaves=leaves)
+    span = measure(made).phases.critical_s
+    assert span is not None
+    optics = Optics(Intrinsics(960, 540, 480.0, 480.0, 480.0, 270.0), Mounting(1.5, 1.4, 0.0))
+    moments = [Moment(t_s, states) for t_s, states in made.series]
+    seen = object_sight(moments, span, STEP_S, optics, "vut", "ot1").fraction
+    needed = load_event("cut_out")[0].constraints.camera.visible_fraction.min
+    assert seen is not None
+    assert needed is not None
+    assert (seen >= needed) == leaves
 
 
 @pytest.mark.parametrize(

@@ -525,6 +525,25 @@ def merge(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
 # Where the ramp of the clip ends, along its road.
 _JOINS_M = 86.0
 
+
+def cut_out(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
+    """Cast a car that leaves the lane, one that stands there, and a VUT that brakes late."""
+    speed = float(rng.uniform(10.8, 11.4))
+    near_s = float(rng.uniform(2.7, 3.4))  # when TTC to the one that stands is 4 s
+    ahead_m = speed * (near_s + 4.0) + CAR.front_m + CAR.rear_m
+    standing = Actor(
+        "ot1", ObjectClass.CAR, Role.OT, Line(VUT_START_M + ahead_m, 0.0), Line(0.0, 0.0)
+    )
+    # The other one is beside the lane before it would reach the one that stands.
+    leave_s, change_s, gap_m = near_s - 1.1, 2.4, 23.0
+    peak = 2.0 * LANE_M / change_s
+    across = (Ramp(leave_s, change_s / 2, peak), Ramp(leave_s + change_s / 2, change_s / 2, -peak))
+    along = Steered(VUT_START_M + gap_m + CAR.front_m + CAR.rear_m, speed - 1.5, across)
+    leaving = Actor("ot2", ObjectClass.CAR, Role.OT, along, Line(0.0, 0.0, across))
+    vut = _vut(speed, Ramp(near_s + 1.4, 3.3, -speed))
+    return vut, (standing, leaving, *_oncoming(lanes, 165.0, 9.5))
+
+
 # New ones at the end: a scenario's number is part of its seed.
 _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "cut_in": cut_in,
@@ -535,6 +554,7 @@ _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "crossing_car": crossing_car,
     "oncoming_turn": oncoming_turn,
     "merge": merge,
+    "cut_out": cut_out,
 }
 # Where a road crosses the clip's, by the lane of it that the initiator takes: m to its right.
 _AT_JUNCTION = {"crossing_car": LANE_M / 2, "oncoming_turn": -LANE_M / 2}
@@ -589,7 +609,7 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
             "is no scenario", field="scenario", value=scenario, remedy=f"one of {INTERACTIONS}"
         )
     lanes = lanes or usual_lanes(scenario)
-    least = 2 if scenario == "cut_in" else 1
+    least = 2 if scenario in ("cut_in", "cut_out") else 1
     oncoming = 1 if scenario == "oncoming_turn" else 0
     if not least <= lanes.same <= MOST_LANES or not oncoming <= lanes.opposite <= MOST_LANES:
         raise InputError(

@@ -9,6 +9,7 @@ import numpy as np
 
 from ssp_core.files import parse_model
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import Hold
 from ssp_scenario_manager.closed_loop.places import GapDraw, placed_run, span_of
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.scenarios.planning import BODY_MPS2
@@ -67,16 +68,19 @@ def drawn_run(run: RunSpec, event: Event, seed: int) -> tuple[RunSpec, dict[str,
     draw(_approach(speeds, run.vut.id), "driver.cruise_mps", "vut.approach.cruise_mps")
     for i, target in enumerate(run.targets):
         draw(_approach(speeds, target.id), f"targets.{i}.approach.cruise_mps")
+    # Where another object than the initiator acts, both triggers have one condition.
+    conditions = [f"triggers.{i}.condition" for i, _ in enumerate(run.triggers)]
     for field in ("below_m", "below_s"):
-        draw(getattr(needs.trigger, "below", None), f"triggers.0.condition.{field}")
-    manoeuvre = run.triggers[0].manoeuvre
+        draw(getattr(needs.trigger, "below", None), *(f"{at}.{field}" for at in conditions))
+    acting = next((i for i, t in enumerate(run.triggers) if not isinstance(t.manoeuvre, Hold)), 0)
+    manoeuvre = run.triggers[acting].manoeuvre
     within = "manoeuvre.motion" if manoeuvre.kind == "follow_path" else "manoeuvre"
     names = _OF_KIND[manoeuvre.kind]
-    body = event.participants[run.triggers[0].object_id].class_
+    body = event.participants[run.triggers[acting].object_id].class_
     hardest = min(BODY_MPS2[body][0], run.limits.acceleration_mps2)
     for name in sorted(needs.manoeuvre.keys() & names.keys()):
         most = hardest if name == "acceleration" else math.inf
-        draw(needs.manoeuvre[name], f"triggers.0.{within}.{names[name]}", most=most)
+        draw(needs.manoeuvre[name], f"triggers.{acting}.{within}.{names[name]}", most=most)
     data["seed"] = seed
     parsed = parse_model(RunSpec, data, f"the start of seed {seed}")
     placed, lengths = placed_run(parsed, event, np.random.default_rng([seed, 9]).uniform)

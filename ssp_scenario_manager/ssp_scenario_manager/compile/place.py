@@ -10,7 +10,7 @@ import ssp_core
 from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
-from ssp_core.run_file.participants import FollowPath, LaneChange, TrafficSpec, TriggerSpec
+from ssp_core.run_file.participants import FollowPath, Hold, LaneChange, TrafficSpec, TriggerSpec
 from ssp_core.run_file.road import JunctionRoad, Lane, PartialCrossing, Road
 from ssp_core.run_file.values import Point, Start
 from ssp_core.world.reference_line import NotOneToOne
@@ -91,7 +91,7 @@ def anchors(block: Block, plan: Plan) -> dict[str, Anchors]:
 
 
 def _goal(name: str, motion: Drive | Wait, plan: Plan) -> BlockPoint:
-    act = plan.trigger.act if plan.trigger.object_id == name else None
+    act = plan.trigger.act if plan.trigger.acting_id == name else None
     if isinstance(act, Cross):
         return act.goal
     if isinstance(motion, Wait):
@@ -310,7 +310,7 @@ def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
         vut=told.vut,
         driver=told.driver,
         targets=list(told.targets),
-        triggers=[_trigger(event, block, plan, told, limits)],
+        triggers=_triggers(event, block, plan, told, limits),
         thresholds=thresholds_of(event),
         passing=wanted_passing(event),
         limits=limits,
@@ -320,6 +320,17 @@ def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
         look=area.look,
         datum=None if area.site is None else area.site.datum,
     )
+
+
+def _triggers(
+    event: Event, block: Block, plan: Plan, told: Motions, limits: Limits
+) -> list[TriggerSpec]:
+    """Return the initiator's trigger and, where another object acts, that one's too."""
+    trigger, initiator = _trigger(event, block, plan, told, limits), plan.trigger.object_id
+    if trigger.object_id == initiator:
+        return [trigger]
+    begins = {"id": f"{initiator}_begins", "object_id": initiator, "manoeuvre": Hold(kind="hold")}
+    return [trigger.model_copy(update=begins), trigger]
 
 
 def _ways_of_act(told: Motions) -> list[tuple[list[Point], Size]]:

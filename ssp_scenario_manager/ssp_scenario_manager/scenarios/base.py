@@ -75,13 +75,14 @@ class Trigger:
     """The condition that fires an act of the initiator.
 
     Args:
-        object_id: that acts, and that a distance is measured to.
+        object_id: the initiator, that a distance is measured to, and that acts.
         quantity: what is compared.
         below: m for relative_distance, s for time_to_arrival (at ``anchor``).
         anchor: on the VUT's path; None for relative_distance.
         act: what it does.
         lead_time_s: between dispatch and act.
         not_before_s: session time before which nothing fires.
+        actor_id: another object that acts instead; None: the initiator does.
     """
 
     object_id: str
@@ -91,6 +92,12 @@ class Trigger:
     act: Act
     lead_time_s: float = 0.1
     not_before_s: float = 0.0
+    actor_id: str | None = None
+
+    @property
+    def acting_id(self) -> str:
+        """Id of the object that acts."""
+        return self.actor_id or self.object_id
 
 
 @dataclass(frozen=True)
@@ -180,5 +187,6 @@ class Kind:
     manoeuvres: Callable[[Event], frozenset[str]]
     plans: Callable[[Setting], Iterator[Plan]]
     at_junction: bool = False
+    occluder_leaves: bool = False
     turn: tuple[str, str] | None = None
     vut_intents: frozenset[str] = frozenset({"keep_lane"})

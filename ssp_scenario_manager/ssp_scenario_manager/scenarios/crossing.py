@@ -224,7 +224,7 @@ def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
         )
         field = f"participants.{occluder}.region.gap"
         told[occluder] = fixed(event, field, "m", gaps[occluder], "hides who crosses")
-        extra = partial(_hidden, name, occluder)
+        extra = partial(hidden_at_the_trigger, name, occluder)
     return Draft(
         vut=Drive(
             BlockPoint(along.start_s_m, lane.y_m), v, end_of(block, vut), rate, _VUT_BRAKING_MPS2
@@ -262,7 +262,7 @@ def _parked(event: Event, block: Block, size: Size, front_s_m: float, lane_m: fl
     return BlockPoint(round(front_s_m - size.front_m, 3), round(y, 3))
 
 
-def _hidden(name: str, occluder: str, _: Motions, seen: Prediction) -> list[str]:
+def hidden_at_the_trigger(name: str, occluder: str, _: Motions, seen: Prediction) -> list[str]:
     """List the reasons why the occluder doesn't hide the crosser when the trigger fires."""
     states = {state.object_id: state for state in seen.targets_fired}
     eye_m = Camera().forward_m

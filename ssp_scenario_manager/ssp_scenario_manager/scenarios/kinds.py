@@ -6,6 +6,7 @@ from ssp_scenario_manager.scenarios.base import Kind
 from ssp_scenario_manager.scenarios.crossing import OCCLUDED_CROSSING, VRU_CROSSING
 from ssp_scenario_manager.scenarios.crossing_car import CROSSING_CAR
 from ssp_scenario_manager.scenarios.cut_in import CUT_IN
+from ssp_scenario_manager.scenarios.cut_out import CUT_OUT
 from ssp_scenario_manager.scenarios.lead_braking import LEAD_BRAKING
 from ssp_scenario_manager.scenarios.merge import MERGE
 from ssp_scenario_manager.scenarios.oncoming_turn import ONCOMING_TURN
@@ -16,6 +17,7 @@ KINDS: dict[str, Kind] = {
     for kind in (
         CROSSING_CAR,
         CUT_IN,
+        CUT_OUT,
         LEAD_BRAKING,
         MERGE,
         OCCLUDED_CROSSING,

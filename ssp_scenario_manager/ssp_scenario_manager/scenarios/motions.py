@@ -46,6 +46,7 @@ class Motions:
     driver: Driver
     targets: tuple[ParticipantSpec, ...]
     trigger: TriggerSpec
+    initiator_id: str
 
     def target(self, object_id: str) -> ParticipantSpec:
         """Return the target of that id; KeyError without one."""
@@ -85,7 +86,8 @@ def motions(
             targets=tuple(
                 _participant(line, name, classes[name], targets[name]) for name in sorted(targets)
             ),
-            trigger=_trigger(line, trigger, targets[trigger.object_id]),
+            trigger=_trigger(line, trigger, targets[trigger.acting_id]),
+            initiator_id=trigger.object_id,
         )
     except NotOneToOne as error:
         raise CannotPlace(f"the block is too tightly curved for it: {error}") from error
@@ -132,7 +134,7 @@ def _trigger(line: ReferenceLine, trigger: Trigger, before: Drive | Wait) -> Tri
         id=f"{trigger.object_id}_{trigger.quantity}",
         condition=condition,
         not_before_s=trigger.not_before_s,
-        object_id=trigger.object_id,
+        object_id=trigger.acting_id,
         manoeuvre=_manoeuvre(line, trigger, before),
         lead_time_s=trigger.lead_time_s,
     )

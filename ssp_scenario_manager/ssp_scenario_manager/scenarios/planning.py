@@ -156,8 +156,8 @@ _SHARE_OF_LIMIT = 0.9
 def _routine(told: Motions, seen: Prediction) -> PlannedMotion | None:
     """Return the initiator's manoeuvre from where it is when the trigger fires."""
     trigger, path = told.trigger, told.vut.approach
-    target = told.target(trigger.object_id)
-    if path is None or isinstance(trigger.manoeuvre, Hold):
+    target = told.target(told.initiator_id)
+    if path is None or isinstance(trigger.manoeuvre, Hold) or trigger.object_id != target.id:
         return None
 
     before = None

@@ -237,7 +237,7 @@ def predict(plan: Motions, observable: Observable, thresholds: ConflictThreshold
         CannotPlace: the trigger never fires, or a manoeuvre can't be driven from where it does.
     """
     players = Players(plan)
-    initiator = plan.target(plan.trigger.object_id)
+    initiator = plan.target(plan.initiator_id)
     watch = TriggerWatch(plan.trigger, players.path, 0)
     t, fired = 0.0, None
     instants: list[_Instant] = []

@@ -49,6 +49,7 @@ EVENTS = tuple(sorted(name for name, kind in KINDS.items() if not kind.at_juncti
 BEHIND_A_LEAD = {
     "lead_braking": {"headway_s": 0.8},
     "slow_lead": {"headway_s": 0.5, "comfortable_deceleration_mps2": 4.0},
+    "cut_out": {"headway_s": 0.5, "comfortable_deceleration_mps2": 4.0},
 }
 
 
@@ -107,6 +108,19 @@ def _plan(name: str, block: Block) -> Plan:
             "ot1", "relative_distance", 42.0, None, Hold(kind="hold"), not_before_s=4.0
         )
         conflict = BlockPoint(180.0, lane)
+    elif name == "cut_out":
+        vut = Drive(BlockPoint(15.0, lane), 11.0, 385.0)
+        targets = {
+            "ot1": Wait(BlockPoint(160.0, lane)),
+            "ot2": Drive(BlockPoint(43.5, lane), 9.5, 380.0),
+        }
+        act = LaneChange(
+            kind="lane_change", lateral_shift_m=beside - lane, duration_s=2.5, cruise_mps=9.5
+        )
+        trigger = Trigger(
+            "ot1", "relative_distance", 54.0, None, act, not_before_s=4.0, actor_id="ot2"
+        )
+        conflict = BlockPoint(160.0, lane)
     else:
         vut = Drive(BlockPoint(15.0, lane), 10.0, 300.0)
         walker = BlockPoint(110.0, kerb - 0.8)
@@ -139,6 +153,10 @@ def make_case(
     fence = strip_polygon(block.line, 0.0, block.length_m, -8.0, 17.0)
     limits = Limits(speed_mps=16.0, acceleration_mps2=5.0)
     road = road_of(block).model_copy(update={"pieces": [*block.line.pieces]})
+    triggers = [told.trigger.model_copy(update={"id": "manoeuvre"})]
+    if told.trigger.object_id != "ot1":
+        begins = {"id": "begins", "object_id": "ot1", "manoeuvre": Hold(kind="hold")}
+        triggers.insert(0, told.trigger.model_copy(update=begins))
     run = RunSpec(
         schema_="ssp.run/1",
         run_id="run",
@@ -158,7 +176,7 @@ def make_case(
         vut=told.vut,
         driver=Driver(cruise_mps=plan.vut.cruise_mps, **BEHIND_A_LEAD.get(name, {})),
         targets=[told.target(who) for who in plan.targets],
-        triggers=[told.trigger.model_copy(update={"id": "manoeuvre"})],
+        triggers=triggers,
         limits=limits,
         end=EndCondition(at_latest_s=40.0),
     )

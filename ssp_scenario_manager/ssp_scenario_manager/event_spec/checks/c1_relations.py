@@ -296,7 +296,8 @@ def occluder_hides(view: View) -> Iterator[Failure]:
     reason, at = "is too small to hide a road user", f"participants.{who}"
     yield from _fail.unless(view, hiding.class_, _HIDING_CLASSES, reason, f"{at}.class", path)
     for other, _, phase, cell in view.cells():
-        if other == who and cell.speed_trend != "standing":
+        stays = kind is None or not kind.occluder_leaves
+        if other == who and stays and cell.speed_trend != "standing":
             trend = f"motion.{who}.{phase}.speed_trend"
             yield _fail(view, "an occluder stands in every phase", "standing", trend, path)
     if hidden is None:
