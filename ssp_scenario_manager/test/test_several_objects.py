@@ -162,6 +162,11 @@ REFUSED = {
         "motion.ot2.trigger.speed_trend",
         "drives along its lane at one speed",
     ),
+    "one that drives beside the road": (
+        ("cyclist", ("right_kerb", "ahead"), *LEAD[2:4], cell(position="front_right")),
+        "motion.ot2.trigger.speed_trend",
+        "a further participant that drives, drives in a lane",
+    ),
     "one on another road": (
         ("car", ("left_road", "ahead"), *LEAD[2:4], cell(position="front_left")),
         "participants.ot2.region.place",

@@ -12,6 +12,7 @@ from ssp_eval.audit.evidence import (
     expected_properties,
     review_of,
 )
+from ssp_eval.audit.further import departures
 from ssp_eval.audit.measure import Measured, Phases
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
@@ -211,14 +212,22 @@ def _off_spec(one: Subject) -> Iterator[Finding]:
             )
 
 
-def _further(one: Subject) -> Iterator[Finding]:
-    """Check that no further participant is in conflict with the VUT before the initiator."""
+def _further(one: Subject) -> Iterable[Finding]:
     if one.event is None or one.measured is None:
-        return
-    for intrusion in one.measured.intrusions:
-        text = intrusion.text(one.rules.thresholds)
-        initiator = one.event.interaction.initiator
-        yield Finding("off_spec", f"{text}, K* has the conflict with {initiator} first")
+        return ()
+    return further_findings(one.event, one.measured, one.rules.thresholds)
+
+
+def further_findings(
+    event: Event, measured: Measured, limits: ConflictThresholds
+) -> Iterator[Finding]:
+    """Check that further participants keep to their scripts and leave the conflict to another."""
+    for intrusion in measured.intrusions:
+        initiator = event.interaction.initiator
+        text = f"{intrusion.text(limits)}, K* has the conflict with {initiator} first"
+        yield Finding("off_spec", text)
+    for text in departures(event, measured.courses):
+        yield Finding("off_spec", text)
 
 
 Check = Callable[[Subject], Iterable[Finding]]

@@ -167,10 +167,17 @@ def _measured(
         return None, None
     rules = rules_of(event, recording.provenance.run)
 
+    # A session begins where part A has its participants; any other recording, with its clip.
+    begin = None
+    if recording.provenance.run is not None:
+        names = {who.vut, *who.targets}
+        begin = next((now for _, now in recording.series if names <= set(now)), None)
+
     def scene(part: Recording, first_s: float, last_s: float) -> Scene:
         further = () if event is None else further_ids(event)
+        targets = tuple(who.targets)
         return Scene(
-            part.series, who.vut, tuple(who.targets), part.road, first_s, last_s, rules, further
+            part.series, who.vut, targets, part.road, first_s, last_s, rules, further, begin
         )
 
     try:

@@ -28,7 +28,8 @@ from ssp_core.motion.intrusion import Intrusion, first_intrusions
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Packed, Series, states_of
 from ssp_core.run_file.road import Road
-from ssp_core.vocabulary import MOTIONS
+from ssp_core.vocabulary import MOTIONS, PhaseWord
+from ssp_eval.audit.further import Course, course_of
 from ssp_eval.audit.paths import Lanes, Spot
 from ssp_eval.data.audit import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_eval.recordings.event import LOCATED_S, EventRules
@@ -55,6 +56,7 @@ class Scene:
         series: (clip time in s, states by id), times rising, from the clip's start to its end.
         road: that they drive on; None: none is bound, and there is no topology.
         further_ids: targets that K* has beside the initiator, and that cause no conflict.
+        begin: states by id where the session begins; None: the clip's first ones count.
     """
 
     series: Series
@@ -65,6 +67,7 @@ class Scene:
     end_s: float
     rules: EventRules
     further_ids: tuple[str, ...] = ()
+    begin: Mapping[str, ObjectState] | None = None
 
 
 @dataclass(frozen=True)
@@ -112,6 +115,7 @@ class Measured:
         first_arrival_s: clip time of the first arrival at the zone, None: there is none.
         facts: quantities with their units in the name; None: it doesn't exist.
         intrusions: conflicts with further participants before that of the event.
+        courses: of the further participants; empty without a trigger.
     """
 
     properties: Mapping[str, Property]
@@ -124,6 +128,7 @@ class Measured:
     facts: Mapping[str, float | None]
     notes: tuple[str, ...]
     intrusions: tuple[Intrusion, ...] = ()
+    courses: tuple[Course, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -186,7 +191,30 @@ def measure(scene: Scene) -> Measured:
         _facts(scene, own, target_id, phases, meeting),
         _notes(pair, meeting),
         _intrusions(scene, own, pair),
+        _courses(scene, lanes, phases),
     )
+
+
+def _courses(scene: Scene, lanes: Lanes | None, phases: Phases) -> tuple[Course, ...]:
+    """Return the courses of the further participants from the trigger to the resolution."""
+    span = phases.critical_s
+    if span is None or not scene.further_ids:
+        return ()
+    start_s, end_s = span
+    conflict_s = end_s if phases.conflict_s is None else phases.conflict_s
+    by_phase: dict[PhaseWord, Series] = {
+        "trigger": [one for one in scene.series if start_s <= one[0] < conflict_s],
+        "conflict": [one for one in scene.series if conflict_s <= one[0] <= end_s],
+    }
+    own = None if lanes is None else _first_spot(scene, lanes, scene.vut_id)
+    courses = []
+    for name in scene.further_ids:
+        begin, both = scene.begin, {scene.vut_id, name}
+        if begin is None:
+            begin = next((now for _, now in scene.series if both <= set(now)), {})
+        start = begin.get(scene.vut_id), begin.get(name)
+        courses.append(course_of(name, by_phase, lanes, None if own is None else own.lane, start))
+    return tuple(courses)
 
 
 def _intrusions(scene: Scene, corridor: Corridor, pair: _Pair) -> tuple[Intrusion, ...]:

@@ -20,11 +20,12 @@ import click
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import new_files
-from ssp_core.geometry import Polyline
+from ssp_core.geometry import Polyline, box_distance
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.event import find_event, instants_of
 from ssp_core.motion.intrusion import first_intrusions
 from ssp_core.motion.state import DEFAULT_SIZES
+from ssp_core.motion.state_series import Series
 from ssp_core.options import WholeNumber
 from ssp_core.vocabulary import PHASES, ObjectClass, PhaseWord
 from ssp_eval.recordings.event import rules_of
@@ -42,7 +43,7 @@ from ssp_scenario_manager.event_spec.load import event_version, seal_event, seal
 from ssp_scenario_manager.event_spec.log import Record, append_records, log_path, utc_now
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.event_spec.other_lanes import topology_with_lanes
-from ssp_scenario_manager.scenarios.further import facing_rad, further_ids, stands
+from ssp_scenario_manager.scenarios.further import CLEAR_M, facing_rad, further_ids, stands
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.scenarios.values import quantity_at
 
@@ -169,11 +170,32 @@ def measure_clip(event: Event, board: Storyboard) -> ClipPhases:
             field=f"participants.{intrusion.object_id}.region.gap",
             remedy="a larger gap, or speeds that differ less",
         )
+    _keep_clear(event, series)
     starts_s = dict(
         zip(PHASES, (times[0], found.trigger_s, found.conflict_s, found.resolution_s), strict=True)
     )
     frames = {phase: round(t_s * board.fps) for phase, t_s in starts_s.items()}
     return ClipPhases(starts_s, frames, len(times) - 1, board.fps)
+
+
+def _keep_clear(event: Event, series: Series) -> None:
+    """Check that further participants keep clear of all others in every frame.
+
+    Raises:
+        InputError: one comes nearer to another object than the compiler lets them start.
+    """
+    for name in further_ids(event):
+        for t_s, states in series:
+            for other, state in states.items():
+                apart_m = box_distance(states[name].box, state.box)
+                if other != name and apart_m < CLEAR_M:
+                    raise InputError(
+                        f"would show {name} {apart_m:.2f} m from {other} at {t_s:.2f} s, "
+                        f"{CLEAR_M:g} m keep them clear of each other",
+                        file=event.name,
+                        field=f"participants.{name}.region.gap",
+                        remedy="another gap, place or speed, or another --seed",
+                    )
 
 
 def bound_event(event: Event, board: Storyboard, drawn: ClipPhases, sha256: str) -> Event:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 
@@ -12,8 +13,9 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocabulary import PHASES, ObjectClass
-from ssp_eval.audit.checks import property_findings
+from ssp_eval.audit.checks import further_findings, property_findings
 from ssp_eval.audit.evidence import expected_properties, varying_parts
+from ssp_eval.audit.further import departures
 from ssp_eval.audit.measure import Measured, RoadFacts, Scene, measure
 from ssp_eval.audit.reasons import explain
 from ssp_eval.data.audit import ROLES, TOPOLOGY, property_retention
@@ -30,6 +32,8 @@ from ssp_scenario_manager.scenarios.further import further_ids
 from tests.support.several import EXAMPLES, LEAD, several, with_further
 
 States = dict[str, ObjectState]
+# The lead's state at a clip time beside the VUT's; None: it isn't there.
+Altered = Callable[[float, ObjectState, ObjectState], ObjectState | None]
 STEP = 5
 CUT_IN = "lead_ahead_of_a_cut_in"
 
@@ -122,6 +126,70 @@ def test_another_further_participant_is_refused_with_what_differs(what: str) -> 
     assert detail in differing[code]
 
 
+@pytest.mark.parametrize("site", ["boulevard", "north_track"])
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_a_session_keeps_the_scripts_of_its_further_participants(example: str, site: str) -> None:
+    event, scene = recorded(example, site)
+    found = measure(scene)
+    assert [course.object_id for course in found.courses] == list(further_ids(event))
+    assert all(course.instants > 10 for course in found.courses)
+    assert list(departures(event, found.courses)) == []
+
+
+def _only(when: Callable[[float], bool]) -> Altered:
+    return lambda t_s, ot2, _vut: ot2 if when(t_s) else None
+
+
+# Alterations of the lead by clip time, with what the audit says.
+DEPARTURES: dict[str, tuple[Altered, str]] = {
+    "gone after the first state": (_only(lambda t_s: t_s < 0.05), "is there at 0 of"),
+    "there at the end only": (_only(lambda t_s: t_s > 18.4), "is there at 0 of"),
+    "stands": (
+        lambda _, ot2, __: replace(ot2, speed_mps=0.0),
+        "drives 0.0 to 0.0 m/s in the trigger, K* has 12 to 14 m/s",
+    ),
+    "in the left lane after 2 s": (
+        lambda t_s, ot2, _: replace(ot2, y_m=ot2.y_m + (3.5 if t_s > 2.0 else 0.0)),
+        "else left_lane; K* has vut_lane",
+    ),
+    "backwards": (
+        lambda _, ot2, __: replace(ot2, yaw_rad=ot2.yaw_rad + math.pi),
+        "else opposite; K* has same",
+    ),
+    "behind the VUT": (
+        lambda _, ot2, vut: replace(ot2, x_m=vut.x_m - 20.0),
+        "starts behind the VUT by",
+    ),
+    "60 m further ahead": (
+        lambda _, ot2, __: replace(ot2, x_m=ot2.x_m + 60.0),
+        "m ahead of the VUT, K* has 95 to 125 m",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", DEPARTURES)
+def test_a_further_participant_off_its_script_is_a_finding(what: str) -> None:
+    alter, wanted = DEPARTURES[what]
+    event, scene = recorded(CUT_IN)
+    series: list[tuple[float, States]] = []
+    for t_s, now in scene.series:
+        other = alter(t_s, now["ot2"], now["vut"])
+        rest = {name: state for name, state in now.items() if name != "ot2"}
+        series.append((t_s, rest if other is None else rest | {"ot2": other}))
+    measured = measure(replace(scene, series=series))
+    found = [one.entry for one in further_findings(event, measured, scene.rules.thresholds)]
+    assert {one["code"] for one in found} == {"off_spec"}
+    assert any(one["detail"].startswith("ot2 ") and wanted in one["detail"] for one in found), found
+
+
+def test_the_gap_counts_where_the_session_begins_not_where_its_clip_does() -> None:
+    event, scene = recorded("oncoming_while_a_pedestrian_crosses")
+    clip = replace(scene, series=[one for one in scene.series if one[0] > 6.7])
+    assert any("starts" in text for text in departures(event, measure(clip).courses))
+    begun = replace(clip, begin=scene.series[0][1])
+    assert list(departures(event, measure(begun).courses)) == []
+
+
 def test_a_further_participant_in_conflict_first_is_told_with_its_quantity() -> None:
     """It is in the VUT's lane from the first, so that nothing of it becomes observable."""
     _, scene = recorded(CUT_IN)
@@ -201,6 +269,15 @@ def test_a_clip_in_which_another_is_in_conflict_is_not_drawn() -> None:
     event = with_further("cut_in", {"ot2": (*LEAD[:2], (60.0, 60.0), (0.0, 0.0), standing)})
     with pytest.raises(InputError, match="would show another conflict: ot2 is in conflict"):
         measure_clip(event, board_of(event, 1))
+
+
+def test_a_clip_in_which_two_are_in_one_place_is_not_drawn() -> None:
+    inside = ("car", ("left_lane", "ahead"), (25.0, 25.0), *LEAD[3:])
+    event = with_further("cut_in", {"ot2": inside})
+    wanted = r"would show ot2 0\.00 m from ot1 at \d+\.\d\d s, 0\.5 m keep them clear"
+    with pytest.raises(InputError, match=wanted) as refused:
+        measure_clip(event, board_of(event, 1))
+    assert "participants.ot2.region.gap" in str(refused.value)
 
 
 def test_a_place_that_the_clip_has_not_is_refused() -> None:

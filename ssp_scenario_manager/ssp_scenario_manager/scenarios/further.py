@@ -35,8 +35,8 @@ from ssp_scenario_manager.scenarios.values import (
 
 # Between a pedestrian or cyclist who stands beside the road and the kerb.
 _FROM_KERB_M = 0.75
-# Two participants start at least so far apart.
-_CLEAR_M = 0.5
+# A further participant starts at least so far from every other.
+CLEAR_M = 0.5
 _TURNED_RAD = {"same": 0.0, "opposite": math.pi, "leftwards": math.pi / 2} | {
     "rightwards": -math.pi / 2
 }
@@ -186,9 +186,9 @@ def starts_apart(event: Event, vut: Drive, targets: Mapping[str, Drive | Wait]) 
             if other == name or (other in further and other < name):
                 continue
             apart_m = box_distance(boxes[name], box)
-            if apart_m < _CLEAR_M:
+            if apart_m < CLEAR_M:
                 yield (
-                    f"{name} would start {apart_m:.2f} m from {other}, {_CLEAR_M:g} m keep them "
+                    f"{name} would start {apart_m:.2f} m from {other}, {CLEAR_M:g} m keep them "
                     "clear of each other"
                 )
 

@@ -48,6 +48,22 @@ def further_keep_to_the_road(view: View) -> Iterator[Failure]:
                 )
 
 
+def further_drive_in_a_lane(view: View) -> Iterator[Failure]:
+    """Check that a further participant drives in a lane: beside the road it stands."""
+    for who in further_ids(view.event):
+        region = view.event.participants[who].region
+        for phase in PHASES:
+            cell = view.cell(who, phase)
+            if region.place in _KERBS and cell is not None and cell.speed_trend == "constant":
+                yield _fail(
+                    view,
+                    "a further participant that drives, drives in a lane",
+                    "speed_trend standing, or a lane as its place",
+                    f"motion.{who}.{phase}.speed_trend",
+                    f"participants.{who}.region.place",
+                )
+
+
 def further_cause_no_conflict(view: View) -> Iterator[Failure]:
     """Require that TTC to a further participant in the VUT's lane stays above its threshold.
 
@@ -101,5 +117,6 @@ def _closing_mps(view: View, who: str, along: str) -> tuple[float, list[str]]:
 
 FURTHER_PREDICATES: tuple[Predicate, ...] = (
     further_keep_to_the_road,
+    further_drive_in_a_lane,
     further_cause_no_conflict,
 )
