@@ -1,8 +1,8 @@
 """Compiles the core of sessions with mypyc, from the sources as they are; `./ssp build-core`.
 
 Writes `ssp-compiled` in the environment: the machine code, and a table of the sources that it was
-made from (`ssp_core.compiled` reads it). The sources aren't touched: a changed one has all modules
-interpreted until the core is compiled anew.
+made from (`ssp_core.compiled` reads it). The sources aren't touched: a change of any in the
+packages of the listed modules has all modules interpreted until the core is compiled anew.
 
 A module stands in the list because a session spends its time there. It must have no
 `functools.cached_property`, which mypyc takes for a plain property, and no dataclass that is
@@ -11,20 +11,34 @@ pickled, copied by `copy`, or of which `__slots__` are read.
 
 from __future__ import annotations
 
-import hashlib
+import fcntl
 import json
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 
 from mypyc.build import mypycify
 from setuptools import Distribution
+from setuptools.errors import BaseError, CCompilerError
 
-from ssp_core.compiled import OFF
+from ssp_core.compiled import (
+    ELSEWHERE,
+    FOLDER,
+    OFF,
+    RECIPE,
+    TABLE,
+    CompiledCore,
+    hash_of,
+    sources_of,
+)
+from ssp_core.errors import HostError, SspError
+from ssp_core.files import remove_folder
 
 ROOT = Path(__file__).resolve().parent.parent
 MODULES = {
@@ -70,7 +84,16 @@ MODULES = {
 
 
 def compile_to(folder: Path, modules: Mapping[str, Sequence[str]] = MODULES) -> None:
-    """Compile modules into a new folder, with their table; runs in the checkout's folder."""
+    """Compile modules into a folder, with their table; runs in the checkout's folder.
+
+    Raises:
+        HostError: the C compiler isn't there, or fails.
+    """
+    # Before the compiler reads them: of one that is saved meanwhile, the table has the old hash.
+    hashes = {
+        name: sha256 for package in modules for name, sha256 in sources_of(ROOT / package).items()
+    }
+    recipe = hash_of(RECIPE)
     sources = [f"{package}/{name}.py" for package, names in modules.items() for name in names]
     with tempfile.TemporaryDirectory(prefix="ssp-core-") as work:
         extensions = mypycify(
@@ -83,26 +106,30 @@ def compile_to(folder: Path, modules: Mapping[str, Sequence[str]] = MODULES) -> 
         command = builder.get_command_obj("build_ext")
         command.build_lib, command.build_temp = f"{work}/lib", f"{work}/temp"
         command.ensure_finalized()
-        command.run()
-        shutil.copytree(f"{work}/lib", folder)
+        try:
+            command.run()
+        except (BaseError, CCompilerError) as error:
+            raise HostError(
+                f"the C compiler failed: {error}; it needs gcc or clang, and the header files of "
+                "this Python (Python.h; Debian and Ubuntu: apt install build-essential python3-dev)"
+            ) from error
+        shutil.copytree(f"{work}/lib", folder, dirs_exist_ok=True)
     built = {file.relative_to(folder) for file in folder.rglob("*.so")}
     # A module's file is named after it and the interpreter: `limits.cpython-311-….so`.
     files = {".".join((*f.parent.parts, f.name.split(".", 1)[0])): str(f) for f in built}
-    hashes = {
-        source.split("/", 1)[1]: hashlib.sha256((ROOT / source).read_bytes()).hexdigest()
-        for source in sources
+    table = {
+        "python": sys.version,
+        "mypy": version("mypy"),
+        "recipe": recipe,
+        "files": files,
+        "sources": hashes,
     }
-    table = {"python": sys.version, "files": files, "sources": hashes}
-    (folder / "table.json").write_text(json.dumps(table, indent=1, sort_keys=True) + "\n", "utf-8")
+    (folder / TABLE).write_text(json.dumps(table, indent=1, sort_keys=True) + "\n", "utf-8")
 
 
 # Prints the bytes of sessions: the hash of their states, and what result.json says.
 _SESSIONS = """
 import json, sys
-from pathlib import Path
-from ssp_core.compiled import use_compiled
-if len(sys.argv) > 2:
-    use_compiled(Path(sys.argv[2]))
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.run.in_process import result_json, run_in_process
 for event in sys.argv[1].split(","):
@@ -120,14 +147,17 @@ def sessions(events: Sequence[str], folder: Path | None = None) -> list[str]:
     Args:
         events: of the sessions.
         folder: the compiled core that they use; None: they are interpreted.
+
+    Raises:
+        HostError: the process failed.
     """
-    environment = {key: value for key, value in os.environ.items() if key != OFF}
+    chosen = {OFF: "1"} if folder is None else {ELSEWHERE: str(folder)}
+    environment = {k: v for k, v in os.environ.items() if k not in (OFF, ELSEWHERE)} | chosen
     command = [sys.executable, "-c", _SESSIONS, ",".join(events)]
-    if folder is None:
-        environment[OFF] = "1"
-    else:
-        command.append(str(folder))
-    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode != 0:
+        how = "interpreted" if folder is None else "compiled"
+        raise HostError(f"the {how} sessions ended with status {done.returncode}, see above")
     return done.stdout.splitlines()
 
 
@@ -137,23 +167,62 @@ def differing(folder: Path, events: Sequence[str] = EVENTS) -> list[str]:
     return [event for event, compiled, interpreted in both if compiled != interpreted]
 
 
+@contextmanager
+def _alone(place: Path) -> Iterator[None]:
+    """Hold the lock of a place.
+
+    Raises:
+        HostError: another process has it.
+    """
+    file = place.with_name(f"{place.name}.lock")
+    with file.open("w") as handle:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise HostError("another one compiles just now; wait until it has ended") from error
+        yield
+
+
+def _refuse_stale(folder: Path) -> None:
+    core = CompiledCore.read(folder)
+    if why := "it has no table" if core is None else core.stale(sys.path):
+        raise HostError(f"the compiled core isn't kept: {why}; start it again")
+
+
+def build(place: Path) -> None:
+    """Compile the core into a place, unless its sessions have other bytes than interpreted ones.
+
+    What was there before stays until the new one is proven.
+
+    Raises:
+        HostError: it can't be compiled, differs, or a source changed meanwhile.
+    """
+    with _alone(place):
+        new = Path(tempfile.mkdtemp(prefix=f"{place.name}.", dir=place.parent))
+        try:
+            compile_to(new)
+            _refuse_stale(new)  # its sessions would be interpreted, and so be the same
+            if others := differing(new):
+                raise HostError(
+                    f"sessions of {', '.join(others)} have other bytes compiled than interpreted; "
+                    "the compiled core isn't kept"
+                )
+            _refuse_stale(new)
+            remove_folder(place)
+            new.chmod(0o755)
+            new.replace(place)
+        finally:
+            shutil.rmtree(new, ignore_errors=True)
+
+
 def main() -> int:
     os.chdir(ROOT)
-    place = Path(sys.prefix) / "ssp-compiled"
-    new = place.with_name("ssp-compiled.new")
-    shutil.rmtree(new, ignore_errors=True)
-    compile_to(new)
-    if others := differing(new):
-        shutil.rmtree(new)
-        print(
-            f"ssp build-core: sessions of {', '.join(others)} have other bytes compiled than "
-            "interpreted; the compiled core isn't kept",
-            file=sys.stderr,
-        )
+    try:
+        build(FOLDER)
+    except (SspError, OSError) as error:
+        print(f"ssp build-core: {error}", file=sys.stderr)
         return 1
-    shutil.rmtree(place, ignore_errors=True)
-    new.replace(place)
-    print(f"ssp build-core: compiled {sum(map(len, MODULES.values()))} modules into {place}")
+    print(f"ssp build-core: compiled {sum(map(len, MODULES.values()))} modules into {FOLDER}")
     return 0
 
 

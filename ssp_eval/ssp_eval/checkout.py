@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -15,7 +14,7 @@ import click
 from ssp_core import console
 from ssp_core.compiled import FOLDER, OFF, state_of_core
 from ssp_core.errors import HostError, InputError
-from ssp_core.files import make_folder
+from ssp_core.files import make_folder, remove_folder
 from ssp_core.options import WholeNumber
 from ssp_eval.import_graph import distances, keep_tests, read_graph
 
@@ -237,16 +236,16 @@ def test(
 def build_core(remove: bool) -> int:
     """Compile the modules in which a session spends its time to machine code (mypyc).
 
-    It is an option: the same sources, the same bytes, in less processor time. Where a source
-    changes, all of them are interpreted until the core is compiled anew; `ssp doctor` says which.
+    It is an option: the same sources, the same bytes, in less processor time. Where a source of
+    their packages changes, all are interpreted until the core is compiled anew; `ssp doctor` says.
     Takes a minute or two, and a C compiler.
     """
     root = _root("the core is compiled from")
     if remove:
-        shutil.rmtree(FOLDER, ignore_errors=True)
+        remove_folder(FOLDER)
         status = 0
     else:
-        status = _run_all(root, [("tools", TOOLS), ("core", COMPILE)])
+        status = _run_all(root, [("tools", TOOLS)]) or _run_all(root, [("core", COMPILE)])
     console.note(f"compiled core: {state_of_core()}")
     return status
 

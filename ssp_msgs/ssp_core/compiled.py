@@ -1,8 +1,10 @@
 """The compiled core: modules of a session as machine code, where this environment has them.
 
 ``./ssp build-core`` compiles some modules, from the same sources, into a folder of the environment.
-They are imported from there as long as each of their sources is what was compiled; otherwise all of
-them are interpreted. ``SSP_INTERPRETED=1`` has them interpreted in any case.
+They are imported from there as long as nothing changed of which they were made: each source of the
+packages that they belong to, since one that isn't compiled has types that compiled ones rely on,
+the script, the compiler and Python. Otherwise all of them are interpreted. ``SSP_INTERPRETED=1``
+has them interpreted in any case; ``SSP_COMPILED=FOLDER`` names another folder.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
@@ -23,6 +25,33 @@ from typing import Any
 FOLDER = Path(sys.prefix) / "ssp-compiled"
 TABLE = "table.json"
 OFF = "SSP_INTERPRETED"
+ELSEWHERE = "SSP_COMPILED"
+# The script by which the core is compiled.
+RECIPE = Path(__file__).parents[2] / "bootstrap" / "compile_core.py"
+
+
+def _python_files(folder: str) -> Iterator[str]:
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir():
+                yield from _python_files(entry.path)
+            elif entry.name.endswith(".py") and entry.is_file():
+                yield entry.path
+
+
+def hash_of(file: str | Path) -> str:
+    """Return the SHA-256 of a file."""
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+
+
+def sources_of(package: Path) -> dict[str, str]:
+    """Return the SHA-256 of each Python source of a package, by its path from the folder beside.
+
+    Raises:
+        OSError: one can't be read.
+    """
+    above = package.parent
+    return {os.path.relpath(file, above): hash_of(file) for file in _python_files(str(package))}
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +60,16 @@ class CompiledCore:
 
     Args:
         python: version of the interpreter that they are for.
+        mypy: version of the compiler.
+        recipe: SHA-256 of the script that compiled them.
         files: file of each module, by its full name.
-        sources: SHA-256 of each source, by its path from the folder of a package's folder.
+        sources: SHA-256 of each source of their packages, by its path from the folder that a
+            package lies in.
     """
 
     python: str
+    mypy: str
+    recipe: str
     files: dict[str, Path]
     sources: dict[str, str]
 
@@ -45,7 +79,8 @@ class CompiledCore:
         try:
             table: Any = json.loads((folder / TABLE).read_text("utf-8"))
             files = {name: folder / file for name, file in table["files"].items()}
-            return CompiledCore(str(table["python"]), files, dict(table["sources"]))
+            python, mypy, recipe = (str(table[key]) for key in ("python", "mypy", "recipe"))
+            return CompiledCore(python, mypy, recipe, files, dict(table["sources"]))
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
 
@@ -57,11 +92,30 @@ class CompiledCore:
         """
         if self.python != sys.version:
             return "it was compiled for another Python"
-        for name, sha256 in self.sources.items():
-            source = next((p for p in (Path(one, name) for one in path) if p.is_file()), None)
-            if source is None or hashlib.sha256(source.read_bytes()).hexdigest() != sha256:
-                return f"{name} isn't the source that was compiled"
+        for file in self.files.values():
+            if not file.is_file():
+                return f"{file} is missing"
+        # Reading a package's metadata takes longer than all else here.
+        if not any(Path(one, f"mypy-{self.mypy}.dist-info").is_dir() for one in path):
+            return f"mypy {self.mypy}, which compiled it, isn't installed"
+        try:
+            if hash_of(RECIPE) != self.recipe:
+                return f"{RECIPE.name} isn't the script that compiled it"
+            now = self._sources_now(path)
+        except OSError as error:
+            return f"{error.filename} can't be read: {error.strerror}"
+        for name in sorted(now.keys() | self.sources.keys()):
+            if now.get(name) != self.sources.get(name):
+                return f"{name} isn't what it was when the core was compiled"
         return ""
+
+    def _sources_now(self, path: Sequence[str]) -> dict[str, str]:
+        found: dict[str, str] = {}
+        for package in {name.split("/", 1)[0] for name in self.sources}:
+            folders = (Path(one, package) for one in path)
+            folder = next((one for one in folders if (one / "__init__.py").is_file()), None)
+            found |= {} if folder is None else sources_of(folder)
+        return found
 
 
 class CompiledFinder(MetaPathFinder):
@@ -76,15 +130,21 @@ class CompiledFinder(MetaPathFinder):
     ) -> ModuleSpec | None:
         """Return the spec of a compiled module; None: it is imported as any other."""
         file = self._core.files.get(fullname)
-        if file is None:
+        if file is None or not file.is_file():
             return None
         if self._fresh is None:
             self._fresh = not self._core.stale(sys.path)
         return spec_from_file_location(fullname, file) if self._fresh else None
 
 
-def use_compiled(folder: Path = FOLDER) -> None:
-    """Import compiled modules from a folder from now on, if it holds some."""
+def folder_of_core() -> Path:
+    """Return the folder of the core: the one that a variable names, or the environment's."""
+    return Path(os.environ.get(ELSEWHERE) or FOLDER)
+
+
+def use_compiled() -> None:
+    """Import compiled modules from now on, if there are some."""
+    folder = folder_of_core()
     if os.environ.get(OFF) or not (folder / TABLE).is_file():
         return
     core = CompiledCore.read(folder)
@@ -92,8 +152,9 @@ def use_compiled(folder: Path = FOLDER) -> None:
         sys.meta_path.insert(0, CompiledFinder(core))
 
 
-def state_of_core(folder: Path = FOLDER) -> str:
+def state_of_core() -> str:
     """Say in words whether sessions run compiled."""
+    folder = folder_of_core()
     if os.environ.get(OFF):
         return f"not used ({OFF} is set)"
     if not (folder / TABLE).is_file():

@@ -409,6 +409,28 @@ def _is_still(file: Path, handle: int) -> bool:
         return False
 
 
+def remove_folder(folder: Path) -> None:
+    """Remove a folder, if it is there, so that no part of it is ever found without the others.
+
+    Raises:
+        HostError: it can't be moved.
+    """
+    try:
+        aside = Path(tempfile.mkdtemp(prefix=f"{folder.name}.", dir=folder.parent))
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise HostError(f"{folder} can't be removed: {error.strerror}") from error
+    try:
+        folder.rename(aside)
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise HostError(f"{folder} can't be removed: {error.strerror}") from error
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
 @contextmanager
 def new_folder(target: Path, remedy: str = "name a new directory") -> Iterator[Path]:
     """Yield a path at which a folder is made; it becomes the target, or there is none.

@@ -27,7 +27,13 @@ from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.cli.run import run as run_command
 from ssp_scenario_manager.closed_loop.before import Before, before_of_folder
 from ssp_scenario_manager.closed_loop.needless import needless_in
-from ssp_scenario_manager.closed_loop.outcome import Outcome, figures_of, outcome_of, told_of
+from ssp_scenario_manager.closed_loop.outcome import (
+    HARNESS,
+    Outcome,
+    figures_of,
+    outcome_of,
+    told_of,
+)
 from ssp_scenario_manager.closed_loop.sessions import told_of_session
 from ssp_scenario_manager.closed_loop.start import OffSpec, Start, make_start, twin_of
 from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS
@@ -447,6 +453,8 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
     (reason,) = other["reasons"]
     assert reason.startswith(f"it isn't the run of {again / 'result.json'}: outcome is evaded and")
     assert "states_sha256 is sha256:" in reason
+    # The picture names the outcome that is kept.
+    assert f"{HARNESS} at" in (tmp_path / "other" / "top_view.svg").read_text()
     done = invoked(str(tmp_path / "other"), "--in-process", "--out", str(tmp_path / "sound"))
     assert (done.exception, done.return_value) == (None, 0), done.output
     assert f"{tmp_path / 'other'} has no sound result" in done.stderr
@@ -460,6 +468,10 @@ def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_pat
     told, why = told_of_session(None, None, run, again / "bag")
     assert (told["driven"], why) == (results[0], "")
     assert (again / "top_view.svg").read_bytes() == view
+    changed = Before("another run", dict.fromkeys(RUN_COLUMNS, ""))
+    told, why = told_of_session(changed, None, run, again / "bag")
+    assert (told["driven"]["outcome"], why[:11]) == (HARNESS, "it isn't th")
+    assert f"{HARNESS} at" in (again / "top_view.svg").read_text()
     assert run.driven is not None
     later = run.driven.model_copy(update={"latency": Latency(0.5)})
     told, why = told_of_session(None, None, run.model_copy(update={"driven": later}), again / "bag")

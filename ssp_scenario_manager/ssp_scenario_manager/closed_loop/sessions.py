@@ -68,12 +68,12 @@ def told_of_session(
             "the operator aborted, and the model wasn't asked without the event"
         )
     why = heard if isinstance(heard, str) else _difference(heard.truths, record.reports)
-    if not why and abort is None:
-        leave_view(bag.parent, run, record, told["driven"])
     if why:
         told["driven"] |= failed_for(why)
-    elif before is not None and abort is None:
-        told["driven"], why = before.judged(told["driven"])
+    elif abort is None:
+        if before is not None:
+            told["driven"], why = before.judged(told["driven"])
+        leave_view(bag.parent, run, record, told["driven"])
     return told, why
 
 

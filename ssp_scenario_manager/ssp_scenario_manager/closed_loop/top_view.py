@@ -91,11 +91,9 @@ def told_with_view(
     told = told_of_run(run, result, record, folder=folder, kept=kept)
     if not told:
         return {}, ""
-    leave_view(folder, run, record, told["driven"])
-    if before is None:
-        return told, ""
-    driven, why = before.judged(told["driven"])
-    return {"driven": driven}, why
+    driven, why = (told["driven"], "") if before is None else before.judged(told["driven"])
+    leave_view(folder, run, record, driven)
+    return told | {"driven": driven}, why
 
 
 def leave_view(folder: Path, run: RunSpec, record: Record, told: dict[str, Any]) -> None:
