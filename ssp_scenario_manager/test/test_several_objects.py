@@ -15,7 +15,8 @@ from ssp_core.geometry import box_distance
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import TrafficSpec
 from ssp_core.vocabulary import PHASES, Phase, Verdict
-from ssp_scenario_manager.closed_loop.box import drawn_run
+from ssp_scenario_manager.closed_loop.box import drawn_run, gap_draw
+from ssp_scenario_manager.closed_loop.places import Places
 from ssp_scenario_manager.closed_loop.start import prepared, without_event
 from ssp_scenario_manager.compile.area import OperatingArea, clear_traffic
 from ssp_scenario_manager.compile.compiler import load_area
@@ -256,6 +257,19 @@ def test_a_start_draws_the_speed_of_a_further_participant() -> None:
     assert 12.0 <= values["targets.1.approach.cruise_mps"] <= 14.0
     # It goes on in the event-free twin, in which the initiator does nothing.
     assert without_event(drawn, 20.0).targets == drawn.targets
+
+
+def test_a_vut_that_begins_elsewhere_keeps_its_gap_to_one_that_drives() -> None:
+    event = several("oncoming_while_a_pedestrian_crosses")
+    draw = gap_draw(prepared(run_of("oncoming_while_a_pedestrian_crosses")), event, 3)
+    assert draw.bounds_m is not None
+    compiled_m = Places(draw.run).gap_m(draw.run.targets[1])
+    for gap_m in (draw.bounds_m.low, draw.bounds_m.high):
+        run, gaps = draw.with_gap(gap_m)
+        assert gaps == {"participants.ot1.region.gap": pytest.approx(gap_m, abs=0.01)}
+        assert run.targets[1].id == "ot2"
+        assert Places(run).gap_m(run.targets[1]) == pytest.approx(compiled_m, abs=0.01)
+        assert run.targets[0].start == draw.run.targets[0].start
 
 
 def test_the_examples_cover_what_stands_and_what_drives_both_ways() -> None:

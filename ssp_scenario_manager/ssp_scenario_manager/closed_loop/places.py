@@ -1,7 +1,8 @@
 """Draws of where participants begin, by the lengths of K* (METHOD 8.1).
 
 Where the initiator drives up to its manoeuvre, each participant ahead that drives moves along the
-road. Where it stands there, it may stand at a marking, and the VUT begins earlier or later instead.
+road. Where it stands there, it may stand at a marking, and the VUT begins earlier or later instead,
+with the further participants that drive ahead of it.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.scenarios.further import further_ids
 
 # Between the rear of a VUT at its start and the beginning of the road.
 _BEHIND_M = 1.0
@@ -162,6 +164,18 @@ class GapDraw:
     def _initiator(self) -> ParticipantSpec:
         return next(one for one in self.run.targets if one.id == self.run.initiator_id)
 
+    @cached_property
+    def _beside_the_vut(self) -> list[ParticipantSpec]:
+        """Further participants ahead that drive: they begin earlier or later with the VUT."""
+        further = further_ids(self.event)
+        return [
+            target
+            for target in self.run.targets
+            if target.id in further
+            and target.approach is not None
+            and self.event.participants[target.id].region.along == "ahead"
+        ]
+
     @property
     def _is_by_vut(self) -> bool:
         return self._initiator.approach is None
@@ -194,6 +208,8 @@ class GapDraw:
         if self._is_by_vut:
             back_m = gap_m - places.gap_m(self._initiator)
             run = run.model_copy(update={"vut": places.moved(run.vut, -back_m)})
+            for target in self._beside_the_vut:
+                run = with_target(run, places.moved(target, -back_m))
         else:
             for name, span in self._spans.items():
                 target = next(one for one in run.targets if one.id == name)
