@@ -41,7 +41,8 @@ def _python_files(folder: str) -> Iterator[str]:
 
 def hash_of(file: str | Path) -> str:
     """Return the SHA-256 of a file."""
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    with open(file, "rb", buffering=0) as opened:
+        return hashlib.sha256(opened.readall()).hexdigest()
 
 
 def sources_of(package: Path) -> dict[str, str]:
@@ -50,8 +51,8 @@ def sources_of(package: Path) -> dict[str, str]:
     Raises:
         OSError: one can't be read.
     """
-    above = package.parent
-    return {os.path.relpath(file, above): hash_of(file) for file in _python_files(str(package))}
+    start = len(str(package)) - len(package.name)
+    return {file[start:]: hash_of(file) for file in _python_files(str(package))}
 
 
 @dataclass(frozen=True, slots=True)
