@@ -203,7 +203,9 @@ def check(event: Event, place: Block, plan: Plan) -> None:
         assert isinstance(act, LaneChange)
         assert initiator.start.l_m == leaving.start.l_m == plan.vut.start.l_m
         assert leaving.start.s_m < initiator.start.s_m
-        assert act.lateral_shift_m > 3.0
+        lanes_m = [lane.y_m for lane in place.forward_lanes]
+        assert any(leaving.start.l_m + act.lateral_shift_m == pytest.approx(y_m) for y_m in lanes_m)
+        assert act.lateral_shift_m > 2.9
     elif isinstance(act, LaneChange):
         assert initiator.start.l_m + act.lateral_shift_m == pytest.approx(plan.vut.start.l_m)
         assert (act.lateral_shift_m < 0.0) == (motion_word == "cutting_in_from_left")
