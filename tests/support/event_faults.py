@@ -158,6 +158,18 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
     ),
     (
         "occluder_hides",
+        "cut_out",
+        {"motion.ot2.approach.speed_trend": "standing"},
+        "motion.ot2.approach.speed_trend",
+    ),
+    (
+        "occluder_hides",
+        "cut_out",
+        {"motion.ot2.trigger.lateral": "none"},
+        "motion.ot2.trigger.lateral",
+    ),
+    (
+        "occluder_hides",
         "occluded_crossing",
         {"participants.ot2.class": "cyclist"},
         "participants.ot2.class",

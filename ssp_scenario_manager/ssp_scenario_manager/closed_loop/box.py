@@ -66,14 +66,18 @@ def drawn_run(run: RunSpec, event: Event, seed: int) -> tuple[RunSpec, dict[str,
 
     speeds, needs = event.constraints.speeds, event.constraints
     draw(_approach(speeds, run.vut.id), "driver.cruise_mps", "vut.approach.cruise_mps")
+    acting = next((i for i, t in enumerate(run.triggers) if not isinstance(t.manoeuvre, Hold)), 0)
+    manoeuvre = run.triggers[acting].manoeuvre
     for i, target in enumerate(run.targets):
-        draw(_approach(speeds, target.id), f"targets.{i}.approach.cruise_mps")
+        fields = [f"targets.{i}.approach.cruise_mps"]
+        if acting and target.id == run.triggers[acting].object_id:
+            # What leaves the lane keeps its speed.
+            fields.append(f"triggers.{acting}.manoeuvre.cruise_mps")
+        draw(_approach(speeds, target.id), *fields)
     # Where another object than the initiator acts, both triggers have one condition.
     conditions = [f"triggers.{i}.condition" for i, _ in enumerate(run.triggers)]
     for field in ("below_m", "below_s"):
         draw(getattr(needs.trigger, "below", None), *(f"{at}.{field}" for at in conditions))
-    acting = next((i for i, t in enumerate(run.triggers) if not isinstance(t.manoeuvre, Hold)), 0)
-    manoeuvre = run.triggers[acting].manoeuvre
     within = "manoeuvre.motion" if manoeuvre.kind == "follow_path" else "manoeuvre"
     names = _OF_KIND[manoeuvre.kind]
     body = event.participants[run.triggers[acting].object_id].class_

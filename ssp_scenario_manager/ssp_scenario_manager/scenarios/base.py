@@ -160,7 +160,7 @@ class Kind:
         first: who may reach the conflict point first.
         manoeuvre: names and units that ``constraints.manoeuvre`` must hold.
         trigger_quantities: that ``constraints.trigger.quantity`` may be.
-        needs_occluder: ``interaction.occluder`` must name a standing OT.
+        needs_occluder: ``interaction.occluder`` must name an OT; it stands, unless it leaves.
         uses_arrival_gap: arrivals at the zone are compared; else TTC alone makes the conflict.
         same_direction_lanes: that the road must at least have.
         manoeuvres: that the road must permit.

@@ -279,27 +279,37 @@ def _is_in_its_lane(kind: Kind, initiator: Participant) -> bool:
 
 
 def occluder_hides(view: View) -> Iterator[Failure]:
-    """Check that an occluder is there exactly if needed: large, standing, before the initiator."""
+    """Check that an occluder is there exactly if needed: large, before the initiator.
+
+    It stands, or leaves its lane in the trigger phase where that is the kind's event.
+    """
     event, kind, path = view.event, view.kind, "interaction.occluder"
     who = event.interaction.occluder
     if kind and kind.needs_occluder != (who is not None):
         reason = f"{kind.name} {'needs' if kind.needs_occluder else 'has no'} occluder"
-        remedy = "the id of a standing OT" if kind.needs_occluder else "null"
+        remedy = "the id of another OT" if kind.needs_occluder else "null"
         yield _fail(view, reason, remedy, path, "interaction.type")
     if who is None:
         return
     hiding, hidden = event.participants.get(who), event.participants.get(view.initiator)
     if hiding is None or hiding.role != "OT" or who == view.initiator:
-        reason, remedy = "what hides the initiator is another OT", "the id of a standing OT"
+        reason, remedy = "what hides the initiator is another OT", "the id of another OT"
         yield _fail(view, reason, remedy, path, "interaction.initiator")
         return
     reason, at = "is too small to hide a road user", f"participants.{who}"
     yield from _fail.unless(view, hiding.class_, _HIDING_CLASSES, reason, f"{at}.class", path)
+    leaves = kind is not None and kind.occluder_leaves
     for other, _, phase, cell in view.cells():
-        stays = kind is None or not kind.occluder_leaves
-        if other == who and stays and cell.speed_trend != "standing":
-            trend = f"motion.{who}.{phase}.speed_trend"
+        if other != who:
+            continue
+        trend, lateral = (f"motion.{who}.{phase}.{name}" for name in ("speed_trend", "lateral"))
+        if not leaves and cell.speed_trend != "standing":
             yield _fail(view, "an occluder stands in every phase", "standing", trend, path)
+        if leaves and cell.speed_trend == "standing":
+            yield _fail(view, "what leaves the lane drives in every phase", "constant", trend, path)
+        if leaves and phase == "trigger" and cell.lateral not in ("left", "right"):
+            reason = "the occluder leaves the lane in the trigger phase"
+            yield _fail(view, reason, "left or right", lateral, path)
     if hidden is None:
         return
     for name in ("place", "along"):
