@@ -87,10 +87,10 @@ def test_a_server_that_hangs_is_waited_for_up_to_the_deadline(
 ) -> None:
     own, release = EgodriverDriver._call, threading.Event()
 
-    def hurried(self: EgodriverDriver, name: str, *rest: Any) -> Any:
+    def hurried(self: EgodriverDriver, name: str, *rest: Any, **more: Any) -> Any:
         if name == call:
             self._budget = client._Budget(0.05)
-        return own(self, name, *rest)
+        return own(self, name, *rest, **more)
 
     def hang(good: Any, request: Any, context: Any) -> Any:
         release.wait()

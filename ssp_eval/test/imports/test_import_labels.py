@@ -20,7 +20,7 @@ def test_a_track_days_bag_and_a_video_with_states_are_labelled(
 ) -> None:
     source = write_bag(tmp_path / "day", day.messages())
     track, other = tmp_path / "track", tmp_path / "player"
-    named = ("--scenario", "merge", "--site", "boulevard")
+    named = ("--scenario", "joining", "--site", "boulevard")
     assert (
         main(
             [

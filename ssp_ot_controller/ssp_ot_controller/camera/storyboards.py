@@ -235,14 +235,14 @@ _TURN_M = 1.5 * LANE_M + _SETBACK_M
 
 
 def clip_junction(
-    counts: LaneCounts, middle_m: float, crosser: Actor | Turning
+    counts: LaneCounts, middle_m: float, turning: Turning | None = None
 ) -> list[JunctionRoad]:
     """Return the roads of a junction: a road of one lane each way crosses the clip's squarely.
 
     Args:
         counts: lanes of the clip's road.
         middle_m: where the middle of the other road crosses, along the clip's road.
-        crosser: one that turns has a connecting road of its own.
+        turning: one that turns has a connecting road of its own.
     """
     along = clip_road(counts).lanes
     across = [
@@ -278,8 +278,8 @@ def clip_junction(
         return bare.model_copy(update={"pieces": pieces})
 
     across_it = []
-    if isinstance(crosser, Turning):
-        across_it = [turn(east, crosser.start[1], math.pi, 1.0 / crosser.radius_m)]
+    if turning is not None:
+        across_it = [turn(east, turning.start[1], math.pi, 1.0 / turning.radius_m)]
     return [
         road("end", (west - _ARM_M, 0.0, 0.0), _ARM_M, along),
         road("start", (east, 0.0, 0.0), _ARM_M, along),
@@ -625,7 +625,8 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
     if scenario in _AT_JUNCTION:
         crosser = next(actor for actor in others if actor.object_id == "ot1")
         lane_m = crosser.state(DURATION_S).x_m
-        roads = clip_junction(lanes, lane_m - _AT_JUNCTION[scenario], crosser)
+        turning = crosser if isinstance(crosser, Turning) else None
+        roads = clip_junction(lanes, lane_m - _AT_JUNCTION[scenario], turning)
         road = road.model_copy(update={"junction": roads})
     if scenario == "merge":
         road = road.model_copy(update={"junction": clip_ramp(lanes, _JOINS_M)})
