@@ -391,7 +391,7 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         {f"{C}.speeds.ot1.approach": span(0, 1, "m/s")},
         f"{C}.speeds.ot1.approach",
     ),
-    ("kind_is_known", "cut_in", {"interaction.type": "cut_out"}, "interaction.type"),
+    ("kind_is_known", "cut_in", {"interaction.type": "u_turn"}, "interaction.type"),
     ("words_fit_the_kind", "cut_in", {"interaction.relation": "crossing"}, "interaction.relation"),
     (
         "dominant_motion_is_seen",
@@ -596,6 +596,12 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         "further_keep_to_the_road",
         "occluded_crossing",
         {"interaction.occluder": None, "motion.ot2.trigger.speed_trend": "any"},
+        "motion.ot2.trigger.speed_trend",
+    ),
+    (
+        "further_drive_in_a_lane",
+        "occluded_crossing",
+        {"interaction.occluder": None, "motion.ot2.trigger.speed_trend": "constant"},
         "motion.ot2.trigger.speed_trend",
     ),
     (
