@@ -22,7 +22,6 @@ from typing import Any
 import pytest
 
 from ssp_core import names
-from ssp_core.environment import nobody_listens
 from tests.system.recordings import Recordings
 
 START_DEADLINE_S = 300.0
@@ -241,13 +240,19 @@ def discovery_server() -> Iterator[str]:
     server = subprocess.Popen(command, env=env, stdout=subprocess.DEVNULL)
     try:
         until_s = time.monotonic() + START_DEADLINE_S
-        while nobody_listens("127.0.0.1", port):
+        # What refuses a port says so with a delay on a busy machine; the table of ports doesn't.
+        while not _is_bound(port):
             assert server.poll() is None, "the discovery server ended"
             assert time.monotonic() < until_s, "the discovery server doesn't listen"
         yield f"127.0.0.1:{port}"
     finally:
         server.kill()
         server.wait()
+
+
+def _is_bound(port: int) -> bool:
+    lines = Path("/proc/net/udp").read_text().splitlines()[1:]
+    return any(line.split()[1].endswith(f":{port:04X}") for line in lines)
 
 
 def _free_udp_port() -> int:

@@ -58,8 +58,8 @@ def ramps(event: Event, block: Block, routes: Mapping[str, Block]) -> list[Cross
             found.append((conflict, other, passage))
     if not found:
         raise CannotPlace(
-            f"0 of {len(refused)} routes that join it from the {side} do so over a ramp, needs 1"
-            + "".join(f"; {one}" for one in refused)
+            f"0 of {len(refused)} routes that join it from the {side} come over a ramp, at less "
+            "than 45 deg; needs 1" + "".join(f"; {one}" for one in refused)
         )
     return found
 
