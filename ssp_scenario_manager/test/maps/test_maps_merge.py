@@ -101,7 +101,7 @@ def test_it_waits_before_the_junction_on_the_ramp() -> None:
             event(),
             "crossroads",
             "junction market: west_in > west_east lanes[0] > east_out",
-            r"0 of 1 routes that join it from the right come .*; one comes at 8\d deg, limit 45 deg",
+            r"0 of 1 routes that join it from the right .*; one comes at 8\d deg, limit 45 deg",
         ),
         (
             event(),
