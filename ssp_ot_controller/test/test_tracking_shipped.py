@@ -31,7 +31,7 @@ TRIGGER_S = 10.0
 
 @cache
 def shipped(event: str) -> tuple[ParticipantSpec, BodyLimits, tuple[Reference, ...]]:
-    """Who acts in an event, its body on the site, and the references that it gets."""
+    """The object that acts in an event, its body on the site, and the references that it gets."""
     site = site_of(event)
     run = compile_task(Request(event=event, target="sumo", site=site)).task.run
     trigger = run.triggers[-1]

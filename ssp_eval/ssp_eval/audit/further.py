@@ -29,7 +29,7 @@ _HEADINGS = ("same", "leftwards", "opposite", "rightwards")
 
 
 @dataclass(frozen=True)
-class Course:
+class ScriptEvidence:
     """The course of a further participant.
 
     Args:
@@ -52,13 +52,13 @@ class Course:
     ahead_m: float | None
 
 
-def course_of(
+def script_evidence(
     object_id: str,
     by_phase: Mapping[PhaseWord, Series],
     lanes: Lanes | None,
     own_lane: int | None,
     start: tuple[ObjectState | None, ObjectState | None],
-) -> Course:
+) -> ScriptEvidence:
     """Measure the course of a further participant.
 
     Args:
@@ -83,7 +83,7 @@ def course_of(
                 headings[_heading(lanes, spot, state)] += 1
     instants = sum(len(series) for series in by_phase.values())
     ahead_m = None if lanes is None else _ahead_m(lanes, *start)
-    return Course(object_id, instants, present, places, headings, speeds, ahead_m)
+    return ScriptEvidence(object_id, instants, present, places, headings, speeds, ahead_m)
 
 
 def _heading(lanes: Lanes, spot: Spot, state: ObjectState) -> str:
@@ -113,7 +113,7 @@ def _ahead_m(lanes: Lanes, vut: ObjectState | None, other: ObjectState | None) -
     return min(far_m - rear_m, 0.0)
 
 
-def departures(event: Event, courses: Iterable[Course]) -> Iterator[str]:
+def departures(event: Event, courses: Iterable[ScriptEvidence]) -> Iterator[str]:
     """Yield where a further participant doesn't keep to its script in K*, for people."""
     for course in courses:
         who = course.object_id
@@ -131,7 +131,7 @@ def departures(event: Event, courses: Iterable[Course]) -> Iterator[str]:
             yield from _speeds(event, who, phase, speeds)
 
 
-def _at_the_start(event: Event, course: Course) -> Iterator[str]:
+def _at_the_start(event: Event, course: ScriptEvidence) -> Iterator[str]:
     """Yield where its place along the road isn't that of part A."""
     who, ahead_m = course.object_id, course.ahead_m
     region = event.participants[who].region

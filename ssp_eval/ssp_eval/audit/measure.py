@@ -29,7 +29,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Packed, Series, states_of
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import MOTIONS, PhaseWord
-from ssp_eval.audit.further import Course, course_of
+from ssp_eval.audit.further import ScriptEvidence, script_evidence
 from ssp_eval.audit.paths import Lanes, Spot
 from ssp_eval.data.audit import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_eval.recordings.event import LOCATED_S, EventRules
@@ -128,7 +128,7 @@ class Measured:
     facts: Mapping[str, float | None]
     notes: tuple[str, ...]
     intrusions: tuple[Intrusion, ...] = ()
-    courses: tuple[Course, ...] = ()
+    courses: tuple[ScriptEvidence, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -191,11 +191,13 @@ def measure(scene: Scene) -> Measured:
         _facts(scene, own, target_id, phases, meeting),
         _notes(pair, meeting),
         _intrusions(scene, own, pair),
-        _courses(scene, lanes, phases),
+        _script_evidence(scene, lanes, phases),
     )
 
 
-def _courses(scene: Scene, lanes: Lanes | None, phases: Phases) -> tuple[Course, ...]:
+def _script_evidence(
+    scene: Scene, lanes: Lanes | None, phases: Phases
+) -> tuple[ScriptEvidence, ...]:
     """Return the courses of the further participants from the trigger to the resolution."""
     span = phases.critical_s
     if span is None or not scene.further_ids:
@@ -213,7 +215,9 @@ def _courses(scene: Scene, lanes: Lanes | None, phases: Phases) -> tuple[Course,
         if begin is None:
             begin = next((now for _, now in scene.series if both <= set(now)), {})
         start = begin.get(scene.vut_id), begin.get(name)
-        courses.append(course_of(name, by_phase, lanes, None if own is None else own.lane, start))
+        courses.append(
+            script_evidence(name, by_phase, lanes, None if own is None else own.lane, start)
+        )
     return tuple(courses)
 
 

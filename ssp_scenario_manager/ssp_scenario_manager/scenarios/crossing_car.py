@@ -15,8 +15,8 @@ from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
 from ssp_scenario_manager.scenarios.over_routes import (
-    Course,
     Crossing,
+    RouteMotion,
     met_by,
     plans_with,
     side_of,
@@ -49,7 +49,7 @@ def crossings(event: Event, block: Block, routes: Mapping[str, Block]) -> list[C
 
 def _plans(setting: Setting) -> Iterator[Plan]:
     found = crossings(setting.event, setting.block, setting.routes)
-    return plans_with(setting, found, Course(_AHEAD_S))
+    return plans_with(setting, found, RouteMotion(_AHEAD_S))
 
 
 CROSSING_CAR = Kind(

@@ -15,8 +15,8 @@ from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
 from ssp_scenario_manager.scenarios.over_routes import (
-    Course,
     Crossing,
+    RouteMotion,
     met_by,
     plans_with,
     side_of,
@@ -25,7 +25,7 @@ from ssp_scenario_manager.scenarios.over_routes import (
 
 # So long before a VUT that keeps its speed the vehicle is in its corridor, and slower; a VUT that
 # brakes has room for it. The vehicle's way ends so far beyond the junction.
-_COURSE = Course(ahead_s=0.9, speed="merging_speed", beyond_m=100.0)
+_ROUTE_MOTION = RouteMotion(ahead_s=0.9, speed="merging_speed", beyond_m=100.0)
 
 
 def _manoeuvres(_event: Event) -> frozenset[str]:
@@ -66,7 +66,7 @@ def ramps(event: Event, block: Block, routes: Mapping[str, Block]) -> list[Cross
 
 def _plans(setting: Setting) -> Iterator[Plan]:
     found = ramps(setting.event, setting.block, setting.routes)
-    return plans_with(setting, found, _COURSE)
+    return plans_with(setting, found, _ROUTE_MOTION)
 
 
 MERGE = Kind(

@@ -17,7 +17,7 @@ from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
-from ssp_scenario_manager.scenarios.over_routes import Course, Crossing, met_by, plans_with
+from ssp_scenario_manager.scenarios.over_routes import Crossing, RouteMotion, met_by, plans_with
 from ssp_scenario_manager.scenarios.values import size_of
 
 # So long before a VUT that keeps its speed is where the vehicle comes into its corridor does the
@@ -57,7 +57,7 @@ def _plans(setting: Setting) -> Iterator[Plan]:
     front_m = size_of(setting.event, setting.event.interaction.initiator).front_m
     longer_m = max(0.0, front_m - DEFAULT_SIZES[ObjectClass.CAR].front_m)
     ahead_s = _AHEAD_S + _AHEAD_SPM * longer_m
-    return plans_with(setting, turns(setting.block, setting.routes), Course(ahead_s))
+    return plans_with(setting, turns(setting.block, setting.routes), RouteMotion(ahead_s))
 
 
 ONCOMING_TURN = Kind(

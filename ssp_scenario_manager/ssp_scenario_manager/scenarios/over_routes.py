@@ -67,7 +67,7 @@ Crossing = tuple[Conflict, Block, Passage]
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class RouteMotion:
     """The motion of the vehicle over its route.
 
     Args:
@@ -205,7 +205,7 @@ def _way(
 
 
 def _draft(
-    setting: Setting, crossing: Crossing, course: Course, values: Mapping[str, float]
+    setting: Setting, crossing: Crossing, route_motion: RouteMotion, values: Mapping[str, float]
 ) -> Draft:
     event, block = setting.event, setting.block
     name = event.interaction.initiator
@@ -213,7 +213,9 @@ def _draft(
     vut, vehicle = size_of(event, event.vut_id), size_of(event, name)
     v, below = values["vut_speed"], values["below"]
     rate = approach_acceleration(event, event.vut_id, setting.limits)
-    waits, way = _way(block, other, passage, vehicle, values["line_distance"], course.beyond_m)
+    waits, way = _way(
+        block, other, passage, vehicle, values["line_distance"], route_motion.beyond_m
+    )
     near_s = conflict.s_m - corridor_half_m(vehicle.width_m)
     if not is_crossing(waits.heading_rad):
         comes = abs(waits.heading_rad) > AGAINST_RAD
@@ -275,13 +277,15 @@ def _earliest_fired(
     return replace(first, why=why)
 
 
-def plans_with(setting: Setting, found: Sequence[Crossing], course: Course) -> Iterator[Plan]:
+def plans_with(
+    setting: Setting, found: Sequence[Crossing], route_motion: RouteMotion
+) -> Iterator[Plan]:
     """Yield the plans in which the vehicle comes over the first route of these that it can.
 
     Args:
         setting: event, block and limits.
         found: the routes that it may come over, where they cross the block.
-        course: that it takes over its route.
+        route_motion: of the vehicle over its route.
 
     Raises:
         CannotPlace: there is none.
@@ -295,14 +299,14 @@ def plans_with(setting: Setting, found: Sequence[Crossing], course: Course) -> I
     refused: list[CannotPlace] = []
     for crossing in found:
         try:
-            yield from _plans_over(setting, crossing, course)
+            yield from _plans_over(setting, crossing, route_motion)
         except CannotPlace as error:
             refused.append(error)
     if len(refused) == len(found):
         raise refused[0]
 
 
-def _plans_over(setting: Setting, crossing: Crossing, course: Course) -> Iterator[Plan]:
+def _plans_over(setting: Setting, crossing: Crossing, route_motion: RouteMotion) -> Iterator[Plan]:
     """Yield the plans in which the vehicle comes over one route.
 
     Raises:
@@ -314,7 +318,7 @@ def _plans_over(setting: Setting, crossing: Crossing, course: Course) -> Iterato
     pick = partial(choose, event, preferred=setting.preferred)
     _, most = speed_bounds(event, name, ("trigger", "conflict", "resolution"))
     c = "constraints"
-    approach, crossing_speed = f"{c}.speeds.{vut}.approach", f"{c}.manoeuvre.{course.speed}"
+    approach, crossing_speed = f"{c}.speeds.{vut}.approach", f"{c}.manoeuvre.{route_motion.speed}"
     below = pick(_BELOW, "s")
     vut_speed = pick(approach, "m/s", at_most=vehicle_speed_limit(event, limits, block))
     needed_m = _approach_m(setting, max(vut_speed.values), max(below.values))
@@ -323,7 +327,7 @@ def _plans_over(setting: Setting, crossing: Crossing, course: Course) -> Iterato
     hardest = BODY_MPS2[event.participants[name].class_][0]
     line_distance = pick(f"{c}.manoeuvre.line_distance", "m")
     from_m = passage.start_s_m - max(line_distance.values) - size_of(event, name).front_m
-    way_m = (from_m, passage.end_s_m + course.beyond_m)
+    way_m = (from_m, passage.end_s_m + route_motion.beyond_m)
     crossing_mps = _speed_limit(setting, other, way_m, crossing_speed, "the vehicle")
     choices = {
         "vut_speed": pick(approach, "m/s", at_most=fastest),
@@ -336,12 +340,14 @@ def _plans_over(setting: Setting, crossing: Crossing, course: Course) -> Iterato
             at_most=min(hardest, acceleration_limit(event, limits)),
         ),
     }
-    draft = partial(_draft, setting, crossing, course)
+    draft = partial(_draft, setting, crossing, route_motion)
     if _BELOW not in setting.preferred:
-        choices["below"] = _earliest_fired(setting, choices, draft, course.ahead_s)
+        choices["below"] = _earliest_fired(setting, choices, draft, route_motion.ahead_s)
     if crossing[0].kind == "merge":
         # It comes to stay, and goes on as fast as it came.
-        yield from plans_in_lane(setting, "lateral", choices, draft, lambda *_: course.beyond_m)
+        yield from plans_in_lane(
+            setting, "lateral", choices, draft, lambda *_: route_motion.beyond_m
+        )
         return
     half = corridor_half_m(size_of(event, vut).width_m)
     near_s, far_s = _zone(setting, crossing)

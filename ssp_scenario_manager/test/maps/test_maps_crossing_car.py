@@ -234,7 +234,7 @@ def at_speed(least_mps: float, most_mps: float) -> Event:
 
 
 def test_the_car_takes_a_bend_no_faster_than_the_acceleration_limit_allows(tmp_path: Path) -> None:
-    """Where a bend turns into the opposite one, steering overshoots it: 6.0 m/s^2 at 7.5 m/s."""
+    """Steering overshoots a bend that turns into the opposite one: 6.0 m/s^2 at 7.5 m/s."""
     area = changed_site(tmp_path, bent)
     run = made(at_speed(5.5, 8.9), area).task.run.model_copy(update={"camera": None})
     most_mps2 = run.limits.acceleration_mps2

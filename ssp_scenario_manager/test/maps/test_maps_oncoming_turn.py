@@ -56,7 +56,7 @@ def run_on(site: str, object_class: str = "car") -> RunSpec:
 
 
 def offsets_m(record: Record, area: OperatingArea, who: str, over: str) -> np.ndarray[Any, Any]:
-    """How far a participant is beside the lane of a connecting road, while it is on it."""
+    """Distances of a participant from the lane of a connecting road, while it is on it."""
     line = {block.block_id: block for block in area.library.blocks}[over].line
     places = np.array([(s.x_m, s.y_m) for s in record.truths(who)])
     local = line.to_local_many(places)
