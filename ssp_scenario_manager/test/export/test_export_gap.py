@@ -9,8 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.road import CurvePiece
@@ -21,6 +23,7 @@ from ssp_scenario_manager.compile.targets.opendrive import opendrive_map
 from ssp_scenario_manager.compile.targets.openscenario import MOST_GAP_ERROR_M, export_openscenario
 from ssp_scenario_manager.compile.targets.player import play
 from ssp_scenario_manager.maps.block import BlockLane
+from ssp_scenario_manager.run.feasibility import driven
 
 # A bend of 100 m all along, to the left.
 BEND = [CurvePiece(length_m=400.0, start_curvature_1pm=0.01, end_curvature_1pm=0.01)]
@@ -49,6 +52,21 @@ def test_the_gap_is_the_sessions_all_the_time(
     assert abs(error_m).max() <= MOST_GAP_ERROR_M
     assert seen.over_s is not None
     assert times[-1] == pytest.approx(seen.over_s, abs=0.1)
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_a_leader_that_leaves_its_lane_is_where_the_session_has_it(
+    bent: bool, case_of: Any, block_of: Any, tmp_path: Path
+) -> None:
+    """It neither begins later nor loses the way by which a sine is longer than the lane."""
+    case = case_of("cut_out", block_of(BEND, TURNED) if bent else block_of())
+    files = export_openscenario(case.task, case.block, None, tmp_path)
+    track = play(files[0].read_bytes(), files[2].read_bytes(), case.block.line)["ot2"]
+    states = driven(case.task.run)[1].truths("ot2")
+    times = np.array([ns_to_seconds(state.stamp_ns) for state in states])
+    x_m, y_m = (np.interp(times, track[:, 0], track[:, i]) for i in (1, 2))
+    apart_m = np.hypot(x_m - [s.x_m for s in states], y_m - [s.y_m for s in states])
+    assert apart_m[times <= track[-1, 0]].max() < MOST_GAP_ERROR_M
 
 
 def test_a_scenario_that_shows_another_gap_is_refused(

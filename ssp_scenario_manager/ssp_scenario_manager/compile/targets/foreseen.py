@@ -31,7 +31,7 @@ FIRING_LAG_S = 0.01
 # A change of speed has come to its end this long after its planned one.
 _SETTLED_S = 1.0
 # Speeds nearer than this are one, and no ramp is measured between them.
-_SAME_MPS = 0.1
+SAME_MPS = 0.1
 # Shorter than this a ramp is a step to a player.
 _LEAST_S = 0.01
 
@@ -46,8 +46,7 @@ class Foreseen:
         over_s: when it ends: ``after_resolution_s`` after the session confirmed the resolution, s
             after the start; None where nothing was resolved. What of a conflict comes back later
             doesn't lengthen it.
-        vut: pose when the trigger fires.
-        initiator: pose when the trigger fires.
+        poses: of all when the trigger fires, by id.
         fired_s: when that is, s after the start.
         tracks: of the VUT and the initiator until the end, rows of (t in s, x, y in m, yaw in rad).
         course: of the initiator: (t in s since the start, distance driven in m).
@@ -56,8 +55,7 @@ class Foreseen:
     speeds: tuple[tuple[float, float], ...]
     driven_m: tuple[float, ...]
     over_s: float | None
-    vut: Pose2
-    initiator: Pose2
+    poses: Mapping[str, Pose2]
     fired_s: float
     tracks: Mapping[str, FloatArray]
     course: tuple[tuple[float, float], ...]
@@ -87,7 +85,7 @@ class Foreseen:
         start_s += self.fired_s
         end_s = start_s + nominal.duration_s + _SETTLED_S
         change = from_mps - nominal.to_mps
-        if abs(change) < _SAME_MPS or self.course[-1][0] < end_s:
+        if abs(change) < SAME_MPS or self.course[-1][0] < end_s:
             return nominal
         beyond_m = self._driven_m(end_s) - self._driven_m(start_s)
         beyond_m -= nominal.to_mps * (end_s - start_s)
@@ -144,8 +142,9 @@ def foresee(run: RunSpec) -> Foreseen:
         speeds=((0.0, 0.0), *((t, v) for t, v, _ in kept)),
         driven_m=(0.0, *(driven_m for _, _, driven_m in kept)),
         over_s=over_s,
-        vut=_pose_at(vut, fired_ns),
-        initiator=_pose_at(initiator, fired_ns),
+        poses={
+            who.id: _pose_at(record.truths(who.id), fired_ns) for who in (run.vut, *run.targets)
+        },
         fired_s=ns_to_seconds(fired_ns),
         tracks={run.vut.id: _track(vut), run.initiator_id: _track(initiator)},
         course=_course(initiator),
@@ -235,13 +234,12 @@ def shorter_m(run: RunSpec, seen: Foreseen, other: ParticipantSpec) -> float:
     """
     if run.vut.approach is None:
         raise ValueError("the VUT has no path")
-    path = Polyline(run.vut.approach.path)
-    ahead, _ = path.project_beyond(seen.initiator.x_m, seen.initiator.y_m)
-    here, _ = path.project_beyond(seen.vut.x_m, seen.vut.y_m)
+    path, vut, there = Polyline(run.vut.approach.path), seen.poses[run.vut.id], seen.poses[other.id]
+    ahead, _ = path.project_beyond(there.x_m, there.y_m)
+    here, _ = path.project_beyond(vut.x_m, vut.y_m)
     size = other.size
     corners = [
-        seen.vut.to_local(*seen.initiator.to_parent(-size.rear_m, side * size.width_m / 2))
-        for side in (-1, 1)
+        vut.to_local(*there.to_parent(-size.rear_m, side * size.width_m / 2)) for side in (-1, 1)
     ]
     return (ahead - size.rear_m - here) - min(x for x, _ in corners)
 
@@ -256,8 +254,8 @@ def straight_share(run: RunSpec, seen: Foreseen, anchor: tuple[float, float]) ->
     """
     if run.vut.approach is None:
         raise ValueError("the VUT has no path")
-    path = Polyline(run.vut.approach.path)
+    path, vut = Polyline(run.vut.approach.path), seen.poses[run.vut.id]
     there = path.project(*anchor)[0] - run.vut.size.front_m
-    here = path.project(seen.vut.x_m, seen.vut.y_m)[0]
+    here = path.project(vut.x_m, vut.y_m)[0]
     place = path.pose(there)
-    return math.dist((place.x_m, place.y_m), (seen.vut.x_m, seen.vut.y_m)) / (there - here)
+    return math.dist((place.x_m, place.y_m), (vut.x_m, vut.y_m)) / (there - here)

@@ -38,6 +38,7 @@ from ssp_core.vocabulary import ObjectClass
 from ssp_scenario_manager.compile.targets.foreseen import (
     FIRING_LAG_S,
     PLAYER_LAG_S,
+    SAME_MPS,
     Foreseen,
     foresee,
     gaps_m,
@@ -63,6 +64,7 @@ from ssp_scenario_manager.compile.targets.ramps import (
     legs,
     matched,
     ramp,
+    sine_length_m,
     times_along,
 )
 from ssp_scenario_manager.compile.task import Task
@@ -75,6 +77,8 @@ _CLEAR_M = 100000.0
 # From firing to a player's act, s: a straight ramp is nearest to a session's rounded one if it
 # begins half of the rounding later. ScenarioRunner takes no longer delay (docs/exports.md).
 ACT_DELAY_S = 0.2
+# A speed that compensates the way of a lane change is reached, and left, in this time.
+_RAISED_OVER_S = 0.5
 _Start: TypeAlias = "xosc.EntityTrigger | xosc.ValueTrigger"
 _Action: TypeAlias = (
     "xosc.AbsoluteSpeedAction | xosc.RelativeLaneChangeAction | xosc.FollowTrajectoryAction"
@@ -195,7 +199,7 @@ def _storyboard(run: RunSpec, chart: MapFile, seen: Foreseen, external: bool) ->
     if groups:
         acts.append(_act("approach", after("approach_starts", 0.0), stop("approach"), groups))
     for trigger in run.triggers:
-        name, group = f"act_{trigger.id}", _manoeuvre(run, trigger, chart, seen)
+        name, group = f"act_{trigger.id}", _manoeuvre(run, trigger, chart, seen, external)
         if group is None:
             continue
         start = after(f"{trigger.id}_not_before", trigger.not_before_s)
@@ -279,13 +283,15 @@ def _approach(who: ParticipantSpec, run: RunSpec, seen: Foreseen) -> xosc.Maneuv
 
 
 def _manoeuvre(
-    run: RunSpec, trigger: TriggerSpec, chart: MapFile, seen: Foreseen
+    run: RunSpec, trigger: TriggerSpec, chart: MapFile, seen: Foreseen, external: bool
 ) -> xosc.ManeuverGroup | None:
     """Return what a trigger sets off; None: the object goes on as it came."""
     who = next(t for t in run.targets if t.id == trigger.object_id)
     name, manoeuvre = trigger.id, trigger.manoeuvre
     if isinstance(manoeuvre, Hold):
         return None
+    if isinstance(manoeuvre, LaneChange) and _keeps_speed(who, manoeuvre):
+        return _steady_lane_change(run, trigger, who, manoeuvre, chart, seen, external)
     delay_s = max(trigger.lead_time_s, ACT_DELAY_S)
     start = firing(run, trigger, delay_s, seen, chart.heights)
     if isinstance(manoeuvre, FollowPath):
@@ -311,13 +317,46 @@ def _lane_change(
     ScenarioRunner knows a lane change's distance and relative goals only. The sine is the player's
     shape nearest to a session's quintic.
     """
-    goal = goal_lane(chart.data, seen.initiator, manoeuvre.lateral_shift_m)
+    goal = goal_lane(chart.data, seen.poses[who.id], manoeuvre.lateral_shift_m)
     distance = distance_during(_path_of(who).cruise_mps, slower, manoeuvre.duration_s)
     dynamics = xosc.TransitionDynamics(
         xosc.DynamicsShapes.sinusoidal, xosc.DynamicsDimension.distance, distance
     )
     offset = goal.offset_m or None
     return xosc.RelativeLaneChangeAction(goal.ids, who.id, dynamics, offset)
+
+
+def _keeps_speed(who: ParticipantSpec, manoeuvre: LaneChange) -> bool:
+    return abs(_path_of(who).cruise_mps - manoeuvre.cruise_mps) < SAME_MPS
+
+
+def _steady_lane_change(
+    run: RunSpec,
+    trigger: TriggerSpec,
+    who: ParticipantSpec,
+    manoeuvre: LaneChange,
+    chart: MapFile,
+    seen: Foreseen,
+    external: bool,
+) -> xosc.ManeuverGroup:
+    """Return a lane change at constant speed along the lane.
+
+    It has no ramp that would begin later than a session's, so that its delay is the lead time. A
+    player's speed is along the sine, which is longer than the lane: it is raised by as much until
+    the lane change is over. Where the VUT is the user's, when that is isn't known beforehand, and
+    the speed stays as it is.
+    """
+    name, cruise = trigger.id, _path_of(who).cruise_mps
+    start = firing(run, trigger, trigger.lead_time_s, seen, chart.heights)
+    shift = _lane_change(who, chart, seen, manoeuvre, ramp(cruise, cruise, 1.0))
+    if external:
+        return _group(who.id, name, [_event(name, start, shift)])
+    lane_m = cruise * manoeuvre.duration_s
+    share = sine_length_m(lane_m, manoeuvre.lateral_shift_m) / lane_m
+    over_s = seen.fired_s + trigger.lead_time_s + FIRING_LAG_S + manoeuvre.duration_s
+    faster, back = (Ramp(round(v, 3), _RAISED_OVER_S) for v in (share * cruise, cruise))
+    after_it = _event(f"{name}_over", _at(f"{name}_is_over", over_s), _speed(back))
+    return _group(who.id, name, [_event(name, start, shift, _speed(faster)), after_it])
 
 
 def _first_ramp(

@@ -20,6 +20,8 @@ from ssp_scenario_manager.dispatch.references import APPROACH_LEAD_S
 TARGET_START_S = APPROACH_LEAD_S + DEFAULT_RAMP_S / 2
 # Shorter than this a ramp is a step to a player.
 _LEAST_S = 0.01
+# The length of a sine is a mean over so many parts of it.
+_SINE_STEPS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +158,18 @@ def distance_during(from_mps: float, change: Ramp, duration_s: float) -> float:
     rate = (change.to_mps - from_mps) / change.duration_s
     ramped = from_mps * within + 0.5 * rate * within * within
     return ramped + change.to_mps * (duration_s - within)
+
+
+def sine_length_m(along_m: float, across_m: float) -> float:
+    """Return the length of half a sine from one lane's middle to another's, m.
+
+    Args:
+        along_m: between its ends, along the lane.
+        across_m: between its ends, across the lane.
+    """
+    turn = (np.arange(_SINE_STEPS) + 0.5) * (math.pi / _SINE_STEPS)
+    rates = 0.5 * math.pi * across_m / along_m * np.sin(turn)
+    return along_m * float(np.mean(np.hypot(1.0, rates)))
 
 
 @dataclass(frozen=True, slots=True)
