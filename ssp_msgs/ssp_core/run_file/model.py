@@ -20,7 +20,13 @@ from pydantic import (
 from ssp_core.files import load_model
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.driven import Driven
-from ssp_core.run_file.participants import Driver, ParticipantSpec, TrafficSpec, TriggerSpec
+from ssp_core.run_file.participants import (
+    Driver,
+    ParticipantSpec,
+    TrafficSpec,
+    TriggerSpec,
+    path_length_m,
+)
 from ssp_core.run_file.participation import participants
 from ssp_core.run_file.road import Road
 from ssp_core.run_file.values import (
@@ -387,6 +393,17 @@ class RunSpec(Strict):
             raise ValueError("a driven run has no traffic and no adaptation (METHOD 8.2)")
         if self.driver.external or self.vut.approach is None:
             raise ValueError("a driven run needs a path for the VUT and its built-in driver")
+        return self
+
+    @model_validator(mode="after")
+    def _the_vut_comes_to_where_it_gives_way(self) -> RunSpec:
+        length_m = path_length_m(self.vut.approach.path) if self.vut.approach is not None else 0.0
+        for place in self.driver.gives_way:
+            if place.zone_m[1] > length_m:
+                raise ValueError(
+                    f"driver.gives_way: zone_m ends at {place.zone_m[1]:g} m and the VUT's path at "
+                    f"{length_m:.1f} m"
+                )
         return self
 
     @model_validator(mode="after")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
@@ -23,11 +24,57 @@ from ssp_core.run_file.values import (
 from ssp_core.vocabulary import ObjectClass, ObjectWord
 
 
+def path_length_m(path: Path2) -> float:
+    """Return the length of a path through points, m."""
+    return sum(math.dist(a, b) for a, b in pairwise(path))
+
+
 class SpeedChange(Strict):
     """A new speed of the driver from this session time on."""
 
     at_s: NonNegative
     cruise_mps: NonNegative
+
+
+class GiveWay(Strict):
+    """A place on the VUT's path at which everyone who comes along another path has priority."""
+
+    line_m: NonNegative = Field(
+        description="where the VUT's front waits, arc length of the VUT's path"
+    )
+    zone_m: tuple[NonNegative, NonNegative] = Field(
+        description="conflict zone, first and last arc length of the VUT's path"
+    )
+    priority_path: Path2 = Field(description="path of the objects with priority, frame map")
+    priority_zone_m: tuple[NonNegative, NonNegative] = Field(
+        description="conflict zone, first and last arc length of the priority path"
+    )
+    critical_gap_s: Positive = Field(
+        4.1,
+        description="least time that the next object with priority needs up to the conflict zone "
+        "when the VUT's front is at the line; with less the VUT gives way",
+    )
+
+    @model_validator(mode="after")
+    def _places_in_order(self) -> GiveWay:
+        for name, (first, last) in (
+            ("zone_m", self.zone_m),
+            ("priority_zone_m", self.priority_zone_m),
+        ):
+            if first >= last:
+                raise ValueError(f"{name} begins at {first:g} m and ends at {last:g} m; swap them")
+        if self.line_m > self.zone_m[0]:
+            raise ValueError(
+                f"line_m is {self.line_m:g} m, beyond the begin of zone_m, {self.zone_m[0]:g} m; "
+                "the VUT waits before the zone"
+            )
+        length_m = path_length_m(self.priority_path)
+        if self.priority_zone_m[0] >= length_m:
+            raise ValueError(
+                f"priority_zone_m begins at {self.priority_zone_m[0]:g} m and priority_path is "
+                f"{length_m:.1f} m long; give a longer path"
+            )
+        return self
 
 
 class Driver(Strict):
@@ -46,6 +93,13 @@ class Driver(Strict):
         None, description="emergency braking when nothing else avoids a collision; null: none"
     )
     later: list[SpeedChange] = Field([], description="changes of cruise speed while it drives")
+    gives_way: list[GiveWay] = Field([], description="places at which it accepts gaps or waits")
+
+    @model_serializer(mode="wrap")
+    def _without_places_that_are_not_given(
+        self, dump: SerializerFunctionWrapHandler
+    ) -> dict[str, Any]:
+        return without_defaults(dump(self), gives_way=[])
 
 
 class Motion(Strict):

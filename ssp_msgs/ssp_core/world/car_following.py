@@ -19,6 +19,23 @@ def free_acceleration(speed_mps: float, driver: Driver) -> float:
     return driver.acceleration_mps2 * (1.0 - (speed_mps / driver.cruise_mps) ** 4)
 
 
+def earliest_arrival_s(gap_m: float, speed_mps: float, driver: Driver) -> float:
+    """Return the time to drive a distance, accelerating as the driver would, up to cruise speed.
+
+    Args:
+        gap_m: the distance, >= 0.
+        speed_mps: at its start, >= 0.
+        driver: for its acceleration and cruise speed.
+    """
+    a, v0 = driver.acceleration_mps2, speed_mps
+    top = max(driver.cruise_mps, v0)
+    t_top = (top - v0) / a
+    s_top = 0.5 * (v0 + top) * t_top
+    if gap_m <= s_top:
+        return (math.sqrt(v0 * v0 + 2.0 * a * gap_m) - v0) / a
+    return t_top + (gap_m - s_top) / top
+
+
 def following_acceleration(
     speed_mps: float,
     gap_m: float,

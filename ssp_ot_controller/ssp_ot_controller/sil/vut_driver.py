@@ -15,7 +15,12 @@ from ssp_core.run_file.model import FaultKind, RunSpec
 from ssp_core.run_file.participants import Driver
 from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ObjectClass
-from ssp_core.world.car_following import following_acceleration, free_acceleration
+from ssp_core.world.car_following import (
+    earliest_arrival_s,
+    following_acceleration,
+    free_acceleration,
+)
+from ssp_core.world.gap_acceptance import PriorityWatch, Word
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command, brake_command
 from ssp_ot_controller.sil.disturbance import FaultChange, FaultSchedule
 
@@ -121,17 +126,6 @@ def _occupied_s(other: _Extent, half_m: float) -> tuple[float, float] | None:
     return (max(enter, 0.0), leave) if leave > 0.0 else None
 
 
-def _arrival_s(gap_m: float, speed_mps: float, driver: Driver) -> float:
-    """Return the earliest arrival: accelerating as the driver would, up to cruise speed."""
-    a, v0 = driver.acceleration_mps2, speed_mps
-    top = max(driver.cruise_mps, v0)
-    t_top = (top - v0) / a
-    s_top = 0.5 * (v0 + top) * t_top
-    if gap_m <= s_top:
-        return (math.sqrt(v0 * v0 + 2.0 * a * gap_m) - v0) / a
-    return t_top + (gap_m - s_top) / top
-
-
 def _places(
     vut: ObjectState, others: Sequence[ObjectState], path: Polyline
 ) -> list[tuple[float, float]]:
@@ -191,7 +185,7 @@ def _meets(vut: ObjectState, other: _Extent, gap_m: float, half_m: float, driver
         return False
     enter_s, leave_s = occupied
     speed = max(vut.speed_mps, 0.0)
-    arrives_s = _arrival_s(max(gap_m, 0.0), speed, driver)
+    arrives_s = earliest_arrival_s(max(gap_m, 0.0), speed, driver)
     length = other.front_m - other.rear_m + vut.size.length_m
     passed_s = (max(gap_m, 0.0) + length) / max(speed, _MIN_PASSING_MPS)
     return enter_s < passed_s + _MEETING_MARGIN_S and leave_s > arrives_s - _MEETING_MARGIN_S
@@ -206,7 +200,12 @@ def steer(vut: ObjectState, path: Polyline, station: float) -> float:
 
 
 def drive(
-    vut: ObjectState, others: Sequence[ObjectState], path: Polyline, driver: Driver, dt_s: float
+    vut: ObjectState,
+    others: Sequence[ObjectState],
+    path: Polyline,
+    driver: Driver,
+    dt_s: float,
+    most_mps2: float = math.inf,
 ) -> Command:
     """Return the driver's command for the next step.
 
@@ -219,12 +218,14 @@ def drive(
         path: to be driven, frame map.
         driver: how the VUT is driven.
         dt_s: time for which the command is held.
+        most_mps2: acceleration that it keeps below for those that it gives way to.
     """
     limits = LIMITS[vut.object_class]
     v = max(vut.speed_mps, 0.0)
     b = driver.comfortable_deceleration_mps2
     # A little above cruise speed the driver only eases off.
     wanted = max(min(free_acceleration(v, driver), (driver.cruise_mps - v) / dt_s), -b)
+    wanted = min(wanted, most_mps2)
     places = _places(vut, others if driver.reacts else (), path)
     station = places[0][0]
     left = path.length_m - station
@@ -309,6 +310,7 @@ class VutDriver:
         self._path = Polyline(motion.path) if motion is not None else None
         self._faults = FaultSchedule(run.faults, (names.VUT_ID,), VUT_FAULTS)
         self._drivers = _drivers(run.driver)
+        self._priority = PriorityWatch(run.driver)
         self._emergency = False
         self._heard_ns = 0
         self.external_silence_s = 0.0
@@ -356,7 +358,12 @@ class VutDriver:
     def _built_in(self, vut: ObjectState, others: Sequence[ObjectState], driver: Driver) -> Command:
         if self._path is None:
             return brake_command(vut, driver.comfortable_deceleration_mps2)
-        command = drive(vut, others, self._path, driver, self._run.step_s)
+        most = math.inf
+        if self._priority:
+            front = self._path.project_beyond(vut.x_m, vut.y_m)[0] + vut.size.front_m
+            given = self._priority.decide(front, max(vut.speed_mps, 0.0), others, driver)
+            others, most = [o for o in others if o.object_id not in given.heeded], given.most_mps2
+        command = drive(vut, others, self._path, driver, self._run.step_s, most)
         if driver.aeb_deceleration_mps2 is None:
             return command
         obstacles = find_obstacles(vut, others, self._path, driver)
@@ -366,6 +373,11 @@ class VutDriver:
             return command
         hardest = min(command.acceleration_mps2, -driver.aeb_deceleration_mps2)
         return replace(command, acceleration_mps2=hardest)
+
+    @property
+    def priority_words(self) -> tuple[Word, ...]:
+        """What it does now at each place at which it gives way."""
+        return tuple(self._priority.words)
 
     @property
     def external_is_silent(self) -> bool:

@@ -17,6 +17,7 @@ from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.run_file.participants import Hold, ParticipantSpec
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.car_following import following_acceleration, free_acceleration
+from ssp_core.world.gap_acceptance import PriorityWatch, Word
 from ssp_scenario_manager.dispatch.references import (
     APPROACH_LEAD_S,
     Address,
@@ -50,6 +51,7 @@ class Players:
         self.speed_mps = 0.0
         self.references: dict[str, Reference] = {}
         self.act: Reference | None = None
+        self._priority = PriorityWatch(plan.driver)
         for target in plan.targets:
             if target.approach is not None:
                 address = foreseen_address(target.id, APPROACH_LEAD_S)
@@ -57,6 +59,11 @@ class Players:
                     self.references[target.id] = approach_reference(address, target.approach)
                 except ValueError as error:
                     raise CannotPlace(f"{target.id}: {error}") from error
+
+    @property
+    def priority_words(self) -> tuple[Word, ...]:
+        """What the VUT's driver does now at each place at which it gives way."""
+        return tuple(self._priority.words)
 
     def vut(self, t_s: float) -> ObjectState:
         """Return the VUT's state now, which is at a session time."""
@@ -97,6 +104,11 @@ class Players:
         """Move the VUT on by its driver's law and, if the driver reacts, for what it meets."""
         driver, v = self.plan.driver, self.speed_mps
         wanted = free_acceleration(v, driver)
+        if self._priority:
+            front = self.station_m + self.plan.vut.size.front_m
+            given = self._priority.decide(front, v, [o for o, _ in meetings], driver)
+            meetings = [(o, m) for o, m in meetings if o.object_id not in given.heeded]
+            wanted = min(wanted, given.most_mps2)
         for other, meeting in meetings if driver.reacts else ():
             if meeting.gap_m <= 0.1:
                 continue
