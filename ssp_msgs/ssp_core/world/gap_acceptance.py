@@ -55,7 +55,7 @@ class Coming:
 
 @value_class(frozen=True, slots=True)
 class Decision:
-    """What the driver does at one place.
+    """A decision at one place.
 
     Args:
         word: ``approach``: it is too far away to decide; ``go``: it drives on; ``yield``: it slows

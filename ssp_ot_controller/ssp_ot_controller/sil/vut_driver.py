@@ -376,7 +376,7 @@ class VutDriver:
 
     @property
     def priority_words(self) -> tuple[Word, ...]:
-        """What it does now at each place at which it gives way."""
+        """The newest decision at each place at which it gives way."""
         return tuple(self._priority.words)
 
     @property

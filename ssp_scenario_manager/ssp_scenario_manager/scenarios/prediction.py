@@ -62,7 +62,7 @@ class Players:
 
     @property
     def priority_words(self) -> tuple[Word, ...]:
-        """What the VUT's driver does now at each place at which it gives way."""
+        """The newest decision at each place at which the VUT's driver gives way."""
         return tuple(self._priority.words)
 
     def vut(self, t_s: float) -> ObjectState:
