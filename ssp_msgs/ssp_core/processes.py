@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -205,6 +205,7 @@ _PORT = re.compile(r"(?:sem\.)?fastrtps_port(\d+)(?:_mutex|_el|_sl)?")
 _NEW_S = 10.0
 _MIN_FREE_SHM_BYTES = 512 << 20
 _ONE_HOST = Path(__file__).parent / "config" / "fastdds_one_host.xml"
+_ONE_HOST_UDP = _ONE_HOST.with_name("fastdds_one_host_udp.xml")
 _ANSWER_S = 1.0
 # A node's matrices are small, and threads for large ones cost each start 40 ms of a processor.
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
@@ -248,6 +249,22 @@ def session_environment(domain_id: int, profile: Path | None = None) -> dict[str
     if _SHM.is_dir() and shutil.disk_usage(_SHM).free > _MIN_FREE_SHM_BYTES:
         env["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile or _ONE_HOST)
     return env
+
+
+def without_shared_memory(env: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables of a session for a process that outlives it and needs no large messages.
+
+    A node that is killed may leave a port in shared memory in the middle of a change, and Fast DDS
+    then waits for it without end, with Python's lock held, in whoever takes its participant down.
+    Over UDP nothing of a dead node can be waited for. A user's own profile stays.
+    """
+    if env.get("FASTRTPS_DEFAULT_PROFILES_FILE", str(_ONE_HOST)) != str(_ONE_HOST):
+        return dict(env)
+    return {
+        **env,
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(_ONE_HOST_UDP),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
+    }
 
 
 def live_environment(profile: Path) -> dict[str, str]:

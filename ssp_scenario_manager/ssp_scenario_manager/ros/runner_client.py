@@ -16,6 +16,7 @@ from ssp_core import names, ros
 from ssp_core.clock import seconds_to_ns
 from ssp_core.environment import adopt
 from ssp_core.errors import PeerError
+from ssp_core.processes import without_shared_memory
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.publishers import NAMELESS
 from ssp_core.vocabulary import SessionPhase, Verdict
@@ -87,7 +88,7 @@ class RunClient:
         run: RunSpec,
         remappings: Sequence[str] = (),
     ) -> None:
-        adopt(env)
+        adopt(without_shared_memory(env))
         self._context = rclpy.Context()
         rules = [word for rule in remappings for word in ("-r", rule)]
         domain_id = int(env["ROS_DOMAIN_ID"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +14,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.session_token import draw_token
 from ssp_scenario_manager.ros import runner_client
 from ssp_scenario_manager.ros.runner_client import RunClient
+from tests.support.waiting import DEADLINE_S
 
 if TYPE_CHECKING:
     from .conftest import Peers
@@ -90,3 +93,32 @@ def test_a_goal_that_came_too_late_ends_nothing_for_the_next_one(
         assert client.outcome is None
     finally:
         client.close()
+
+
+_MAPS = """
+import sys, time
+from pathlib import Path
+from ssp_core.processes import session_environment
+from ssp_core.run_file.model import load_run
+from ssp_scenario_manager.ros.runner_client import RunClient
+env = session_environment(int(sys.argv[1]))
+client = RunClient(env, lambda _: None, load_run(Path(sys.argv[2])))
+deadline = time.monotonic() + float(sys.argv[3])
+while not client.ready() and time.monotonic() < deadline:
+    client.spin(0.05)
+assert client.ready(), "the manager's action wasn't seen"
+print([line.split()[-1] for line in open("/proc/self/maps") if "/dev/shm/fast" in line])
+client.close()
+"""
+
+
+def test_the_runner_shares_no_memory_with_nodes_that_may_be_killed(
+    peers: Peers, domain: int, run_file: Path
+) -> None:
+    """Fast DDS waits without end for a port that a killed node left in the middle of a change."""
+    assert peers.load(run_file).accepted
+    arguments = [str(domain), str(run_file), str(DEADLINE_S)]
+    done = subprocess.run(
+        [sys.executable, "-c", _MAPS, *arguments], capture_output=True, text=True, check=False
+    )
+    assert (done.stdout, done.returncode) == ("[]\n", 0), done.stderr
