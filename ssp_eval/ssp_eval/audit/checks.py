@@ -13,6 +13,7 @@ from ssp_eval.audit.evidence import (
     review_of,
 )
 from ssp_eval.audit.further import departures
+from ssp_eval.audit.leaving import leaves_otherwise
 from ssp_eval.audit.measure import Measured, Phases
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
@@ -221,13 +222,19 @@ def _further(one: Subject) -> Iterable[Finding]:
 def further_findings(
     event: Event, measured: Measured, limits: ConflictThresholds
 ) -> Iterator[Finding]:
-    """Check that further participants keep to their scripts and leave the conflict to another."""
+    """Check that further participants keep to their scripts and leave the conflict to another.
+
+    An occluder that leaves the lane does so to the side, and at the gap, of K*.
+    """
     for intrusion in measured.intrusions:
         initiator = event.interaction.initiator
         text = f"{intrusion.text(limits)}, K* has the conflict with {initiator} first"
         yield Finding("off_spec", text)
     for text in departures(event, measured.courses):
         yield Finding("off_spec", text)
+    if measured.leaving is not None:
+        for text in leaves_otherwise(event, measured.leaving):
+            yield Finding("off_spec", text)
 
 
 Check = Callable[[Subject], Iterable[Finding]]

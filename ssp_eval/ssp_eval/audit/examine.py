@@ -17,6 +17,7 @@ from ssp_eval.audit.evidence import (
     reviewed,
 )
 from ssp_eval.audit.history import History, examine_history
+from ssp_eval.audit.leaving import leaving_occluder
 from ssp_eval.audit.measure import Measured, Phases, Scene, measure
 from ssp_eval.audit.pictures import PicturesExamined, examine_pictures
 from ssp_eval.audit.reasons import Finding
@@ -174,10 +175,17 @@ def _measured(
         begin = next((now for _, now in recording.series if names <= set(now)), None)
 
     def scene(part: Recording, first_s: float, last_s: float) -> Scene:
-        further = () if event is None else further_ids(event)
-        targets = tuple(who.targets)
         return Scene(
-            part.series, who.vut, targets, part.road, first_s, last_s, rules, further, begin
+            part.series,
+            who.vut,
+            tuple(who.targets),
+            part.road,
+            first_s,
+            last_s,
+            rules,
+            () if event is None else further_ids(event),
+            begin,
+            None if event is None else leaving_occluder(event),
         )
 
     try:

@@ -82,8 +82,8 @@ def script_evidence(
                 places[lanes.place_word(spot, own_lane)] += 1
                 headings[_heading(lanes, spot, state)] += 1
     instants = sum(len(series) for series in by_phase.values())
-    ahead_m = None if lanes is None else _ahead_m(lanes, *start)
-    return ScriptEvidence(object_id, instants, present, places, headings, speeds, ahead_m)
+    at_start_m = None if lanes is None else ahead_m(lanes, *start)
+    return ScriptEvidence(object_id, instants, present, places, headings, speeds, at_start_m)
 
 
 def _heading(lanes: Lanes, spot: Spot, state: ObjectState) -> str:
@@ -92,8 +92,17 @@ def _heading(lanes: Lanes, spot: Spot, state: ObjectState) -> str:
     return _HEADINGS[quarters % 4]
 
 
-def _ahead_m(lanes: Lanes, vut: ObjectState | None, other: ObjectState | None) -> float | None:
-    """Return the gap along the road between the nearest ends of two outlines."""
+def ahead_m(lanes: Lanes, vut: ObjectState | None, other: ObjectState | None) -> float | None:
+    """Return the gap along the road between the nearest ends of two outlines, m.
+
+    Args:
+        lanes: of the road.
+        vut: its state; None: it isn't there.
+        other: state of the other one; None: it isn't there.
+
+    Returns:
+        Negative behind the VUT, 0 beside it; None: one of them isn't there, or not on the road.
+    """
     if vut is None or other is None:
         return None
     ends = []
@@ -111,6 +120,11 @@ def _ahead_m(lanes: Lanes, vut: ObjectState | None, other: ObjectState | None) -
     if near_m >= front_m:
         return near_m - front_m
     return min(far_m - rear_m, 0.0)
+
+
+def gap_slack_m(gap_m: float) -> float:
+    """Return by how much a measured gap may lie outside of K*'s interval, m."""
+    return _GAP_TOLERANCE_M + _GAP_TOLERANCE_SHARE * gap_m
 
 
 def departures(event: Event, courses: Iterable[ScriptEvidence]) -> Iterator[str]:
@@ -133,16 +147,16 @@ def departures(event: Event, courses: Iterable[ScriptEvidence]) -> Iterator[str]
 
 def _at_the_start(event: Event, course: ScriptEvidence) -> Iterator[str]:
     """Yield where its place along the road isn't that of part A."""
-    who, ahead_m = course.object_id, course.ahead_m
+    who, at_start_m = course.object_id, course.ahead_m
     region = event.participants[who].region
-    if ahead_m is None or region.along == "at":
+    if at_start_m is None or region.along == "at":
         return
-    along = "beside" if ahead_m == 0.0 else "ahead" if ahead_m > 0.0 else "behind"
+    along = "beside" if at_start_m == 0.0 else "ahead" if at_start_m > 0.0 else "behind"
     if along != region.along:
-        yield f"{who} starts {along} the VUT by {abs(ahead_m):.1f} m, K* has {region.along}"
+        yield f"{who} starts {along} the VUT by {abs(at_start_m):.1f} m, K* has {region.along}"
     elif along != "beside" and isinstance(region.gap, Interval):
-        span, gap_m = region.gap.si, abs(ahead_m)
-        slack_m = _GAP_TOLERANCE_M + _GAP_TOLERANCE_SHARE * gap_m
+        span, gap_m = region.gap.si, abs(at_start_m)
+        slack_m = gap_slack_m(gap_m)
         if not span.low - slack_m <= gap_m <= span.high + slack_m:
             yield (
                 f"{who} starts {gap_m:.1f} m {along} of the VUT, K* has {span.low:g} to "

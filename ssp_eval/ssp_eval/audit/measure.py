@@ -30,6 +30,7 @@ from ssp_core.motion.state_series import Packed, Series, states_of
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import MOTIONS, PhaseWord
 from ssp_eval.audit.further import ScriptEvidence, script_evidence
+from ssp_eval.audit.leaving import Leaving, leaving_of
 from ssp_eval.audit.paths import Lanes, Spot
 from ssp_eval.data.audit import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_eval.recordings.event import LOCATED_S, EventRules
@@ -57,6 +58,7 @@ class Scene:
         road: that they drive on; None: none is bound, and there is no topology.
         further_ids: targets that K* has beside the initiator, and that cause no conflict.
         begin: states by id where the session begins; None: the clip's first ones count.
+        leaving_id: occluder that leaves the VUT's lane; None: K* has none.
     """
 
     series: Series
@@ -68,6 +70,7 @@ class Scene:
     rules: EventRules
     further_ids: tuple[str, ...] = ()
     begin: Mapping[str, ObjectState] | None = None
+    leaving_id: str | None = None
 
 
 @dataclass(frozen=True)
@@ -116,6 +119,8 @@ class Measured:
         facts: quantities with their units in the name; None: it doesn't exist.
         intrusions: conflicts with further participants before that of the event.
         courses: of the further participants; empty without a trigger.
+        leaving: lane change of the occluder that leaves; None: K* has none, it isn't there, or no
+            road is bound.
     """
 
     properties: Mapping[str, Property]
@@ -129,6 +134,7 @@ class Measured:
     notes: tuple[str, ...]
     intrusions: tuple[Intrusion, ...] = ()
     courses: tuple[ScriptEvidence, ...] = ()
+    leaving: Leaving | None = None
 
 
 @dataclass(frozen=True)
@@ -192,7 +198,17 @@ def measure(scene: Scene) -> Measured:
         _notes(pair, meeting),
         _intrusions(scene, own, pair),
         _script_evidence(scene, lanes, phases),
+        _leaving(scene, lanes, target_id),
     )
+
+
+def _leaving(scene: Scene, lanes: Lanes | None, target_id: str) -> Leaving | None:
+    """Return the lane change of the occluder that leaves."""
+    own = None if lanes is None else _first_spot(scene, lanes, scene.vut_id)
+    if scene.leaving_id is None or lanes is None or own is None or own.lane is None:
+        return None
+    ids = scene.vut_id, target_id
+    return leaving_of(scene.leaving_id, scene.series, lanes, ids, own.lane)
 
 
 def _script_evidence(

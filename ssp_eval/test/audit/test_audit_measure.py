@@ -19,7 +19,7 @@ from ssp_core.run_file.road import CurvePiece, JunctionRoad, Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Intrinsics, Mounting
-from ssp_eval.audit.checks import phase_findings, property_findings
+from ssp_eval.audit.checks import further_findings, phase_findings, property_findings
 from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
 from ssp_eval.audit.measure import Measured, RoadFacts, Scene, measure
 from ssp_eval.audit.paths import Lanes
@@ -156,15 +156,21 @@ def slow_lead(speed: float = 3.5, offset_m: float = -0.35, x_m: float = 60.0, **
 
 
 def cut_out(
-    x_m: float = 90.0, side: float = 0.0, speed: float = 0.0, *, leaves: bool = True, **more: Any
+    x_m: float = 90.0,
+    side: float = 0.0,
+    speed: float = 0.0,
+    *,
+    leaves_to_m: float = 3.5,
+    leaves_s: float = 2.5,
+    **more: Any,
 ) -> Scene:
     """A car leaves to the left at 2.5 s, before one that stands; the VUT brakes at 5 s."""
     vut = more.pop("vut", braking(0.0, 11.0, 5.0, 3.0))
-    given = {"observable": "closing", "target_ids": ("ot1", "ot2")} | more
+    given = {"observable": "closing", "target_ids": ("ot1", "ot2"), "leaving_id": "ot2"} | more
     made = scene(vut, lambda t: (x_m + speed * t, side), **given)
 
     def way(t_s: float) -> tuple[float, float]:
-        return 25.0 + 9.5 * t_s, shift(t_s, 2.5, 0.0, 3.5) if leaves else 0.0
+        return 25.0 + 9.5 * t_s, shift(t_s, leaves_s, 0.0, leaves_to_m)
 
     series = [
         (t_s, {**states, "ot2": moving("ot2", ObjectClass.CAR, t_s, way)})
@@ -386,9 +392,31 @@ def test_what_is_no_cut_out_is_refused_with_what_differs(made: Scene, code: str)
     assert codes("cut_out", measure(made))[:1] == [code]
 
 
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, ""),
+        ({"leaves_to_m": 0.0}, "ot2 stays in the VUT's lane, K* has it leave to the left"),
+        ({"leaves_to_m": -3.5}, "ot2 leaves the VUT's lane to the right, K* has left"),
+        ({"leaves_s": 0.6}, "ot2 begins to leave when ot1 is 78."),
+        ({"leaves_s": 5.0}, "ot2 begins to leave when ot1 is 30."),
+        ({"leaves_s": -4.0}, "ot2 is beside the VUT's lane from the clip's first state"),
+    ],
+    ids=["as K* has it", "it stays", "wrong side", "too early", "too late", "before the clip"],
+)
+def test_where_the_occluder_leaves_is_held_against_k_star(
+    changes: dict[str, float], said: str
+) -> None:
+    event = load_event("cut_out")[0]
+    found = measure(cut_out(**changes))
+    told = [one.entry for one in further_findings(event, found, TTC_ONLY)]
+    assert [one["code"] for one in told] == ["off_spec"] * bool(said)
+    assert all(said in one["detail"] for one in told)
+
+
 @pytest.mark.parametrize("leaves", [True, False])
 def test_a_vehicle_that_does_not_leave_keeps_the_standing_one_off_camera(leaves: bool) -> None:
-    made = cut_out(leaves=leaves)
+    made = cut_out(leaves_to_m=3.5 if leaves else 0.0)
     span = measure(made).phases.critical_s
     assert span is not None
     optics = Optics(Intrinsics(960, 540, 480.0, 480.0, 480.0, 270.0), Mounting(1.5, 1.4, 0.0))
