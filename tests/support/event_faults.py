@@ -254,6 +254,22 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         f"{OT1}.resolution.heading",
     ),
     (
+        "initiator_turns",
+        "oncoming_turn",
+        {
+            f"{OT1}.resolution.motion": "oncoming",
+            f"{OT1}.resolution.heading": "opposite",
+            f"{OT1}.resolution.longitudinal": "any",
+        },
+        f"{OT1}.resolution.heading",
+    ),
+    (
+        "initiator_turns",
+        "oncoming_turn",
+        {f"{OT1}.trigger.lateral": "none"},
+        f"{OT1}.trigger.lateral",
+    ),
+    (
         "nobody_turns_round",
         "cut_in",
         {f"{OT1}.resolution.heading": "opposite"},

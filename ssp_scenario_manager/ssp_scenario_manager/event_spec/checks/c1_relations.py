@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import get_args
 
-from ssp_core.vocabulary import PHASES
+from ssp_core.vocabulary import PHASES, PhaseWord
 from ssp_scenario_manager.event_spec.checks.base import (
     Fail,
     Failure,
@@ -485,10 +485,37 @@ def nobody_turns_round(view: View) -> Iterator[Failure]:
         before = who, path, cell.heading
 
 
+_TOWARDS = {"leftwards": "left", "rightwards": "right"}
+
+
+def initiator_turns(view: View) -> Iterator[Failure]:
+    """Check that the initiator of a kind that turns does so, from its trigger on."""
+    if view.kind is None or view.kind.turn is None:
+        return
+    before, after = view.kind.turn
+    demanded: tuple[tuple[PhaseWord, str, str], ...] = (
+        ("approach", "heading", before),
+        ("trigger", "lateral", _TOWARDS[after]),
+        ("resolution", "heading", after),
+    )
+    for phase, name, wanted in demanded:
+        cell = view.cell(view.initiator, phase)
+        if cell is not None:
+            yield from _fail.unless(
+                view,
+                getattr(cell, name),
+                [wanted],
+                f"the initiator of {view.kind.name} turns, from {before} to {after}",
+                f"motion.{view.initiator}.{phase}.{name}",
+                "interaction.type",
+            )
+
+
 MOTION_PREDICATES: tuple[Predicate, ...] = (
     motion_fits_words,
     vut_keeps_its_lane,
     gap_fits_speeds,
     who_stands_is_passed,
     nobody_turns_round,
+    initiator_turns,
 )
