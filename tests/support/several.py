@@ -45,6 +45,14 @@ WAITING = (
     (0.0, 0.0),
     _cell("front_right", "stationary", "leftwards", "standing", "any"),
 )
+# At the right kerb before a junction, where it hides what waits on the arm from the right.
+PARKED = (
+    "truck",
+    ("right_kerb", "ahead"),
+    (30.0, 70.0),
+    (0.0, 0.0),
+    _cell("front_right", "stationary", "same", "standing", "any"),
+)
 EXAMPLES = {
     "lead_ahead_of_a_cut_in": ("cut_in", {"ot2": LEAD}),
     "oncoming_while_a_pedestrian_crosses": ("vru_crossing", {"ot2": ONCOMING}),
@@ -58,8 +66,21 @@ def several(example: str) -> Event:
     return with_further(kind, further)
 
 
-def with_further(kind: str, further: dict[str, tuple[Any, ...]]) -> Event:
-    """Return a shipped event with further participants, which a person has decided on."""
+def behind_a_parked_truck() -> Event:
+    """Return a car that crosses at a junction, hidden at first by a truck on the VUT's own road."""
+    return with_further("crossing_car", {"ot2": PARKED}, seen_share=0.5)
+
+
+def with_further(
+    kind: str, further: dict[str, tuple[Any, ...]], seen_share: float | None = None
+) -> Event:
+    """Return a shipped event with further participants, which a person has decided on.
+
+    Args:
+        kind: of the event.
+        further: the participants by id, as above.
+        seen_share: of the time that the camera must see the initiator; None: as shipped.
+    """
     shipped = load_event(kind)[0]
     value = shipped.model_dump(mode="json", by_alias=True)
     for name, (object_class, (place, along), gap, speed, cell) in further.items():
@@ -76,6 +97,8 @@ def with_further(kind: str, further: dict[str, tuple[Any, ...]]) -> Event:
         value["constraints"]["speeds"][name] = {
             phase: {"min": speed[0], "max": speed[1], "unit": "m/s"} for phase in PHASES
         }
+    if seen_share is not None:
+        value["constraints"]["camera"]["visible_fraction"]["min"] = seen_share
     event = Event.model_validate(value)
     decided = Doubt(
         confidence=1.0, provenance="person", source="chosen", review="accepted", seal=None

@@ -12,7 +12,9 @@ import pytest
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import PHASES, ObjectClass
+from ssp_core.world.camera import Intrinsics, Mounting
 from ssp_eval.audit.checks import further_findings, property_findings
 from ssp_eval.audit.evidence import expected_properties, varying_parts
 from ssp_eval.audit.further import departures
@@ -22,6 +24,7 @@ from ssp_eval.data.audit import ROLES, TOPOLOGY, property_retention
 from ssp_eval.labels.propose import propose_by_plan
 from ssp_eval.labels.truth import Truth
 from ssp_eval.recordings.event import rules_of
+from ssp_eval.recordings.sight import Moment, Optics, object_sight
 from ssp_eval.recordings.source_clip import board_of, measure_clip
 from ssp_ot_controller.camera.storyboards import storyboard
 from ssp_scenario_manager.compile.compiler import load_area
@@ -29,7 +32,8 @@ from ssp_scenario_manager.compile.place import Order, realise
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.scenarios.further import further_ids
-from tests.support.several import EXAMPLES, LEAD, several, with_further
+from tests.support.junctions import ground, made
+from tests.support.several import EXAMPLES, LEAD, behind_a_parked_truck, several, with_further
 
 States = dict[str, ObjectState]
 # The lead's state at a clip time beside the VUT's; None: it isn't there.
@@ -43,6 +47,10 @@ def recorded(example: str, site: str = "boulevard") -> tuple[Event, Scene]:
     """A session of an example, as its recording is read."""
     event, area = several(example), load_area(site, None)[0]
     run = realise(Order(event, "sha256:test", area, "sumo", 1, {}), area.library.blocks[0]).task.run
+    return event, as_read(event, run)
+
+
+def as_read(event: Event, run: RunSpec) -> Scene:
     _, record = driven(run)
     states = zip(*(record.truths(name)[::STEP] for name in run.object_ids), strict=True)
     series = [(ns_to_seconds(now[0].stamp_ns), {s.object_id: s for s in now}) for now in states]
@@ -50,7 +58,7 @@ def recorded(example: str, site: str = "boulevard") -> tuple[Event, Scene]:
     targets = tuple(target.id for target in run.targets)
     road = RoadFacts(run.road)
     ends = series[0][0], series[-1][0]
-    return event, Scene(series, "vut", targets, road, *ends, rules, further_ids(event))
+    return Scene(series, "vut", targets, road, *ends, rules, further_ids(event))
 
 
 def changed(scene: Scene, change: dict[str, dict[str, object] | None]) -> Scene:
@@ -205,25 +213,28 @@ def test_a_further_participant_in_conflict_first_is_told_with_its_quantity() -> 
     assert "TTC" in one.text(scene.rules.thresholds)
 
 
+def truth_of(scenario: str, scene: Scene) -> Truth:
+    return Truth(
+        scenario=scenario,
+        domain="simulation",
+        event_version="sha256:test",
+        start_s=scene.start_s,
+        end_s=scene.end_s,
+        vut_id="vut",
+        target_ids=scene.target_ids,
+        series=[(t_s, list(now.values())) for t_s, now in scene.series],
+        source="a session",
+        frames_s=[t_s for t_s, _ in scene.series],
+        rules=scene.rules,
+    )
+
+
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_labels_go_by_the_initiator_and_are_as_many_in_each_domain(example: str) -> None:
     truths = []
     for site in ("boulevard", "north_track"):
         event, scene = recorded(example, site)
-        truth = Truth(
-            scenario=example,
-            domain="simulation",
-            event_version="sha256:test",
-            start_s=scene.start_s,
-            end_s=scene.end_s,
-            vut_id="vut",
-            target_ids=scene.target_ids,
-            series=[(t_s, list(now.values())) for t_s, now in scene.series],
-            source="a session",
-            frames_s=[t_s for t_s, _ in scene.series],
-            rules=scene.rules,
-        )
-        truths.append(truth)
+        truths.append(truth_of(example, scene))
     proposals, why_no_plan = propose_by_plan(truths)
     assert why_no_plan == ""
     counts = []
@@ -233,6 +244,31 @@ def test_labels_go_by_the_initiator_and_are_as_many_in_each_domain(example: str)
         counts.append([sum(label.phase == phase for label in labels) for phase in PHASES])
     assert counts[0] == counts[1]
     assert 0 not in counts[0]
+
+
+def test_a_car_behind_a_parked_truck_is_labelled_and_counted_as_hidden() -> None:
+    """The trigger comes while nobody can see it; the labels name it once it is seen."""
+    event = behind_a_parked_truck()
+    scene = as_read(event, made(event, ground("crossroads")).task.run)
+    found = measure(scene)
+    assert kept(event, found) == (1.0, {})
+    assert list(departures(event, found.courses)) == []
+    assert found.intrusions == ()
+    span = found.phases.critical_s
+    assert span is not None
+    optics = Optics(Intrinsics(960, 540, 480.0, 480.0, 480.0, 270.0), Mounting(1.5, 1.4, 0.0))
+    moments = [Moment(t_s, states) for t_s, states in scene.series]
+    seen = object_sight(moments, span, 0.1, optics, "vut", "ot1").fraction
+    least = event.constraints.camera.visible_fraction.min
+    assert seen is not None
+    assert least is not None
+    assert least < seen < 0.8
+    (proposal,), why_no_plan = propose_by_plan([truth_of("crossing_car", scene)])
+    assert why_no_plan == ""
+    shown = [(label.phase, label.objects) for label in proposal.labels.labels]
+    assert ("trigger", ("car",)) not in shown
+    assert ("conflict", ("car",)) in shown
+    assert proposal.event.object_id == "ot1"
 
 
 # -- the source clip -------------------------------------------------------------------------------

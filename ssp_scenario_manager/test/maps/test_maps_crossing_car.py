@@ -18,6 +18,7 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.geometry import Pose2, point_in_polygon
 from ssp_core.motion.encounter import corridor_half_m
 from ssp_core.motion.state import DEFAULT_SIZES
+from ssp_core.run_file.model import Camera
 from ssp_core.run_file.participants import FollowPath
 from ssp_core.vocabulary import ObjectClass, Verdict
 from ssp_core.world.reference_line import CurvePiece, ReferenceLine
@@ -29,6 +30,7 @@ from ssp_scenario_manager.compile.compiler import Request, compile_task, load_ar
 from ssp_scenario_manager.compile.targets.foreseen import foresee
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
 from ssp_scenario_manager.compile.task import PlaceLink, sealed
+from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.load import load_library
@@ -38,6 +40,7 @@ from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.block_places import bend_speed_mps
+from ssp_scenario_manager.scenarios.crossing import is_hidden
 from ssp_scenario_manager.scenarios.crossing_car import crossings
 from ssp_scenario_manager.triggers.on_route import off_route
 from tests.support.junctions import (
@@ -49,6 +52,7 @@ from tests.support.junctions import (
     site_without_junction,
     way_of,
 )
+from tests.support.several import behind_a_parked_truck
 
 # The connecting road that the car takes, by the side that it comes from.
 OVER = {"right": "south_north", "left": "north_south"}
@@ -466,3 +470,18 @@ def test_openscenario_plays_it_on_a_map_that_has_the_arms(side: str, tmp_path: P
         if 0.0 <= s_m <= block.length_m:
             lanes += [x for x in block.forward_lanes if abs(x.y_m - l_m) < 0.01]
     assert lanes
+
+
+@pytest.mark.parametrize("site", ["crossroads", "cross_track"])
+def test_a_parked_truck_may_hide_the_car_when_it_drives_off(site: str) -> None:
+    hidden = behind_a_parked_truck()
+    assert check_event(hidden) == []
+    run = made(hidden, ground(site)).task.run
+    result, record = driven(run)
+    assert (result.verdict, result.reasons) == (Verdict.VALID, ())
+    fired_ns = result.triggers[0].crossing_ns
+    vut, car, truck = (
+        next(state for state in record.truths(name) if state.stamp_ns >= fired_ns)
+        for name in ("vut", "ot1", "ot2")
+    )
+    assert is_hidden(vut, car, truck, Camera().forward_m)
