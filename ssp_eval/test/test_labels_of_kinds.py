@@ -1,0 +1,90 @@
+"""Labels of an event's source clip and of a session by one plan, kind by kind (METHOD 5.2b)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from ssp_core.clock import ns_to_seconds
+from ssp_eval.data.labels import compare_labels
+from ssp_eval.data.records import BehaviourRecord, Slot, Slots
+from ssp_eval.labels.propose import propose_by_plan
+from ssp_eval.labels.truth import Truth
+from ssp_eval.recordings.event import rules_of
+from ssp_eval.recordings.source_clip import board_of
+from ssp_eval.score.engine import score_cells
+from ssp_eval.statistics.best_constant import Plan
+from ssp_scenario_manager.compile.place import Order, realise
+from ssp_scenario_manager.compile.retrieval import score_blocks
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.run.feasibility import driven
+from tests.support.junctions import ground
+from tests.support.places import site_of
+
+# The demonstration has cut_in and vru_crossing in all three domains.
+KINDS = ("crossing_car", "cut_out", "merge", "oncoming_turn", "slow_lead")
+# Steps of a session from one frame to the next.
+STEP = 5
+
+
+def of_clip(event: Event) -> Truth:
+    board = board_of(event, 1)
+    times = board.times()
+    return Truth(
+        scenario=event.name,
+        domain="synthetic",
+        event_version="sha256:test",
+        start_s=times[0],
+        end_s=times[-1],
+        vut_id=event.vut_id,
+        target_ids=tuple(sorted({*event.participants} - {event.vut_id})),
+        series=[(t_s, list(board.states(t_s))) for t_s in times],
+        source="the source clip",
+        rules=rules_of(event, None),
+        frames_s=times,
+    )
+
+
+def of_session(event: Event) -> Truth:
+    area = ground(site_of(event.name))
+    best = next(one.block for one in score_blocks(event, area.library) if one.eligible)
+    block = next(one for one in area.library.blocks if one.block_id == best)
+    run = realise(Order(event, "sha256:test", area, "sumo", 1, {}), block).task.run
+    _, record = driven(run)
+    states = zip(*(record.truths(name)[::STEP] for name in run.object_ids), strict=True)
+    series = [(ns_to_seconds(now[0].stamp_ns), list(now)) for now in states]
+    return replace(
+        of_clip(event),
+        domain="simulation",
+        start_s=series[0][0],
+        end_s=series[-1][0],
+        series=series,
+        source="a session",
+        rules=rules_of(event, run),
+        frames_s=[t_s for t_s, _ in series],
+    )
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_clip_and_session_have_as_many_labels_per_phase_and_a_blind_model_the_same_score(
+    name: str,
+) -> None:
+    event = load_event(name)[0]
+    proposals, why_no_plan = propose_by_plan([of_clip(event), of_session(event)])
+    assert why_no_plan == ""
+    labels = {one.labels.domain: one.labels for one in proposals}
+    compared = compare_labels(labels)
+    assert (compared.comparable, compared.aligned) == (True, True)
+    text = "I keep my speed and my lane."
+    whole = ((0, len(text)),)
+    slots = Slots(None, None, None, None, Slot("maintain", whole), Slot("straight", whole))
+    trajectory = Plan("maintain", "straight").trajectory
+    cells = [
+        (one, [BehaviourRecord(label.t_s, text, slots, trajectory) for label in one.labels])
+        for one in labels.values()
+    ]
+    synthetic, simulation = (found.ivcs for found in score_cells(cells))
+    assert synthetic == pytest.approx(simulation, abs=0.02)
+    assert synthetic > 0.1
