@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.terminal_theme import MONOKAI
 from rich.text import Text
 
-from ssp_core.bag.reader import BagReader, object_states
+from ssp_core.bag.reading.reader import BagReader, object_states
 from ssp_core.cdr.images import COMPRESSED_TYPE, read_image
 from ssp_core.cdr.steps import decode_tick
 from ssp_core.clock import NS_PER_S

@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.seal import read_seal
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.seal import read_seal
 from ssp_core.cdr.images import COMPRESSED_TYPE, read_image
 from ssp_core.cdr.steps import decode_tick
 from ssp_core.cli import main

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from ssp_core import names
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from support.carla_catalogue import BODIES
 from support.carla_commands import left_as_found, ssp

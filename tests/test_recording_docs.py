@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from ssp_core.bag.split import REPEATED_KEY
+from ssp_core.bag.writing.split import REPEATED_KEY
 from ssp_core.files import MAX_TEXT_BYTES
 from ssp_monitor.recorder.disk import LEAST_S
 from ssp_monitor.recorder.encoding import ORIGINAL

@@ -21,8 +21,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ssp_core.bag.frames import Frames
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.pictures.frames import Frames
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.clock import ns_to_seconds
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.names import CAMERA_IMAGE, absolute

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.append import append_attachment
-from ssp_core.bag.cut import cut_bag
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.operations.cut import cut_bag
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.append import append_attachment
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Redrawing

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file

@@ -50,11 +50,11 @@ from ssp_eval.closed_loop.words import words_table
 from ssp_eval.report.cli import report
 from ssp_eval.statistics.rows import CellRow
 from ssp_eval.statistics.table import texts
-from ssp_scenario_manager.closed_loop.bags import bag_folder
-from ssp_scenario_manager.closed_loop.plan_file import BASELINES
-from ssp_scenario_manager.closed_loop.rates import RunRow, rates_of
-from ssp_scenario_manager.closed_loop.seal import STARTS_SCHEMA
-from ssp_scenario_manager.closed_loop.tables import RUN_COLUMNS
+from ssp_scenario_manager.closed_loop.campaigns.bags import bag_folder
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES
+from ssp_scenario_manager.closed_loop.campaigns.seal import STARTS_SCHEMA
+from ssp_scenario_manager.closed_loop.outcomes.rates import RunRow, rates_of
+from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
 from tests.support.runs import cut_in_run
 
 LATENCIES = (Latency(0.0), Latency(0.5))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from evaluation_files import resealed
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.run_file.participation import CAMERA, Participation
 from ssp_eval.data.provenance import OUR_RENDERER, ImportRecord, read_provenance
 from ssp_eval.evaluate.campaign import run_campaign

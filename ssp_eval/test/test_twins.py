@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.seal import read_seal
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.seal import read_seal
 from ssp_core.cdr.states import decode_state
 from ssp_core.cdr.steps import decode_tick
 from ssp_core.cli import main

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import names
-from ssp_core.bag.chain import Maker
 from ssp_core.bag.drive_messages import drive_messages
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.chain import Maker
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.carla.record import encode_server
 from ssp_core.cdr.references import encode_ack

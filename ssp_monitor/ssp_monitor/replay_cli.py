@@ -11,7 +11,7 @@ import click
 
 import ssp_core
 from ssp_core import names
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.environment import require_sound
 from ssp_core.options import Number, WholeNumber, usage_errors
 from ssp_core.processes import live_environment, session_environment

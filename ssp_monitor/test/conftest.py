@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.clock import NS_PER_S
 from ssp_core.processes import free_domain, remove_stale_shared_memory
 from ssp_monitor.page.server import PageServer

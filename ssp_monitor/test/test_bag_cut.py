@@ -11,13 +11,13 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader as RosbagsReader
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.cut import cut_bag
-from ssp_core.bag.frames import Frames
 from ssp_core.bag.metadata import is_latched, offered_qos
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.cut import cut_bag
+from ssp_core.bag.pictures.frames import Frames
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage, definition
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, VIDEO_TYPE
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S

@@ -20,9 +20,9 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage, TypeDefinition, serialize, store_from
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S

@@ -13,9 +13,9 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
 from ssp_core.bag.metadata import offered_qos
-from ssp_core.bag.split import Split
 from ssp_core.bag.types import definition
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.split import Split
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_monitor.bag_tools.info import qos_text, size_text, span_text, summarise_bag, survey_lines

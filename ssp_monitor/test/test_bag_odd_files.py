@@ -9,11 +9,11 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.seal import read_seal
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.seal import read_seal
 from ssp_core.bag.types import BagMessage
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_monitor.bag_tools.info import summarise_bag

@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cli import main
 
 

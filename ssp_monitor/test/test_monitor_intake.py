@@ -26,7 +26,7 @@ from std_msgs.msg import String
 
 from ssp_core import names, ros
 from ssp_core.bag.metadata import offered_qos, parse_offered_qos
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.steps import Heartbeat, encode_heartbeat
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import HostError

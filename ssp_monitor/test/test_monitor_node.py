@@ -23,10 +23,10 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage
 
 from ssp_core import names, ros
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
-from ssp_core.bag.seal import REPORT_NAME
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.seal import REPORT_NAME
 from ssp_core.errors import InputError
 from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
 from ssp_core.safety.codes import SafetyCode

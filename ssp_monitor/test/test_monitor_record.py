@@ -25,10 +25,10 @@ from rclpy.qos import (
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import String
 
-from ssp_core.bag.check import check_bag
 from ssp_core.bag.metadata import parse_offered_qos
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.seal import REPORT_NAME
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.seal import REPORT_NAME
 from ssp_core.cli import main
 from support.processes import end
 from tests.support.recorder_said import line_with, without_a_busy_disk

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.seal import REPORT_NAME
-from ssp_core.bag.split import Split
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.seal import REPORT_NAME
 from ssp_core.bag.types import BagMessage, serialize, typestore
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.split import Split
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.codec import START
 from ssp_core.cdr.messages import leading_stamp_ns
 from ssp_core.clock import NS_PER_S

@@ -12,9 +12,9 @@ import pytest
 
 from ssp_core import names
 from ssp_core.bag.metadata import offered_qos
-from ssp_core.bag.reader import BagReader, TopicInfo
+from ssp_core.bag.reading.reader import BagReader, TopicInfo
 from ssp_core.bag.types import BagMessage
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_core.bag.frames import Frames, Picture, image_topics, is_keyframe, keyframe_before
-from ssp_core.bag.images import Bgr
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.pictures.frames import Frames, Picture, image_topics, is_keyframe, keyframe_before
+from ssp_core.bag.pictures.images import Bgr
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage, serialize
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE, read_image
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError

@@ -17,13 +17,13 @@ RULES_VERSION = 2
 
 # Loaded when they are asked for, so that a node or command pays for what it uses alone.
 PUBLIC = {
-    "BagReader": "ssp_core.bag.reader",
-    "BagWriter": "ssp_core.bag.writer",
+    "BagReader": "ssp_core.bag.reading.reader",
+    "BagWriter": "ssp_core.bag.writing.writer",
     "InputError": "ssp_core.errors",
     "ObjectState": "ssp_core.motion.state",
     "RunSpec": "ssp_core.run_file.model",
     "SspError": "ssp_core.errors",
-    "check_bag": "ssp_core.bag.check",
+    "check_bag": "ssp_core.bag.operations.check",
     "load_run": "ssp_core.run_file.model",
 }
 

@@ -255,7 +255,7 @@ def without_shared_memory(env: Mapping[str, str]) -> dict[str, str]:
     """Return the variables of a session for a process that outlives it and needs no large messages.
 
     A node that is killed may leave a port in shared memory in the middle of a change, and Fast DDS
-    then waits for it without end, with Python's lock held, in whoever takes its participant down.
+    then waits for it without end, with Python's lock held, when another takes its participant down.
     Over UDP nothing of a dead node can be waited for. A user's own profile stays.
     """
     if env.get("FASTRTPS_DEFAULT_PROFILES_FILE", str(_ONE_HOST)) != str(_ONE_HOST):

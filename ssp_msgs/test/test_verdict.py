@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.verdict import leave_verdict
+from ssp_core.bag.seals.verdict import leave_verdict
 from ssp_core.errors import InputError
 from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
 from ssp_core.vocabulary import Verdict

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ssp_core.bag.types import serialize, typestore
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError, PeerError
 from ssp_vla_bridge.backend import make_backend
 from ssp_vla_bridge.messages import response_to_json

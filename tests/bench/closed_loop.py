@@ -17,10 +17,10 @@ from sil_in_process import points_alone_s
 
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import RunSpec
-from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, LoopPlan
-from ssp_scenario_manager.closed_loop.runs import Job, drive_start, jobs_of, rows_of
-from ssp_scenario_manager.closed_loop.seal import draw_starts
-from ssp_scenario_manager.closed_loop.single import next_start
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver, LoopPlan
+from ssp_scenario_manager.closed_loop.campaigns.runs import Job, drive_start, jobs_of, rows_of
+from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts
+from ssp_scenario_manager.closed_loop.single_run.single import next_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 

@@ -21,9 +21,9 @@ from measure import LONG, report
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from ssp_core.bag.chain import LARGE_BYTES
 from ssp_core.bag.types import definition, typestore
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.chain import LARGE_BYTES
+from ssp_core.bag.writing.writer import BagWriter
 
 TYPE = "std_msgs/msg/String"
 SIZES = (

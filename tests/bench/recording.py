@@ -28,7 +28,7 @@ from measure import LONG, report
 from traffic import Load
 
 from ssp_core import names
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import leading_stamp_ns
 from ssp_core.errors import HostError
 from ssp_core.processes import (

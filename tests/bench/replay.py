@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from measure import report
 
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.states import encode_state
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file

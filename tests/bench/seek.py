@@ -12,9 +12,9 @@ import numpy as np
 from measure import report
 
 from ssp_core.bag.metadata import offered_qos
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage, serialize, typestore
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 
 IMAGE, IMAGE_TYPE = "/ssp/vut/front_camera/image/compressed", "sensor_msgs/msg/CompressedImage"
 STATE_TYPE = "ssp_msgs/msg/ObjectState"

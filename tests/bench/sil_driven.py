@@ -18,7 +18,7 @@ from ssp_core.run_file.latency import ZERO_LATENCY
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.world.driver import NO_RESPONSE, driver_options
 from ssp_ot_controller.driving.frames import QuestionFrames
-from ssp_scenario_manager.closed_loop.start import Start, make_start
+from ssp_scenario_manager.closed_loop.starts.start import Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import Record, run_in_process

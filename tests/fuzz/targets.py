@@ -10,7 +10,7 @@ import extraction
 import seeds
 from rosbags.serde import SerdeError
 
-from ssp_core.bag.mcap_file import DAMAGE
+from ssp_core.bag.reading.mcap_file import DAMAGE
 from ssp_core.bag.types import TypeDefinition, definition, store_from, typestore
 from ssp_core.cdr.messages import leading_stamp_ns, peek_stamp_ns
 from ssp_core.cdr.references import decode_ack, decode_reference

@@ -9,7 +9,7 @@ import numpy as np
 from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.cdr.images import COMPRESSED_TYPE
 from ssp_core.clock import NS_PER_S

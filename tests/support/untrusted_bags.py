@@ -23,10 +23,10 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from ssp_core.bag.chain import record_bytes
 from ssp_core.bag.types import (
     definition,
 )
+from ssp_core.bag.writing.chain import record_bytes
 from support.bags import STRING, text
 
 SCHEMA = Schema(1, definition(STRING).text.encode(), "ros2msg", STRING)
@@ -66,9 +66,9 @@ def file_of(record: Chunk, *, indexes: int = 1) -> bytes:
 USE = """
 import sys
 from pathlib import Path
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
-from ssp_core.bag.check import check_bag
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.operations.check import check_bag
 from ssp_core.errors import InputError
 path = Path(sys.argv[1])
 try:

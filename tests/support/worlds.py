@@ -11,7 +11,7 @@ from typing import Any
 
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.types import serialize
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.states import encode_state
 from ssp_core.cdr.steps import WorldTick, encode_tick
 from ssp_core.motion.state import ObjectState

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from ssp_core import names
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.images import COMPRESSED_TYPE, read_image
 from ssp_core.cdr.steps import decode_tick
 from ssp_core.run_file.model import load_run

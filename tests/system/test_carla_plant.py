@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from ssp_core import names
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.carla.record import CarlaPlantRecord
 from ssp_core.cli import main
 from ssp_core.run_file.model import load_run

@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 
 from ssp_core import names
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import Camera
 from ssp_core.world.driver import driver_options
-from ssp_scenario_manager.closed_loop.start import make_start
+from ssp_scenario_manager.closed_loop.starts.start import make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from tests.system.conftest import Beside

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from rosbags.highlevel import AnyReader
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import typestore
 from ssp_core.cdr.messages import object_state
 from ssp_core.files import make_folder

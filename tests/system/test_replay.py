@@ -28,9 +28,9 @@ from std_srvs.srv import Trigger
 import ssp_core
 from ssp_core import names, ros
 from ssp_core.bag.metadata import offered_qos
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage, TypeDefinition, serialize
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.references import encode_reference
 from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S

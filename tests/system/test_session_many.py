@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.reader import BagReader, object_states
+from ssp_core.bag.reading.reader import BagReader, object_states
 from ssp_core.cdr.states import decode_states
 from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.run_file.participants import Motion, ParticipantSpec

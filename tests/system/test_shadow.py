@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from ssp_core.bag.check import check_bag
+from ssp_core.bag.operations.check import check_bag
 from ssp_eval.twins.files import read_set
 from tests.system.recordings import Recordings, ssp
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_scenario_manager.compile.compiler import LOGGED_AS
 from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task

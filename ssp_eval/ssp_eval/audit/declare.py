@@ -9,8 +9,8 @@ import click
 import yaml
 
 from ssp_core import console
-from ssp_core.bag.declaration import SCHEMA, day_of, load_declaration, seal_declaration
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.declaration import SCHEMA, day_of, load_declaration, seal_declaration
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
 from ssp_core.names import absolute, declared_topic

@@ -9,8 +9,8 @@ from datetime import datetime
 from pathlib import Path
 
 from ssp_core import __version__
-from ssp_core.bag.declaration import written_topics
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.declaration import written_topics
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS

@@ -16,8 +16,8 @@ import numpy as np
 from markupsafe import Markup
 
 from ssp_core import __version__
-from ssp_core.bag.frames import Frames
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.pictures.frames import Frames
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import FloatArray, Pose2

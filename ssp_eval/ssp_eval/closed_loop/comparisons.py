@@ -23,8 +23,8 @@ from ssp_eval.statistics.resampling import (
     reach,
     weighted_sums,
 )
-from ssp_scenario_manager.closed_loop.outcome import HARNESS
-from ssp_scenario_manager.closed_loop.rates import drivers_without_rates
+from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS
+from ssp_scenario_manager.closed_loop.outcomes.rates import drivers_without_rates
 
 # METHOD 8.7: fewer events carry no interval.
 LEAST_EVENTS = 8

@@ -10,8 +10,8 @@ from statistics import median
 from ssp_core.run_file.latency import Latency
 from ssp_eval import pages
 from ssp_eval.closed_loop.folder import LoopCampaign, Run
-from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
-from ssp_scenario_manager.closed_loop.rates import Rates
+from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
+from ssp_scenario_manager.closed_loop.outcomes.rates import Rates
 
 # Succeeding runs stand at the bottom, so that a bar's lowest part is the headline.
 NEEDLESS = "avoided, but needless"

@@ -36,11 +36,11 @@ from ssp_eval.closed_loop.tables import (
 from ssp_eval.report.render import Grid, grid
 from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.table import Table, counted
-from ssp_scenario_manager.closed_loop.bags import bag_folder
-from ssp_scenario_manager.closed_loop.outcome import HARNESS
-from ssp_scenario_manager.closed_loop.plan_file import BASELINES, PRIVILEGED, ZERO
-from ssp_scenario_manager.closed_loop.rates import refused_for, rising
-from ssp_scenario_manager.closed_loop.runs import jobs_of
+from ssp_scenario_manager.closed_loop.campaigns.bags import bag_folder
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES, PRIVILEGED, ZERO
+from ssp_scenario_manager.closed_loop.campaigns.runs import jobs_of
+from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS
+from ssp_scenario_manager.closed_loop.outcomes.rates import refused_for, rising
 
 PAGE = "index.html"
 _HERE = Path(__file__).parent

@@ -13,7 +13,7 @@ from ssp_eval.closed_loop.tables import groups_of
 from ssp_eval.score.metrics import COMPONENTS
 from ssp_eval.statistics.rows import OK, CellRow
 from ssp_eval.statistics.table import Column, Table
-from ssp_scenario_manager.closed_loop.plan_file import BASELINES
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES
 
 # METHOD 8.9: fewer drivers have no correlation.
 LEAST_DRIVERS = 10

@@ -12,9 +12,9 @@ from ssp_eval.closed_loop.comparisons import LEAST_EVENTS, Pair, over_events, pa
 from ssp_eval.closed_loop.folder import LoopCampaign, Run
 from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.table import Column, Table, Value
-from ssp_scenario_manager.closed_loop.outcome import OUTCOMES
-from ssp_scenario_manager.closed_loop.plan_file import BASELINES
-from ssp_scenario_manager.closed_loop.rates import Rates
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES
+from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
+from ssp_scenario_manager.closed_loop.outcomes.rates import Rates
 
 # What must be like for two drivers' results to stand under one another.
 CONDITIONS = (

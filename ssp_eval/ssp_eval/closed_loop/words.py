@@ -13,7 +13,7 @@ from ssp_core.run_file.latency import Latency
 from ssp_eval.closed_loop.folder import LoopCampaign
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.statistics.table import Column, Table
-from ssp_scenario_manager.closed_loop.texts import TEXTS_FOLDER
+from ssp_scenario_manager.closed_loop.outcomes.texts import TEXTS_FOLDER
 
 SLOWS_MPS = 0.5
 _BRAKES = ("decelerate", "stop")

@@ -10,10 +10,10 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import ConfigDict, Field, model_validator
 
-from ssp_core.bag.declaration import DECLARATION_FILE, check_result, participation_of
-from ssp_core.bag.reader import BagReader, content_sha256
-from ssp_core.bag.seal import REPORT_NAME, check_unaltered, read_seal
-from ssp_core.bag.verdict import check_verdict
+from ssp_core.bag.reading.reader import BagReader, content_sha256
+from ssp_core.bag.seals.declaration import DECLARATION_FILE, check_result, participation_of
+from ssp_core.bag.seals.seal import REPORT_NAME, check_unaltered, read_seal
+from ssp_core.bag.seals.verdict import check_verdict
 from ssp_core.carla.record import CarlaPlantRecord, CarlaScene
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.errors import InputError

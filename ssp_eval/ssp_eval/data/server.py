@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.carla.probe_report import CarlaProbeReport, load_report
 from ssp_core.carla.record import CarlaPlantRecord, CarlaScene
 from ssp_core.cdr.codec import START, read_text

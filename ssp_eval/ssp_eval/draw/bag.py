@@ -6,10 +6,10 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from ssp_core.bag.chain import Maker
-from ssp_core.bag.derived import begin_derived
 from ssp_core.bag.metadata import offered_qos
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.operations.derived import begin_derived
+from ssp_core.bag.writing.chain import Maker
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.carla.record import CarlaScene, encode_server
 from ssp_core.cdr.images import COMPRESSED_TYPE
 from ssp_core.cdr.messages import peek_stamp_ns

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import click
 
 from ssp_core import __version__, console
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.carla.acceptance import opendrive_sha256, read_map
 from ssp_core.carla.address import SCHEME, CarlaAddress, parse_address
 from ssp_core.carla.record import CarlaScene

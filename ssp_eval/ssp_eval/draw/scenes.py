@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ssp_core.bag.reader import BagReader, object_states
+from ssp_core.bag.reading.reader import BagReader, object_states
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.cdr.steps import decode_tick
 from ssp_core.clock import NS_PER_S, seconds_to_ns

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssp_core.bag.metadata import offered_qos
-from ssp_core.bag.seal import sources_with
-from ssp_core.bag.stamps import LEAP_S, settle_stamps
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.pictures.stamps import LEAP_S, settle_stamps
+from ssp_core.bag.seals.seal import sources_with
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError

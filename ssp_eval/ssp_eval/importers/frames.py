@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core.bag.images import (
+from ssp_core.bag.pictures.images import (
     check_depth,
     decode_still,
     is_mosaic,
     orientation_of,
     shown_size_px,
 )
-from ssp_core.bag.jpeg import UPRIGHT, JpegChecker
+from ssp_core.bag.pictures.jpeg import UPRIGHT, JpegChecker
 from ssp_core.cdr.images import JPEG_START, ImageMessage, read_image
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.geometry import FloatArray

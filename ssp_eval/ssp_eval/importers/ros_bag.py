@@ -17,11 +17,11 @@ from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
-from ssp_core.bag.mcap_file import DAMAGE
 from ssp_core.bag.metadata import FILE_NAME, ROOT_KEY, unlisted_files
-from ssp_core.bag.reader import BagReader, mcap_files
-from ssp_core.bag.seal import Seal, check_unaltered, read_seal
-from ssp_core.bag.sqlite import SUFFIX, open_bag
+from ssp_core.bag.reading.mcap_file import DAMAGE
+from ssp_core.bag.reading.reader import BagReader, mcap_files
+from ssp_core.bag.reading.sqlite import SUFFIX, open_bag
+from ssp_core.bag.seals.seal import Seal, check_unaltered, read_seal
 from ssp_core.bag.types import TypeDefinition, store_from
 from ssp_core.cdr.messages import leading_stamp_ns
 from ssp_core.clock import ns_to_seconds

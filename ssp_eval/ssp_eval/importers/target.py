@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssp_core import RULES_VERSION, names
-from ssp_core.bag.chain import Maker
-from ssp_core.bag.images import Bgr, encode_jpeg
 from ssp_core.bag.metadata import offered_qos
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.pictures.images import Bgr, encode_jpeg
+from ssp_core.bag.writing.chain import Maker
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError

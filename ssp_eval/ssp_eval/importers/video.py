@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core.bag.images import Bgr
 from ssp_core.bag.metadata import offered_qos
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.pictures.images import Bgr
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError

@@ -12,7 +12,7 @@ import click
 import numpy as np
 
 from ssp_core import console
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import object_state, peek_stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from ssp_core.bag.images import encode
+from ssp_core.bag.pictures.images import encode
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.run_file.values import Finite

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, read_text

@@ -9,7 +9,7 @@ import click
 from rich.table import Table
 
 from ssp_core import console
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_text
 from ssp_core.names import VUT_ID

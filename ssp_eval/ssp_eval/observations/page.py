@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 
-from ssp_core.bag.frames import Frames
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.pictures.frames import Frames
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.names import CAMERA_IMAGE, absolute

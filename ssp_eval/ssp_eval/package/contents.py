@@ -12,8 +12,8 @@ from itertools import takewhile
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
-from ssp_core.bag.frames import Frames
-from ssp_core.bag.reader import BagReader, bag_files
+from ssp_core.bag.pictures.frames import Frames
+from ssp_core.bag.reading.reader import BagReader, bag_files
 from ssp_core.errors import InputError
 from ssp_core.files import Model, parse_mapping, parse_model
 from ssp_core.hashing import sha256_bytes, sha256_json

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import PurePosixPath
 from typing import Any
 
-from ssp_core.bag.declaration import DECLARATION_FILE
+from ssp_core.bag.seals.declaration import DECLARATION_FILE
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.hashing import sha256_bytes

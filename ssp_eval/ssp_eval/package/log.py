@@ -11,7 +11,7 @@ from heapq import merge
 from pathlib import Path
 from typing import Any
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import parse_mapping, parse_model, write_text
 from ssp_core.run_file.model import RunSpec, load_run

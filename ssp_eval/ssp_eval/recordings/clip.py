@@ -14,9 +14,9 @@ from pathlib import Path
 from threading import Event
 from typing import Any, NamedTuple
 
-from ssp_core.bag.declaration import read_declaration
-from ssp_core.bag.frames import Frames
-from ssp_core.bag.reader import BagReader, content_sha256
+from ssp_core.bag.pictures.frames import Frames
+from ssp_core.bag.reading.reader import BagReader, content_sha256
+from ssp_core.bag.seals.declaration import read_declaration
 from ssp_core.bag.types import BagMessage
 from ssp_core.cdr.images import IMAGE_TYPES
 from ssp_core.cdr.messages import object_state, peek_stamp_ns

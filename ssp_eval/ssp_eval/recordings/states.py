@@ -13,7 +13,7 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ssp_core.bag.reader import BagReader, object_states
+from ssp_core.bag.reading.reader import BagReader, object_states
 from ssp_core.cdr.messages import object_state, peek_stamp_ns, stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_core.cdr.images import COMPRESSED_TYPE, read_image
 from ssp_core.cdr.states import StateArray, decode_state, decode_states

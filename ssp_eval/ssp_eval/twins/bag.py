@@ -9,11 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from ssp_core import __version__
-from ssp_core.bag.chain import Maker
-from ssp_core.bag.derived import begin_derived
-from ssp_core.bag.reader import BagReader, content_sha256
+from ssp_core.bag.operations.derived import begin_derived
+from ssp_core.bag.reading.reader import BagReader, content_sha256
 from ssp_core.bag.types import BagMessage
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.chain import Maker
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.codec import u32_bytes
 from ssp_core.cdr.images import COMPRESSED_TYPE, read_image
 from ssp_core.cdr.messages import peek_stamp_ns

@@ -11,7 +11,7 @@ import click
 from rich.table import Table
 
 from ssp_core import console
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.options import usage_errors
 from ssp_core.vocabulary import ObjectClass

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from ssp_core.bag.reader import BagReader, content_sha256
+from ssp_core.bag.reading.reader import BagReader, content_sha256
 from ssp_core.errors import InputError
 from ssp_core.files import load_model, write_json
 from ssp_core.run_file.values import Finite, Strict

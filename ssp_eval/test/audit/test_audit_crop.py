@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag.cut import cut_bag
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.operations.cut import cut_bag
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.state_series import StateSeries

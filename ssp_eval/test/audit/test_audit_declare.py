@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ssp_core.bag.append import append_attachment
-from ssp_core.bag.declaration import load_declaration, seal_declaration
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.append import append_attachment
+from ssp_core.bag.seals.declaration import load_declaration, seal_declaration
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_eval.audit.judge import judge

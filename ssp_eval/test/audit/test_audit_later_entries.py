@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.files import parse_mapping, parse_model
 from ssp_core.run_file.model import RunSpec

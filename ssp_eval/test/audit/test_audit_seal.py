@@ -10,11 +10,11 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from ssp_core.bag.append import append_attachment
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
-from ssp_core.bag.seal import read_seal
-from ssp_core.bag.verdict import UNBOUND, leave_verdict
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.append import append_attachment
+from ssp_core.bag.seals.seal import read_seal
+from ssp_core.bag.seals.verdict import UNBOUND, leave_verdict
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import Verdict
 from ssp_eval.audit.recording import read_recording

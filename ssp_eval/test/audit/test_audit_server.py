@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.carla.probe_report import CarlaProbeReport, write_report
 from ssp_core.carla.record import CarlaPlantRecord, CarlaScene
 from ssp_core.errors import InputError

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_core.bag.cut import cut_bag
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.operations.cut import cut_bag
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
 from ssp_eval.audit.checks import version_findings

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.reader import BagReader, content_sha256
+from ssp_core.bag.reading.reader import BagReader, content_sha256
 from ssp_core.errors import InputError
 from ssp_core.hashing import BLOCK_BYTES, sha256_file
 from ssp_eval.evaluate.campaign import run_campaign

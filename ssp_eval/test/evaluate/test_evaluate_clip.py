@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ssp_core.bag.types import serialize, typestore
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import Verdict
 from ssp_eval.labels.truth import truth_from_bag

@@ -7,7 +7,7 @@ import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.clients.model_client import InProcessClients

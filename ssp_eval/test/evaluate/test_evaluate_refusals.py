@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json

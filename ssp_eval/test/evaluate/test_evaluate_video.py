@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_core.bag.images import decode_still
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.pictures.images import decode_still
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.images import COMPRESSED_TYPE, VIDEO_TYPE, encode_video_message, read_image
 from ssp_core.errors import InputError
 from ssp_eval.labels.sheet import pictures

@@ -17,7 +17,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.clock import NS_PER_S
 from ssp_core.motion.event import Corridor, RecordedEvent, find_event, instants_of

@@ -38,8 +38,8 @@ from foreign_recordings import (
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from track_day_changes import DECLARED, OBJECTS, framed, messages_of, moved, run
 
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.seal import Seal, read_seal
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.seal import Seal, read_seal
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file

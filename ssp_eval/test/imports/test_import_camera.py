@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from foreign_recordings import INFO, TF, TYPES, TrackDay, camera_info, transform, write_bag
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.world.camera import Mounting

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from foreign_recordings import HEADER, picture
 
-from ssp_core.bag.frames import Frames
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.pictures.frames import Frames
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import object_state
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S

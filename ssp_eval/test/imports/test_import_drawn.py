@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from foreign_recordings import INFO, TrackDay, camera_info, jpeg, write_bag
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.seal import read_seal
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.seal import read_seal
 from ssp_core.cdr.images import COMPRESSED_TYPE, read_image
 from ssp_core.cli import main
 from ssp_core.names import CAMERA_IMAGE, absolute

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from foreign_recordings import JPEG, TrackDay, jpeg, write_bag
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_eval.importers.findings import Finding, Findings

@@ -22,7 +22,7 @@ from foreign_recordings import (
 )
 from mcap.writer import Writer
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.cli import main

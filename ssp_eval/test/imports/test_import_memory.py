@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_eval.importers.target import write_states
 from ssp_eval.importers.tracks import Body, Samples, Source, Track

@@ -25,7 +25,7 @@ from foreign_recordings import (
     write_bag,
 )
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"

@@ -23,7 +23,7 @@ from foreign_recordings import (
     write_video,
 )
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
 

@@ -20,8 +20,8 @@ from foreign_recordings import (
     write_bag,
 )
 
-from ssp_core.bag.frames import Frames
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.pictures.frames import Frames
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_eval.importers.ros_bag import SourceBag

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
 from ssp_core import RULES_VERSION
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
 from ssp_eval.importers.target import keep_every

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import click
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.cut import CutReport, cut_bag
-from ssp_core.bag.repair import recover
-from ssp_core.bag.sqlite import open_bag
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.cut import CutReport, cut_bag
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading.sqlite import open_bag
 from ssp_core.clock import ns_to_seconds
 from ssp_core.console import note, out, progress
 from ssp_monitor.bag_tools.export import export_command

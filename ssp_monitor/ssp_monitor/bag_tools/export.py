@@ -15,10 +15,10 @@ from pathlib import Path
 import av
 import click
 
-from ssp_core.bag.frames import Frames, Picture, VideoFile, image_topics
-from ssp_core.bag.images import decode_still, encode, even_sized, suffix_of
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.stamps import LEAP_S, settle_stamps
+from ssp_core.bag.pictures.frames import Frames, Picture, VideoFile, image_topics
+from ssp_core.bag.pictures.images import decode_still, encode, even_sized, suffix_of
+from ssp_core.bag.pictures.stamps import LEAP_S, settle_stamps
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.images import ImageMessage
 from ssp_core.console import note, out, progress
 from ssp_core.errors import HostError, InputError

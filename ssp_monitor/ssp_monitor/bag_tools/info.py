@@ -15,13 +15,13 @@ import numpy as np
 from mcap.records import AttachmentIndex
 from numpy.typing import NDArray
 
-from ssp_core.bag.index import indexed_entries
-from ssp_core.bag.mcap_file import McapFile, damage_of
 from ssp_core.bag.metadata import FILE_NAME, parse_offered_qos, unlisted_files
-from ssp_core.bag.reader import BagReader, Part, bag_files, mcap_files
-from ssp_core.bag.seal import REPORT_NAME
-from ssp_core.bag.split import REPEATED_KEY
-from ssp_core.bag.stamps import LOG_LEAP_S, leap_text, leaps_of
+from ssp_core.bag.pictures.stamps import LOG_LEAP_S, leap_text, leaps_of
+from ssp_core.bag.reading.index import indexed_entries
+from ssp_core.bag.reading.mcap_file import McapFile, damage_of
+from ssp_core.bag.reading.reader import BagReader, Part, bag_files, mcap_files
+from ssp_core.bag.seals.seal import REPORT_NAME
+from ssp_core.bag.writing.split import REPEATED_KEY
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.console import out
 from ssp_core.errors import InputError

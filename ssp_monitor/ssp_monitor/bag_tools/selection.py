@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import click
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_core.options import usage_errors

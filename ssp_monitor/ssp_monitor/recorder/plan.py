@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ssp_core.bag.split import Split
+from ssp_core.bag.writing.split import Split
 from ssp_core.errors import InputError
 from ssp_monitor.recorder.disk import DiskNeeds
 from ssp_monitor.recorder.encoding import VideoChoice, video_choice

@@ -11,11 +11,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ssp_core.bag.chain import Maker
 from ssp_core.bag.metadata import offered_qos, parse_offered_qos
-from ssp_core.bag.split import Split
 from ssp_core.bag.types import BagMessage, definition
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.chain import Maker
+from ssp_core.bag.writing.split import Split
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError, SspError
 from ssp_core.node_interface import QOS
 from ssp_monitor.recorder.encoding import ORIGINAL, Encoding

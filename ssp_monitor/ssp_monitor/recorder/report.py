@@ -12,8 +12,8 @@ from types import MappingProxyType
 from typing import Any
 
 from ssp_core import __version__
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.seal import REPORT_NAME
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.seal import REPORT_NAME
 from ssp_core.errors import SspError
 from ssp_core.hashing import sha256_bytes
 from ssp_core.vocabulary import SessionPhase, Verdict

@@ -14,7 +14,7 @@ import av
 from av.video.frame import PictureType
 from av.video.reformatter import ColorRange, Colorspace
 
-from ssp_core.bag.images import Bgr, decode_still, even_sized
+from ssp_core.bag.pictures.images import Bgr, decode_still, even_sized
 from ssp_core.bag.types import BagMessage
 from ssp_core.cdr.images import VIDEO_TYPE, ImageMessage, encode_video_message, read_image
 from ssp_core.clock import NS_PER_S

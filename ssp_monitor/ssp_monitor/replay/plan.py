@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ssp_core import names
-from ssp_core.bag.latched import is_static
 from ssp_core.bag.metadata import parse_offered_qos
-from ssp_core.bag.reader import TopicInfo
+from ssp_core.bag.reading.reader import TopicInfo
+from ssp_core.bag.writing.latched import is_static
 from ssp_core.errors import InputError
 from ssp_core.run_file.participation import CAMERA, POSITIONING, body_of
 from ssp_monitor.recorder.topics import CLOCK_TYPE, Pattern

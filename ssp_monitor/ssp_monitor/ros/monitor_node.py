@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from ssp_core import names, ros
-from ssp_core.bag.verdict import leave_verdict
+from ssp_core.bag.seals.verdict import leave_verdict
 from ssp_core.cdr import steps
 from ssp_core.cdr.steps import RECORDER_STEPS, decode_tick_head, encode_done
 from ssp_core.errors import HostError

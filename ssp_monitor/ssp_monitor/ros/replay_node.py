@@ -22,8 +22,8 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 from std_srvs.srv import Trigger
 
 from ssp_core import names, ros
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.stamps import leap_text, pause_text
+from ssp_core.bag.pictures.stamps import leap_text, pause_text
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_core.clock import ns_to_seconds
 from ssp_core.console import err, note

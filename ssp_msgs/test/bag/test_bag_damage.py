@@ -16,13 +16,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.highlevel import AnyReader
 
-from ssp_core.bag.check import check_bag
 from ssp_core.bag.metadata import offered_qos
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
-from ssp_core.bag.split import Split
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.split import Split
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
 from support.bags import CLOCK, STRING, clock, text
 
@@ -36,9 +36,9 @@ def at_second(k: int) -> bytes:
 # Writes two flushed chunks and a third that was not, then is killed the hard way.
 KILLED = """
 import os, signal, sys
-from ssp_core.bag.split import Split
+from ssp_core.bag.writing.split import Split
 from ssp_core.bag.types import BagMessage
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.bag.types import serialize, typestore
 types = typestore().types
 writer = BagWriter(sys.argv[1])

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.declaration import DECLARATION_FILE, Declaration, seal_declaration
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.seals.declaration import DECLARATION_FILE, Declaration, seal_declaration
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.steps import encode_clock
 from ssp_core.errors import InputError
 

@@ -13,13 +13,13 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType, Writer
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.index import ChunkRun, ContentCache, Selection, merged
-from ssp_core.bag.mcap_file import McapFile, UnpackBudget
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading.index import ChunkRun, ContentCache, Selection, merged
+from ssp_core.bag.reading.mcap_file import McapFile, UnpackBudget
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage, definition
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
 from support.bags import text
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssp_core.bag.images import (
+from ssp_core.bag.pictures.images import (
     MAX_PIXELS,
     decode_still,
     encode,

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_core.bag.images import decode_still, is_mosaic, shown_size_px
-from ssp_core.bag.jpeg import JPEG_END, JpegChecker, _libjpeg_warnings, read_header
+from ssp_core.bag.pictures.images import decode_still, is_mosaic, shown_size_px
+from ssp_core.bag.pictures.jpeg import JPEG_END, JpegChecker, _libjpeg_warnings, read_header
 from ssp_core.cdr.images import ImageMessage, RawLayout
 
 HEIGHT, WIDTH = 88, 120

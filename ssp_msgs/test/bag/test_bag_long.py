@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 from rosbags.highlevel import AnyReader
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.latched import KEPT_BYTES, MOST_KEPT, UNTOLD_DEPTH
-from ssp_core.bag.mcap_file import McapFile
 from ssp_core.bag.metadata import offered_qos
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
-from ssp_core.bag.split import Split
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading.mcap_file import McapFile
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.writing.latched import KEPT_BYTES, MOST_KEPT, UNTOLD_DEPTH
+from ssp_core.bag.writing.split import Split
+from ssp_core.bag.writing.writer import BagWriter
 from support.bags import text
 
 STRING = "std_msgs/msg/String"
@@ -26,7 +26,7 @@ UNTOLD = "- {durability: transient_local, history: unknown, depth: 0}"
 @pytest.fixture
 def small_index(monkeypatch: pytest.MonkeyPatch) -> None:
     """Files may have an index of ten chunks."""
-    monkeypatch.setattr("ssp_core.bag.file_turn.INDEX_BYTES", 10 * ENTRY_BYTES)
+    monkeypatch.setattr("ssp_core.bag.writing.file_turn.INDEX_BYTES", 10 * ENTRY_BYTES)
 
 
 def record(path: Path) -> BagWriter:
@@ -70,8 +70,8 @@ def test_recovering_a_long_recording_makes_several_files_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert len(record(tmp_path / "bag").files) == 1
-    monkeypatch.setattr("ssp_core.bag.file_turn.INDEX_BYTES", 10 * ENTRY_BYTES)
-    monkeypatch.setattr("ssp_core.bag.writer.CHUNK_BYTES", 1)
+    monkeypatch.setattr("ssp_core.bag.writing.file_turn.INDEX_BYTES", 10 * ENTRY_BYTES)
+    monkeypatch.setattr("ssp_core.bag.writing.writer.CHUNK_BYTES", 1)
     assert recover(tmp_path / "bag", tmp_path / "new").complete
     assert_whole(tmp_path / "new", 7)
 

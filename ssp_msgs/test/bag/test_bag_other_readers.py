@@ -15,10 +15,10 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from ssp_core.bag.metadata import MANY_TOPICS, ROOT_KEY, bag_information, offered_qos
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.split import Split
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.split import Split
+from ssp_core.bag.writing.writer import BagWriter
 from support.bags import text
 
 STRING = "std_msgs/msg/String"

@@ -11,9 +11,9 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from ssp_core.bag.metadata import ROOT_KEY, offered_qos
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import definition, serialize, typestore
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import HostError, InputError
 from support.bags import header
 

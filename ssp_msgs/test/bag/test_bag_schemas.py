@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.cut import cut_bag
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.cut import cut_bag
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import TypeDefinition, definition, store_from
 from ssp_core.cli import main
 from ssp_core.errors import InputError

@@ -16,19 +16,19 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 
-from ssp_core.bag import mcap_output
-from ssp_core.bag.append import append_attachment, sealed_end
-from ssp_core.bag.chain import LARGE_BYTES, Maker
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.cut import cut_bag
-from ssp_core.bag.mcap_file import FOOTER, HEAD, RecordFrame, open_bounded, read_frame
-from ssp_core.bag.mcap_output import Buffer, write_buffers
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
-from ssp_core.bag.seal import Seal, files_seal, read_seal
-from ssp_core.bag.split import Split
-from ssp_core.bag.verdict import UNBOUND, check_verdict, leave_verdict
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.cut import cut_bag
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading.mcap_file import FOOTER, HEAD, RecordFrame, open_bounded, read_frame
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.append import append_attachment, sealed_end
+from ssp_core.bag.seals.seal import Seal, files_seal, read_seal
+from ssp_core.bag.seals.verdict import UNBOUND, check_verdict, leave_verdict
+from ssp_core.bag.writing import mcap_output
+from ssp_core.bag.writing.chain import LARGE_BYTES, Maker
+from ssp_core.bag.writing.mcap_output import Buffer, write_buffers
+from ssp_core.bag.writing.split import Split
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import Verdict
 from support.seals import with_checksums

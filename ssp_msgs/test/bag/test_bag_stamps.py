@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ssp_core.bag.stamps import settle_stamps
+from ssp_core.bag.pictures.stamps import settle_stamps
 
 N = 60
 LOG_S = np.arange(N) / 20

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.reader import BagReader, object_states
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.reading.reader import BagReader, object_states
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.states import StateArray, encode_state, encode_states
 from ssp_core.errors import InputError
 from ssp_core.motion.state import ObjectState

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.cut import cut_bag
-from ssp_core.bag.latched import Kept, StaticTransforms, is_static, late_joiner
 from ssp_core.bag.metadata import offered_qos
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
-from ssp_core.bag.split import Split
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.cut import cut_bag
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.writing.latched import Kept, StaticTransforms, is_static, late_joiner
+from ssp_core.bag.writing.split import Split
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.world.transforms import (
     TF_TYPE,
     Transform,

@@ -25,10 +25,11 @@ from mcap.records import (
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from ssp_core.bag import mcap_file, repair
-from ssp_core.bag.chain import record_bytes
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.mcap_file import (
+from ssp_core.bag.operations import repair
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading import mcap_file
+from ssp_core.bag.reading.mcap_file import (
     ANY_RATIO_BYTES,
     ANY_TOTAL_BYTES,
     MAX_CHUNK_BYTES,
@@ -38,9 +39,9 @@ from ssp_core.bag.mcap_file import (
     UnpackBudget,
     check_summary,
 )
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.writing.chain import record_bytes
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
 from support.bags import STRING
 from tests.support.untrusted_bags import (

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import (
     MAX_DECODED_BYTES,
     MAX_TEXT_BYTES,
@@ -19,7 +19,7 @@ from ssp_core.bag.types import (
     store_from,
     typestore,
 )
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
 from tests.support.untrusted_bags import (
     use,

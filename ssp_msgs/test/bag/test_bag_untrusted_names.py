@@ -12,11 +12,11 @@ from mcap.records import (
     Chunk,
 )
 
-from ssp_core.bag.check import check_bag
 from ssp_core.bag.metadata import MAX_TEXT, parse_offered_qos
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from support.bags import STRING

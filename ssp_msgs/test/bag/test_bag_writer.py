@@ -15,20 +15,20 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.bag import mcap_output
-from ssp_core.bag import writer as bag_writer
-from ssp_core.bag.mcap_output import (
+from ssp_core.bag.metadata import ROOT_KEY
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.writing import mcap_output
+from ssp_core.bag.writing import writer as bag_writer
+from ssp_core.bag.writing.mcap_output import (
     CHUNK_BYTES,
     COPIED_BYTES,
     ChunkBuilder,
     DiskSync,
     write_buffers,
 )
-from ssp_core.bag.metadata import ROOT_KEY
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
-from ssp_core.bag.split import Split
-from ssp_core.bag.writer import BagWriter
+from ssp_core.bag.writing.split import Split
+from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import HostError, InputError
 from tests.support.waiting import DEADLINE_S
 
@@ -192,7 +192,7 @@ def test_a_slow_disk_holds_up_nobody_and_waits_once_per_file(
         assert release.wait(600)
         synced.append(os.fstat(descriptor).st_ino)
 
-    monkeypatch.setattr("ssp_core.bag.mcap_output.os.fdatasync", fdatasync)
+    monkeypatch.setattr("ssp_core.bag.writing.mcap_output.os.fdatasync", fdatasync)
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/x", STRING)
         writer.flush()
@@ -217,8 +217,8 @@ def test_a_sync_that_is_overdue_holds_up_the_next_flush_and_tells_its_age(
         assert release.wait(600)
         real(descriptor)
 
-    monkeypatch.setattr("ssp_core.bag.mcap_output.os.fdatasync", fdatasync)
-    monkeypatch.setattr("ssp_core.bag.mcap_output.LONGEST_WAIT_S", 30.0)
+    monkeypatch.setattr("ssp_core.bag.writing.mcap_output.os.fdatasync", fdatasync)
+    monkeypatch.setattr("ssp_core.bag.writing.mcap_output.LONGEST_WAIT_S", 30.0)
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/x", STRING)
         assert writer.sync_age_s == 0.0
@@ -226,7 +226,7 @@ def test_a_sync_that_is_overdue_holds_up_the_next_flush_and_tells_its_age(
         writer.flush()
         assert started.wait(600)
         assert writer.sync_age_s > 0.0
-        monkeypatch.setattr("ssp_core.bag.mcap_output.OVERDUE_S", 0.0)
+        monkeypatch.setattr("ssp_core.bag.writing.mcap_output.OVERDUE_S", 0.0)
         second = threading.Thread(target=writer.flush)
         second.start()
         second.join(0.2)
@@ -243,10 +243,11 @@ def test_a_disk_that_stands_still_holds_up_a_flush_for_a_while_only(
 ) -> None:
     release = threading.Event()
     monkeypatch.setattr(
-        "ssp_core.bag.mcap_output.os.fdatasync", lambda _: release.wait(600) or pytest.fail("late")
+        "ssp_core.bag.writing.mcap_output.os.fdatasync",
+        lambda _: release.wait(600) or pytest.fail("late"),
     )
-    monkeypatch.setattr("ssp_core.bag.mcap_output.OVERDUE_S", 0.0)
-    monkeypatch.setattr("ssp_core.bag.mcap_output.LONGEST_WAIT_S", 0.05)
+    monkeypatch.setattr("ssp_core.bag.writing.mcap_output.OVERDUE_S", 0.0)
+    monkeypatch.setattr("ssp_core.bag.writing.mcap_output.LONGEST_WAIT_S", 0.05)
     with BagWriter(tmp_path / "bag") as writer:
         writer.flush()
         writer.flush()
@@ -267,7 +268,7 @@ def test_an_error_of_the_disk_comes_with_one_of_the_next_flushes(
     def fdatasync(descriptor: int) -> None:
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr("ssp_core.bag.mcap_output.os.fdatasync", fdatasync)
+    monkeypatch.setattr("ssp_core.bag.writing.mcap_output.os.fdatasync", fdatasync)
     writer = BagWriter(tmp_path / "bag")
     writer.add_topic("/x", STRING)
     with pytest.raises(HostError, match=r"bag_0\.mcap: writing failed: Input/output error"):

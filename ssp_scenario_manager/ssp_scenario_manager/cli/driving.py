@@ -11,7 +11,7 @@ from ssp_core.errors import InputError
 from ssp_core.processes import beside_measuring, measuring_alone
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import drives_as_node, sees_frames, try_driver
-from ssp_scenario_manager.closed_loop.single import Drive, parse_drive
+from ssp_scenario_manager.closed_loop.single_run.single import Drive, parse_drive
 from ssp_scenario_manager.compile.targets.folder import Mode
 from ssp_scenario_manager.run import faults
 

@@ -16,16 +16,20 @@ from ssp_core import console
 from ssp_core.files import make_folder, taken_folder
 from ssp_core.options import WholeNumber
 from ssp_core.processes import beside_measuring, measuring_alone
-from ssp_scenario_manager.closed_loop.again import run_of_row
 from ssp_scenario_manager.closed_loop.answers import repeated
-from ssp_scenario_manager.closed_loop.bags import Bags, bag_rows, write_bags
-from ssp_scenario_manager.closed_loop.campaign import run_campaign
-from ssp_scenario_manager.closed_loop.plan_file import CampaignDriver, load_plan, try_drivers
-from ssp_scenario_manager.closed_loop.rates import Rates
-from ssp_scenario_manager.closed_loop.seal import check_sources
-from ssp_scenario_manager.closed_loop.single import named_driver
-from ssp_scenario_manager.closed_loop.tables import RUNS_FILE, TABLE_FILE, rows_there
-from ssp_scenario_manager.closed_loop.top_view import told_with_view
+from ssp_scenario_manager.closed_loop.campaigns.again import run_of_row
+from ssp_scenario_manager.closed_loop.campaigns.bags import Bags, bag_rows, write_bags
+from ssp_scenario_manager.closed_loop.campaigns.campaign import run_campaign
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import (
+    CampaignDriver,
+    load_plan,
+    try_drivers,
+)
+from ssp_scenario_manager.closed_loop.campaigns.seal import check_sources
+from ssp_scenario_manager.closed_loop.outcomes.rates import Rates
+from ssp_scenario_manager.closed_loop.outcomes.tables import RUNS_FILE, TABLE_FILE, rows_there
+from ssp_scenario_manager.closed_loop.single_run.single import named_driver
+from ssp_scenario_manager.closed_loop.single_run.top_view import told_with_view
 from ssp_scenario_manager.compile.task import TASK_FOLDER
 from ssp_scenario_manager.run.sweep import for_one_process, run_one
 

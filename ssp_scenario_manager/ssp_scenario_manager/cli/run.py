@@ -31,13 +31,13 @@ from ssp_scenario_manager.cli.driving import (
     check_twin,
 )
 from ssp_scenario_manager.closed_loop.answers import ANSWERS_FILE, repeated
-from ssp_scenario_manager.closed_loop.before import before_of_folder
-from ssp_scenario_manager.closed_loop.sessions import told_of_session
-from ssp_scenario_manager.closed_loop.single import (
+from ssp_scenario_manager.closed_loop.single_run.before import before_of_folder
+from ssp_scenario_manager.closed_loop.single_run.sessions import told_of_session
+from ssp_scenario_manager.closed_loop.single_run.single import (
     driven_run,
     kept_answers,
 )
-from ssp_scenario_manager.closed_loop.top_view import told_with_view
+from ssp_scenario_manager.closed_loop.single_run.top_view import told_with_view
 from ssp_scenario_manager.compile.changes import differences, with_value
 from ssp_scenario_manager.compile.targets.folder import (
     Mode,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader, bag_files
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.reading.reader import BagReader, bag_files
 from ssp_core.errors import InputError
 from ssp_core.files import Model, parse_mapping, parse_model, read_mapping
 from ssp_core.hashing import sha256_file, sha256_json

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ssp_core import names
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cdr.states import decode_state, decode_states
 from ssp_core.cdr.steps import decode_heartbeat, decode_tick

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ssp_core import names
-from ssp_core.bag.verdict import leave_verdict
+from ssp_core.bag.seals.verdict import leave_verdict
 from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import PeerError

@@ -13,7 +13,7 @@ from urllib.parse import parse_qsl
 import click
 
 from ssp_core import names
-from ssp_core.bag.declaration import load_declaration
+from ssp_core.bag.seals.declaration import load_declaration
 from ssp_core.errors import InputError
 from ssp_core.options import Number
 from ssp_core.run_file.model import RunSpec

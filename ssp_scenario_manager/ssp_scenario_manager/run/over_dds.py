@@ -15,9 +15,9 @@ from typing import Any
 
 import ssp_core
 from ssp_core import names
-from ssp_core.bag.declaration import Declaration, load_declaration, seal_declaration
-from ssp_core.bag.repair import recover
-from ssp_core.bag.verdict import leave_verdict
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.seals.declaration import Declaration, load_declaration, seal_declaration
+from ssp_core.bag.seals.verdict import leave_verdict
 from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.errors import HostError, InputError, SspError
 from ssp_core.files import write_json, write_text

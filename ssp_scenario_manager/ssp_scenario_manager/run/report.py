@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ssp_core import names
-from ssp_core.bag.reader import BagReader, object_states
+from ssp_core.bag.reading.reader import BagReader, object_states
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cdr.references import Acknowledgement, decode_ack, decode_reference
 from ssp_core.clock import ns_to_seconds, seconds_to_ns

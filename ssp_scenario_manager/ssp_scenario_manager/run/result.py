@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import names
-from ssp_core.bag.declaration import participation_of
-from ssp_core.bag.reader import BagReader, object_states
+from ssp_core.bag.reading.reader import BagReader, object_states
+from ssp_core.bag.seals.declaration import participation_of
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cdr.steps import decode_tick
 from ssp_core.clock import ns_to_seconds, seconds_to_ns

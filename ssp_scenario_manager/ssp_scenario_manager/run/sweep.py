@@ -24,7 +24,7 @@ import click
 import numpy as np
 
 from ssp_core import console
-from ssp_core.bag.verdict import leave_verdict
+from ssp_core.bag.seals.verdict import leave_verdict
 from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.clock import ns_to_seconds
 from ssp_core.decimals import decimal, whole_number

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError, PeerError
@@ -29,7 +29,7 @@ RESPONSE_TYPE = "ssp_msgs/msg/VlaResponse"
 
 
 def response_of_message(message: Any) -> Response:
-    """Return the response in a decoded message (ssp_core.bag.reader.BagReader.decode).
+    """Return the response in a decoded message (ssp_core.bag.reading.reader.BagReader.decode).
 
     Raises:
         ValueError: its decoding facts are no JSON object.

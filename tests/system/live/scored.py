@@ -6,8 +6,8 @@ import json
 import shutil
 from pathlib import Path
 
-from ssp_core.bag.declaration import participation_of
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.bag.seals.declaration import participation_of
 from ssp_core.run_file.model import load_run
 from ssp_core.run_file.participation import participants
 from ssp_eval.data.audit import Audit, load_audit

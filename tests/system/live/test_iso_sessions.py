@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from ssp_core import names
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from tests.system.live.hosts import (
     OBJECTS,
     Cut,

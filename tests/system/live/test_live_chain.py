@@ -17,7 +17,7 @@ import aiohttp
 import pytest
 
 from ssp_core import names
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.sros2 import rights
 from tests.system.live.conftest import DEADLINE_S, ODOMETRY

@@ -14,10 +14,10 @@ import yaml
 from mcap.reader import NonSeekingReader
 from rosbags.highlevel import AnyReader
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.split import Split
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage
+from ssp_core.bag.writing.split import Split
 from ssp_monitor.recorder.losses import SimulatedTime, stamp_at
 from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.topics import Profile, TopicSpec

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
-from ssp_core.bag.repair import recover
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.repair import recover
+from ssp_core.bag.reading.reader import BagReader
 
 from .checks import kept_until_ns, missing
 from .conftest import MOST_S, Field, wait_for

@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.reading.reader import BagReader
 
 from .checks import held, missing
 from .conftest import Field, Recording, wait_for

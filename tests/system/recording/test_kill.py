@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.repair import recover
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.operations.repair import recover
 from ssp_core.errors import InputError
 
 from .checks import held, kept_until_ns, missing

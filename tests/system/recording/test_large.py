@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag.check import check_bag
-from ssp_core.bag.reader import BagReader
+from ssp_core.bag.operations.check import check_bag
+from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_monitor.recorder.recorder import OVERHEAD_BYTES, Recorder
 from ssp_monitor.recorder.topics import MOST_TOPICS, Profile, TopicSpec

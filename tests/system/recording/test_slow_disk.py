@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.bag import mcap_output
-from ssp_core.bag.check import check_bag
+from ssp_core.bag.operations.check import check_bag
 from ssp_core.bag.types import BagMessage
+from ssp_core.bag.writing import mcap_output
 from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.topics import Importance, Profile, TopicSpec, importance
 from tests.support.waiting import DEADLINE_S

@@ -84,7 +84,7 @@ class Evidence:
 
     def sheet(self, frames: tuple[int, ...]) -> Path | None:
         """Return the contact sheet of some frames, None without video or frames."""
-        from ssp_core.bag.images import encode
+        from ssp_core.bag.pictures.images import encode
         from ssp_core.video import Tile, contact_sheet
 
         tiles = [

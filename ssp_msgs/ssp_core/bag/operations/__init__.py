@@ -1,0 +1,1 @@
+"""Checks, cuts and repairs of whole bags."""

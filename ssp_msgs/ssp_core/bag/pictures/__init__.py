@@ -1,0 +1,1 @@
+"""The pictures of a bag, and what their headers and stamps claim."""

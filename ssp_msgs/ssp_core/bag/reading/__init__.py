@@ -1,0 +1,1 @@
+"""Readers of a bag: within bounds, by index, from MCAP or SQLite."""

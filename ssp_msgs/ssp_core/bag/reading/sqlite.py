@@ -1,0 +1,185 @@
+"""Bags that rosbag2 stored in SQLite, read as those in MCAP are, so that they can be cut."""
+
+from __future__ import annotations
+
+import heapq
+import sqlite3
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import Any
+from urllib.parse import quote
+
+from ssp_core.bag.metadata import FILE_NAME, ROOT_KEY
+from ssp_core.bag.reading.reader import BagReader, TopicInfo, numbered_files
+from ssp_core.bag.types import CDR, MSG_ENCODING, BagMessage, TypeDefinition, definition
+from ssp_core.errors import InputError
+from ssp_core.files import read_mapping
+
+SUFFIX = ".db3"
+Row = tuple[Any, ...]
+
+
+def open_bag(path: Path) -> BagReader:
+    """Open a bag of either storage for reading.
+
+    Raises:
+        InputError: as BagReader.
+    """
+    if path.is_file() and path.suffix == SUFFIX:
+        return SqliteBag(path, (path,))
+    if path.is_dir():
+        if (path / FILE_NAME).is_file():
+            told = read_mapping(path / FILE_NAME).get(ROOT_KEY)
+            if isinstance(told, dict) and told.get("storage_identifier") == "sqlite3":
+                return SqliteBag(path, _files(path, told))
+        elif not any(path.glob("*.mcap")) and (files := numbered_files(path, SUFFIX)):
+            # Its recorder ended before it wrote metadata.yaml; the files are whole all the same.
+            return SqliteBag(path, files)
+    return BagReader(path)
+
+
+def _files(folder: Path, told: dict[str, Any]) -> tuple[Path, ...]:
+    """Return the bag's files in order.
+
+    Raises:
+        InputError: metadata.yaml names none, or they are compressed.
+    """
+    names = told.get("relative_file_paths")
+    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
+        raise InputError(
+            "must list the bag's files",
+            file=folder / FILE_NAME,
+            field=f"{ROOT_KEY}.relative_file_paths",
+        )
+    # Only the name counts: a bag reads no file outside its directory.
+    files = tuple(folder / PurePosixPath(name).name for name in names)
+    for file in files:
+        if file.suffix != SUFFIX:
+            raise InputError(
+                "is compressed, which is not read here",
+                file=file,
+                remedy="convert the bag with `ros2 bag convert`",
+            )
+    return files
+
+
+def _known(found: TypeDefinition) -> TypeDefinition:
+    """Return the definition of a type that the file doesn't define, where it is known."""
+    try:
+        return definition(found.msgtype)
+    except InputError:
+        return found
+
+
+class SqliteBag(BagReader):
+    """A bag of SQLite files, open for reading; it has neither attachments nor checksums.
+
+    Raises:
+        InputError: a file isn't there or is no SQLite file of rosbag2.
+    """
+
+    def __init__(self, path: Path, files: tuple[Path, ...]) -> None:
+        self.path = path
+        self.topics: dict[str, TopicInfo] = {}
+        self.files = ()
+        self.stored = files
+        self._parts = []
+        self._definitions: dict[str, TypeDefinition] = {}
+        self._ambiguous: dict[str, InputError] = {}
+        self._stores: list[sqlite3.Connection] = []
+        self._span: list[int] = []
+        for file in files:
+            if not file.is_file():
+                raise InputError("is not there", file=file)
+            with self._failures(file):
+                # Of a file without a log beside it nothing is written, also on read-only media.
+                is_whole = not file.with_name(f"{file.name}-wal").exists()
+                where = f"file:{quote(str(file))}?mode=ro" + "&immutable=1" * is_whole
+                self._stores.append(sqlite3.connect(where, uri=True))
+                self._read(self._stores[-1])
+
+    @contextmanager
+    def _failures(self, file: Path) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise InputError(f"can't be read as SQLite: {error}", file=file) from error
+
+    def _read(self, store: sqlite3.Connection) -> None:
+        """Take the topics of a file."""
+        columns = {row[1] for row in store.execute("PRAGMA table_info(topics)")}
+        tables = {row[0] for row in store.execute("SELECT name FROM sqlite_master")}
+        written: dict[str, Row] = {}
+        if "message_definitions" in tables:
+            written = {
+                row[0]: row
+                for row in store.execute(
+                    "SELECT topic_type, encoding, encoded_message_definition "
+                    "FROM message_definitions"
+                )
+            }
+        # Which rosbag2 added one after the other.
+        wanted = ("serialization_format", "offered_qos_profiles", "type_description_hash")
+        chosen = ", ".join(name if name in columns else "''" for name in wanted)
+        counts = dict(store.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
+        for number, name, kind, form, profiles, hashed in store.execute(
+            f"SELECT id, name, type, {chosen} FROM topics"
+        ):
+            before = self.topics.get(name)
+            count = counts.get(number, 0) + (before.count if before else 0)
+            self.topics[name] = TopicInfo(kind, count, profiles, hashed)
+            _, encoding, text = written.get(kind, (kind, "", ""))
+            found = TypeDefinition(kind, encoding or MSG_ENCODING, text, hashed, form or CDR)
+            self._definitions[name] = found if text.strip() else _known(found)
+        first, last = store.execute(
+            "SELECT MIN(timestamp), MAX(timestamp) FROM messages"
+        ).fetchone()
+        if first is not None:
+            self._span += [first, last]
+
+    @property
+    def start_ns(self) -> int | None:
+        """Earliest log time, None for a bag without messages."""
+        return min(self._span, default=None)
+
+    @property
+    def end_ns(self) -> int | None:
+        """Latest log time, None for a bag without messages."""
+        return max(self._span, default=None)
+
+    def messages(
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        stop_ns: int | None = None,
+    ) -> Iterator[BagMessage]:
+        """Return the messages by log time; SQLite keeps no publish times or sequence numbers."""
+        return heapq.merge(
+            *(self._of(store, topics, start_ns, stop_ns) for store in self._stores),
+            key=lambda message: message.log_time_ns,
+        )
+
+    def _of(
+        self,
+        store: sqlite3.Connection,
+        topics: Collection[str] | None,
+        start_ns: int | None,
+        stop_ns: int | None,
+    ) -> Iterator[BagMessage]:
+        with self._failures(self.path):
+            known = dict(store.execute("SELECT id, name FROM topics"))
+            numbers = [int(k) for k, name in known.items() if topics is None or name in topics]
+            rows = store.execute(
+                "SELECT topic_id, timestamp, data FROM messages "
+                f"WHERE topic_id IN ({', '.join(map(str, numbers))}) "
+                "AND timestamp >= ? AND timestamp < ? ORDER BY timestamp, id",
+                (start_ns or 0, 2**63 - 1 if stop_ns is None else stop_ns),
+            )
+            for number, at_ns, data in rows:
+                yield BagMessage(known[number], at_ns, at_ns, data, 0)
+
+    def close(self) -> None:
+        """End the reading."""
+        for store in self._stores:
+            store.close()

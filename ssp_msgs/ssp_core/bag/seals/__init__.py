@@ -1,0 +1,1 @@
+"""Seals of a bag, its verdict, and words that are added to it."""

@@ -1,0 +1,1 @@
+"""Campaigns of driven runs: the plan, the sealed starts, a row per run."""

@@ -1,0 +1,102 @@
+"""A campaign: starts that are sealed before a driver runs, then one row per run, resumable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ssp_core.errors import InputError
+from ssp_core.files import write_text
+from ssp_scenario_manager.closed_loop.campaigns.cards import complete_cards, seal_cards
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import ZERO, LoopPlan
+from ssp_scenario_manager.closed_loop.campaigns.runs import Job, identity_of, jobs_of, rows_of
+from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts
+from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
+from ssp_scenario_manager.closed_loop.outcomes.rates import Rates, rates_of, refused_for, rising
+from ssp_scenario_manager.closed_loop.outcomes.tables import (
+    RATE_COLUMNS,
+    RUN_COLUMNS,
+    RUNS_FILE,
+    TABLE_FILE,
+    Row,
+    lines_of,
+    rates_row,
+    read_row,
+    rows_there,
+)
+from ssp_scenario_manager.closed_loop.outcomes.texts import write_texts
+from ssp_scenario_manager.run.sweep import ordered_map
+
+
+def run_campaign(
+    plan: LoopPlan,
+    folder: Path,
+    jobs: int,
+    on_rows: Callable[[int, int], None],
+    say: Callable[[str], None],
+) -> tuple[list[Rates], list[str]]:
+    """Run a campaign, or what is left of it; return the rates, and why it is refused.
+
+    Args:
+        plan: the campaign.
+        folder: new, or of the same campaign.
+        jobs: processes that share the work; one where a latency is measured.
+        on_rows: is given how many runs are done, at first those that were, and of how many.
+        say: takes what doesn't end it, for people.
+
+    Raises:
+        InputError: as ``draw_starts``, or ``runs.csv`` is of another campaign, or runs with a
+            measured latency would go side by side.
+    """
+    if plan.is_measured and jobs > 1:
+        raise InputError(
+            "goes with one process: a measured latency is that of a run that goes alone",
+            field="--jobs",
+            value=jobs,
+            remedy="leave --jobs out, or give the fixed latencies a plan of their own",
+        )
+    starts = draw_starts(plan, folder, jobs, say)
+    seal_cards(folder, plan, starts)
+    todo = list(jobs_of(plan, starts, folder))
+    per_job = len(plan.latencies) * plan.repeats
+    path = folder / RUNS_FILE
+    rows = rows_there(path)
+    # A job that was cut off is run again as a whole.
+    rows = rows[: len(rows) // per_job * per_job]
+    _check_rows(path, rows, todo, per_job)
+    write_text(path, lines_of([RUN_COLUMNS, *rows]))
+    total = len(todo) * per_job
+    on_rows(len(rows), total)
+    with (
+        ordered_map(min(jobs, len(todo))) as run_all,
+        path.open("a", newline="") as stream,
+    ):
+        for done in run_all(rows_of, todo[len(rows) // per_job :]):
+            # Before its rows: a job without rows is run again, and writes them anew.
+            write_texts(folder, len(rows) // per_job, per_job, done.answers)
+            stream.write(lines_of(done.rows))
+            stream.flush()
+            rows += done.rows
+            on_rows(len(rows), total)
+    if plan.is_measured:
+        complete_cards(folder, rows)
+    rates = rates_of([read_row(row) for row in rows])
+    knowing = {one.shown for one in plan.everybody if one.is_privileged}
+    table = [rates_row(one, one.driver in knowing) for one in rates]
+    write_text(folder / TABLE_FILE, lines_of([RATE_COLUMNS, *table]))
+    for text in rising(rates, ("oracle", "aeb")):
+        say(f"gets better with latency: {text}")
+    return rates, refused_for(rates, ZERO)
+
+
+def _check_rows(path: Path, rows: Sequence[Row], todo: Sequence[Job], per_job: int) -> None:
+    for i, row in enumerate(rows):
+        job = todo[i // per_job] if i // per_job < len(todo) else None
+        wanted = [] if job is None else identity_of(job)[i % per_job]
+        if len(row) != len(RUN_COLUMNS) or row[: len(wanted)] != wanted or row[7] not in OUTCOMES:
+            raise InputError(
+                "holds another campaign's run",
+                file=path,
+                line=i + 2,
+                remedy="name a new folder with --out",
+            )

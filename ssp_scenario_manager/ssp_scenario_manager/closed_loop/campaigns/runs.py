@@ -1,0 +1,337 @@
+"""The runs of a campaign: one driver on one start, in the event and in its event-free twin."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass
+from functools import lru_cache
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from ssp_core.files import make_folder
+from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.latency import ZERO_LATENCY, Latency
+from ssp_core.run_file.model import RunSpec
+from ssp_core.world.driver import BUILT_IN, COMMANDED, RecordedAnswer
+from ssp_scenario_manager.closed_loop.answers import (
+    KeptAnswers,
+    Question,
+    answers_of,
+    load_answers,
+    repeated,
+    row_file,
+    save_answers,
+)
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver, LoopPlan
+from ssp_scenario_manager.closed_loop.campaigns.tries import Failure, Tries, load_tries, tries_file
+from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL, careful_motion, is_defined
+from ssp_scenario_manager.closed_loop.outcomes.needless import needless_in
+from ssp_scenario_manager.closed_loop.outcomes.outcome import (
+    CHAIN,
+    HARNESS,
+    Outcome,
+    chain_of,
+    measured_of,
+    outcome_of,
+    severity_of,
+)
+from ssp_scenario_manager.closed_loop.outcomes.severity import Severity, severity_facts
+from ssp_scenario_manager.closed_loop.outcomes.tables import Row, one_line, shown
+from ssp_scenario_manager.closed_loop.outcomes.texts import Kept, texts_of
+from ssp_scenario_manager.closed_loop.starts.start import Start, from_facts
+from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One driver on one start, at all latencies.
+
+    Args:
+        start: as ``starts.json`` has it.
+        first_row: of ``runs.csv``, from 1.
+        folder: of the campaign, which takes a model's answers; None: none are kept.
+    """
+
+    start: str
+    driver: CampaignDriver
+    latencies: tuple[Latency, ...]
+    repeats: int
+    seed: int
+    first_row: int = 1
+    folder: Path | None = None
+
+    @property
+    def count(self) -> int:
+        """Rows of the job."""
+        return len(self.latencies) * self.repeats
+
+
+def jobs_of(
+    plan: LoopPlan, starts: Sequence[Mapping[str, Any]], folder: Path | None = None
+) -> Iterator[Job]:
+    """Yield the jobs of a campaign in the order of its table.
+
+    Args:
+        plan: the campaign.
+        starts: sealed ones.
+        folder: takes a model's answers; None: none are kept.
+    """
+    first_row = 1
+    for start in starts:
+        text = json.dumps(start, sort_keys=True)
+        drives_carefully = is_defined(RunSpec.model_validate(start["run"]))
+        for driver in plan.everybody:
+            if driver.driver == CAREFUL and not drives_carefully:
+                continue
+            job = Job(
+                text, driver, tuple(plan.latencies), plan.repeats, plan.seed, first_row, folder
+            )
+            yield job
+            first_row += job.count
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """The findings on one run, as its row has them.
+
+    Args:
+        answers: with texts.
+        took: what is known of a measured latency; None: it was given.
+        states: hash of the true states; empty: it was driven in no session.
+    """
+
+    outcome: Outcome
+    chain: Mapping[str, float | None]
+    severity: Severity
+    needless: str
+    answers: tuple[Kept, ...] = ()
+    took: Mapping[str, Any] | None = None
+    states: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """The rows of a job, and for each the answers that have texts."""
+
+    rows: list[Row]
+    answers: list[tuple[Kept, ...]]
+
+
+def rows_of(job: Job) -> Done:
+    """Drive one driver on one start, in the event and in its event-free twin."""
+    start, built_in = _start(job.start)
+    identity = identity_of(job)
+    rows: list[Row] = []
+    answers: list[tuple[Kept, ...]] = []
+    found: _Found | None = None
+    for latency in job.latencies:
+        for repeat in range(job.repeats):
+            if job.driver.driver == CAREFUL:
+                found = _careful(job.start)
+            elif (
+                found is None or found.outcome.kind == HARNESS or job.driver.driver not in COMMANDED
+            ):
+                # Without plans nothing depends on a latency, and one sound drive stands for all.
+                row = job.first_row + len(rows)
+                found = _both(job, start, built_in, latency, repeat, row)
+            rows.append([*identity[len(rows)], *_cells(start, found)])
+            answers.append(found.answers)
+    return Done(rows, answers)
+
+
+def _cells(start: Start, found: _Found) -> Row:
+    outcome, severity = found.outcome, found.severity
+    v_i_mps = None if outcome.contact is None else outcome.contact.relative_mps
+    return [
+        *(outcome.kind, shown(outcome.at_s), one_line(outcome.why)),
+        *map(shown, (v_i_mps, start.v_r_mps, severity_of(outcome, start.v_r_mps))),
+        *map(shown, found.chain.values()),
+        shown(outcome.unled_s),
+        str(outcome.starved).lower(),
+        one_line(found.needless),
+        *(shown(None if found.took is None else found.took[key]) for key in ("p50_s", "p99_s")),
+        found.states,
+        *map(shown, astuple(severity)),
+    ]
+
+
+def order_of(name: str) -> tuple[bool, bool]:
+    """Return in which order the event, True, and its event-free twin are driven.
+
+    It is random by the name of the pair, so that a driver can't tell from it which is which.
+    """
+    order = [True, False]
+    random.Random(name).shuffle(order)
+    return order[0], order[1]
+
+
+def _both(
+    job: Job, start: Start, built_in: Record, latency: Latency, repeat: int, row: int
+) -> _Found:
+    order = order_of(f"{job.seed} {start.hash} {job.driver.shown} {latency} {repeat}")
+    keeps = job.folder is not None and job.driver.is_model
+    path = row_file(job.folder, row) if job.folder is not None and keeps else None
+    kept = failed = None
+    if path is not None and path.is_file():
+        wanted = start.driven_by(
+            job.driver.driver, job.driver.options, latency, repeat=repeat
+        ).driven
+        kept = load_answers(path, f"remove it, and the model is asked again in row {row}", wanted)
+    elif job.folder is not None and keeps:
+        failed = tries_file(job.folder, row)
+    tries = Tries() if failed is None else load_tries(failed)
+    drives = {}
+    for event in order:
+        drove = _run(job, start, latency, repeat, tries, failed, event=event, kept=kept)
+        if isinstance(drove, Failure):
+            return _lost(drove)
+        drives[event] = drove
+    driven, free = drives[True], drives[False]
+    if path is not None and kept is None:
+        make_folder(path.parent)
+        asked = Question.of(driven.driven)
+        save_answers(path, KeptAnswers(asked, driven.answers, free.answers))
+    return _Found(
+        driven.outcome,
+        chain_of(driven.driven, driven.record, driven.outcome),
+        severity_facts(
+            driven.run,
+            driven.driven,
+            driven.record.reports,
+            driven.result,
+            driven.outcome.contact,
+            driven.outcome.at_s,
+        ),
+        needless_in(free.run, free.driven, free.record, built_in, free.outcome),
+        tuple(texts_of(driven.driven, driven.record.reports, driven.outcome.at_s)),
+        measured_of(driven.driven, driven.record),
+        driven.record.sha256,
+    )
+
+
+def _lost(failure: Failure) -> _Found:
+    """Return what is found of a row that our side failed as often as it is tried: no measure."""
+    outcome = Outcome(HARNESS, failure.at_s, failure.why, None, None, 0.0, starved=False)
+    severity = Severity(None, None, None, None, None, None)
+    return _Found(outcome, dict.fromkeys(CHAIN), severity, "")
+
+
+@lru_cache(maxsize=2)
+def _careful(text: str) -> _Found:
+    """Return the careful driver's run, which has no latency, on the objects of the oracle's."""
+    start, _ = _start(text)
+    oracle = drive_start(start, CampaignDriver(driver="oracle"), ZERO_LATENCY)
+    outcome, reports = careful_motion(start, oracle.record)
+    severity = severity_facts(
+        oracle.run, oracle.driven, reports, None, outcome.contact, outcome.at_s
+    )
+    return _Found(outcome, chain_of(oracle.driven, Record(reports), outcome), severity, "")
+
+
+def identity_of(job: Job) -> list[Row]:
+    """Return the columns of each of a job's rows that say which run it is."""
+    facts = json.loads(job.start)
+    of_start = [str(facts[name]) for name in ("event", "seed", "hash", "kind")]
+    return [
+        [*of_start, job.driver.shown, str(latency), str(repeat)]
+        for latency, repeat in product(job.latencies, range(job.repeats))
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Drove:
+    """One drive of a driver on a start."""
+
+    run: RunSpec
+    driven: Driven
+    result: InProcessResult
+    record: Record
+    outcome: Outcome
+
+    @property
+    def answers(self) -> tuple[RecordedAnswer, ...]:
+        """Answers of a model, with which it is driven again."""
+        return answers_of(self.driven, self.record)
+
+
+Answers = Sequence[RecordedAnswer] | None
+
+
+def _run(
+    job: Job,
+    start: Start,
+    latency: Latency,
+    repeat: int,
+    tries: Tries,
+    failed: Path | None,
+    *,
+    event: bool,
+    kept: KeptAnswers | None,
+) -> Drove | Failure:
+    """Drive once, and again while our side failed and more tries are left (METHOD 8.7).
+
+    Args:
+        job: names the driver.
+        start: with its twin.
+        latency: L.
+        repeat: of the start under this driver, from 0.
+        tries: failed ones of the row, which takes those that fail here.
+        failed: file of them; None: they aren't kept.
+        event: False: the event-free twin.
+        kept: answers that a model repeats; None: it is asked.
+    """
+    answers = repeated(kept, event=event)
+    while (lost := tries.lost(event=event)) is None:
+        drove = drive_start(start, job.driver, latency, event=event, repeat=repeat, answers=answers)
+        if drove.outcome.kind != HARNESS:
+            return drove
+        tries.fail(drove.outcome, failed, event=event)
+    return lost
+
+
+def drive_start(
+    start: Start,
+    driver: CampaignDriver,
+    latency: Latency,
+    *,
+    event: bool = True,
+    repeat: int = 0,
+    answers: Answers = None,
+) -> Drove:
+    """Drive one driver on a start once.
+
+    Args:
+        start: with its twin.
+        driver: of the campaign.
+        latency: L.
+        event: False: the event-free twin.
+        repeat: of the start under this driver, from 0.
+        answers: that a model gave before, and repeats; None: it is asked.
+    """
+    run = start.driven_by(driver.driver, driver.options, latency, event=event, repeat=repeat)
+    if run.driven is None:
+        raise ValueError("a driven run is driven by somebody")
+    result, record = run_in_process(run, answers=answers)
+    outcome = outcome_of(run, run.driven, result, record, start.twin)
+    return Drove(run, run.driven, result, record, outcome)
+
+
+@lru_cache(maxsize=2)
+def drivable(text: str) -> Start:
+    """Return a sealed start, with its twin.
+
+    Args:
+        text: as a job has it.
+    """
+    return from_facts(json.loads(text))
+
+
+@lru_cache(maxsize=2)
+def _start(text: str) -> tuple[Start, Record]:
+    """Return a sealed start with its twin, and the built-in driver's event-free run."""
+    start = drivable(text)
+    drove = drive_start(start, CampaignDriver(driver=BUILT_IN), ZERO_LATENCY, event=False)
+    return start, drove.record

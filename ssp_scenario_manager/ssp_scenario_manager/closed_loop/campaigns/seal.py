@@ -1,0 +1,245 @@
+"""The starts of a campaign, drawn and sealed before a driver runs (METHOD 8.1, 8.7)."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from ssp_core import __version__
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder, parse_model, write_json
+from ssp_core.hashing import sha256_json, sha256_sources
+from ssp_core.run_file.latency import ZERO_LATENCY
+from ssp_core.run_file.model import RunSpec
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver, LoopPlan
+from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start
+from ssp_scenario_manager.closed_loop.single_run.single import MOST_SEEDS
+from ssp_scenario_manager.closed_loop.starts.start import OffSpec, make_start
+from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.run.sweep import ordered_map
+
+PLAN_FILE, TASKS_FOLDER, STARTS_FILE = "plan.json", "tasks", "starts.json"
+STARTS_SCHEMA = "ssp.loop_starts/2"
+# Their sources decide how a run goes and what it is rated.
+_PACKAGES = (
+    "ssp_core",
+    "ssp_ot_controller",
+    "ssp_scenario_manager",
+    "ssp_vla_bridge",
+    "ssp_eval.evaluate",
+)
+_OTHER = {
+    "version": "is of another version of this software",
+    "sources": "is of other sources of this software, under the same version",
+    "plan": "is of another campaign",
+}
+KINDS = ("critical", "harmless", "unavoidable")
+
+
+def draw_starts(
+    plan: LoopPlan, folder: Path, jobs: int, say: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    """Return the sealed starts of a campaign, drawn unless they are there.
+
+    Args:
+        plan: the campaign.
+        folder: of it.
+        jobs: processes that share the work.
+        say: takes the shares of starts, for people.
+
+    Raises:
+        InputError: the folder holds another campaign, or an event has too few critical starts.
+    """
+    sealed = {**_software(), "plan": plan.model_dump(mode="json", by_alias=True)}
+    _claim(folder, sealed)
+    path = folder / STARTS_FILE
+    if path.is_file():
+        return sealed_starts(folder)
+    # Tasks of a call that was cut off before the seal may be half written.
+    shutil.rmtree(folder / TASKS_FOLDER, ignore_errors=True)
+    starts = []
+    for number, event in enumerate(plan.events):
+        draft = folder / TASKS_FOLDER / str(number)
+        starts += _starts_of(plan, event, draft, jobs, say)
+    kept = {"schema": STARTS_SCHEMA, "starts": starts}
+    write_json(path, {**kept, "hash": sha256_json(starts)})
+    return starts
+
+
+def sealed_starts(folder: Path) -> list[dict[str, Any]]:
+    """Return the starts of a campaign as they were sealed.
+
+    Raises:
+        InputError: there are none, they were changed since, or they are of another schema, by which
+            other things of a start were drawn.
+    """
+    path = folder / STARTS_FILE
+    there = _sealed(path)
+    if there.get("schema") != STARTS_SCHEMA:
+        raise InputError(
+            f"must be {STARTS_SCHEMA}",
+            file=path,
+            field="schema",
+            value=there.get("schema"),
+            remedy="use the version of this software that drew these starts, or drive the campaign "
+            "anew",
+        )
+    if there.get("hash") != sha256_json(there.get("starts")):
+        raise InputError(
+            "was changed after it was sealed", file=path, remedy="name a new folder with --out"
+        )
+    return list(there["starts"])
+
+
+def sealed_plan(folder: Path) -> tuple[LoopPlan, str]:
+    """Return the plan of a campaign, and the version of the software that began it.
+
+    Raises:
+        InputError: it is no campaign's folder.
+    """
+    path = folder / PLAN_FILE
+    there = _sealed(path)
+    return parse_model(LoopPlan, there.get("plan"), path), str(there.get("version", ""))
+
+
+def check_sources(folder: Path) -> None:
+    """Refuse a campaign that other sources of this software began: they drive other runs.
+
+    Raises:
+        InputError: it is one, or no campaign's folder.
+    """
+    path = folder / PLAN_FILE
+    there, ours = _sealed(path), _software()
+    for name, value in ours.items():
+        if there.get(name) != value:
+            raise InputError(
+                _OTHER[name],
+                file=path,
+                field=name,
+                remedy="use the software that drove it, or drive the campaign anew",
+            )
+
+
+def _software() -> dict[str, Any]:
+    return {"version": __version__, "sources": _sources()}
+
+
+def _sealed(path: Path) -> dict[str, Any]:
+    try:
+        there = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise InputError(
+            f"can't be read: {why}", file=path, remedy="name a folder that `ssp loop` wrote"
+        ) from error
+    if not isinstance(there, dict):
+        raise InputError("holds no campaign", file=path, remedy="name a new folder with --out")
+    return there
+
+
+def _sources() -> dict[str, str]:
+    """Return the hash of the sources of each package that decides how a run goes."""
+    found = {}
+    for name in _PACKAGES:
+        spec = importlib.util.find_spec(name)
+        for place in () if spec is None else spec.submodule_search_locations or ():
+            found[name] = sha256_sources(Path(place))
+    return found
+
+
+def _claim(folder: Path, sealed: Mapping[str, Any]) -> None:
+    """Take a new folder for a campaign, or find that it is this campaign's.
+
+    Raises:
+        InputError: it is another campaign's, or holds something else.
+    """
+    path = folder / PLAN_FILE
+    if path.is_file():
+        there = _sealed(path)
+        changed = [name for name in sealed if there.get(name) != sealed[name]]
+        if changed:
+            raise InputError(_OTHER[changed[0]], file=path, remedy="name a new folder with --out")
+        return
+    if any(not entry.name.startswith(".") for entry in folder.iterdir()):
+        raise InputError(
+            "holds something else than a campaign",
+            file=folder,
+            remedy="name a new folder with --out",
+        )
+    write_json(path, dict(sealed))
+
+
+def _starts_of(
+    plan: LoopPlan, event: str, draft: Path, jobs: int, say: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    prepare_run(event, plan.site, make_folder(draft), seed=plan.seed, mode="lockstep")
+    run = parse_model(
+        RunSpec, json.loads((draft / TASK_FOLDER / "task.json").read_text())["run"], draft
+    )
+    event_file = str(draft / TASK_FOLDER / EVENT_FILE)
+    room_s = plan.room_s, plan.history_s
+    judge = partial(_drawn, run.model_dump_json(by_alias=True), event_file, room_s)
+    kept: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
+    seen = dict.fromkeys((*KINDS, "off_spec"), 0)
+    most = {"critical": plan.starts, "harmless": plan.others, "unavoidable": plan.others}
+    seeds = iter(range(plan.seed, plan.seed + MOST_SEEDS * plan.starts))
+    with ordered_map(jobs) as run_all:
+        while len(kept["critical"]) < plan.starts:
+            batch = list(islice(seeds, max(jobs, 1)))
+            if not batch:
+                break
+            for kind, facts in run_all(judge, batch):
+                if len(kept["critical"]) >= plan.starts:
+                    break
+                seen[kind] += 1
+                if kind in kept and len(kept[kind]) < most[kind]:
+                    kept[kind].append({"event": event, "kind": kind, **facts})
+    shares = ", ".join(f"{count} {kind}" for kind, count in seen.items())
+    say(f"starts of {event}, by seed from {plan.seed} on: {shares}")
+    if len(kept["critical"]) < plan.starts:
+        raise InputError(
+            f"has {len(kept['critical'])} critical starts among {sum(seen.values())} seeds",
+            field="starts",
+            value=plan.starts,
+            remedy="ask for fewer, for smaller latencies, or for a place with a longer run-up",
+        )
+    return [start for kind in KINDS for start in kept[kind]]
+
+
+def _drawn(
+    run_json: str, event_file: str, room_s: tuple[float, float], seed: int
+) -> tuple[str, dict[str, Any]]:
+    """Return the kind of a seed's start (METHOD 8.1) and its facts; ``off_spec`` with a reason.
+
+    Args:
+        run_json: as it was compiled.
+        event_file: K*.
+        room_s: the largest latency and the longest history, for which the hand-over leaves time.
+        seed: of the start.
+    """
+    run = RunSpec.model_validate_json(run_json)
+    try:
+        start = make_start(run, load_event(event_file)[0], seed, *room_s)
+    except OffSpec as error:
+        return "off_spec", {"seed": seed, "why": str(error)}
+    facts = {
+        **start.facts(),
+        "hash": start.hash,
+        "run": start.run.model_dump(mode="json", by_alias=True),
+    }
+    if start.contact is None:
+        return "harmless", facts
+    outcome = drive_start(start, CampaignDriver(driver="oracle"), ZERO_LATENCY).outcome
+    if outcome.kind == "avoided":
+        return "critical", facts
+    if outcome.contact is not None:
+        return "unavoidable", facts
+    return "off_spec", {"seed": seed, "why": f"the oracle ends by {outcome.kind}: {outcome.why}"}

@@ -1,0 +1,97 @@
+"""Drives of a row that our side failed, each repeated at most twice over all calls (METHOD 8.7).
+
+Those of a model lie beside its answers, so that a campaign that is cut off and goes on asks it no
+more often than one that isn't.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from pydantic import TypeAdapter, ValidationError
+
+from ssp_core.errors import InputError
+from ssp_core.files import make_folder, write_text
+from ssp_scenario_manager.closed_loop.answers import row_file
+from ssp_scenario_manager.closed_loop.outcomes.outcome import Outcome
+
+MOST_TRIES = 3
+_SCHEMA: Literal["ssp.driven_tries/1"] = "ssp.driven_tries/1"
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """The time and the reason of a drive that our side failed."""
+
+    at_s: float
+    why: str
+
+
+@dataclass(slots=True)
+class Tries:
+    """The drives of one row that our side failed.
+
+    Args:
+        event: in the event, in their order.
+        free: in its event-free twin.
+    """
+
+    event: list[Failure] = field(default_factory=list)
+    free: list[Failure] = field(default_factory=list)
+    schema: Literal["ssp.driven_tries/1"] = _SCHEMA
+
+    def of(self, *, event: bool) -> list[Failure]:
+        """Return those in the event, or in its event-free twin."""
+        return self.event if event else self.free
+
+    def lost(self, *, event: bool) -> Failure | None:
+        """Return the last failure where no more is tried; None: it is."""
+        failures = self.of(event=event)
+        return failures[-1] if len(failures) >= MOST_TRIES else None
+
+    def fail(self, outcome: Outcome, path: Path | None, *, event: bool) -> None:
+        """Keep one more failure.
+
+        Args:
+            outcome: of the drive.
+            path: of the file; None: the drive is the same again each time, and none is kept.
+            event: False: of the event-free twin.
+        """
+        self.of(event=event).append(Failure(outcome.at_s, outcome.why))
+        if path is not None:
+            make_folder(path.parent)
+            write_text(path, json.dumps(asdict(self)) + "\n")
+
+
+_FORM: TypeAdapter[Tries] = TypeAdapter(Tries)
+
+
+def tries_file(campaign: Path, row: int) -> Path:
+    """Return the file of the failed drives of a campaign's row.
+
+    Args:
+        campaign: its folder.
+        row: of ``runs.csv``, from 1.
+    """
+    return row_file(campaign, row).with_suffix(".failed.json")
+
+
+def load_tries(path: Path) -> Tries:
+    """Read the failed drives of a row; none where nothing failed.
+
+    Raises:
+        InputError: the file isn't what was written.
+    """
+    try:
+        return _FORM.validate_python(json.loads(path.read_text("utf-8")))
+    except FileNotFoundError:
+        return Tries()
+    except (OSError, ValueError, RecursionError, ValidationError) as error:
+        raise InputError(
+            f"can't be read: {str(error).splitlines()[0]}",
+            file=path,
+            remedy="name a new folder with --out",
+        ) from error

@@ -1,0 +1,440 @@
+"""The outcome of a driven run, exactly one, by the earliest deciding fact (METHOD 8.5)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.geometry import Polyline
+from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.road import Road
+from ssp_core.vocabulary import Verdict
+from ssp_core.world.driver import DriveMode, GivenAnswer, sees_frames
+from ssp_core.world.plant import StepReport
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
+from ssp_scenario_manager.closed_loop.contact import Contact, first_contact, until
+from ssp_scenario_manager.closed_loop.starts.start import path_of
+from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
+from ssp_scenario_manager.run.in_process import InProcessResult, Record
+from ssp_scenario_manager.run.result import rounded
+
+# In the order that decides between facts of one step.
+HARNESS = "harness"
+DECIDED = (HARNESS, "died", "collision", "struck", "left_road", "fence")
+AT_THE_END = ("fallback", "evaded", "avoided")
+OUTCOMES = (*DECIDED, *AT_THE_END)
+# Instants of a run, in session time: T_obs, the first frame after it, its answer, the response.
+CHAIN = ("observable_s", "frame_s", "effective_s", "response_s")
+# Of measured latencies, and of their parts.
+_FIGURES = ("p50_s", "p99_s", "encoding_p50_s", "transport_and_inference_p50_s", "parsing_p50_s")
+_UNLED = (DriveMode.FALLBACK, DriveMode.STALE)
+
+Twin = Mapping[int, ObjectState]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The outcome of one run, and what it was decided by.
+
+    Args:
+        kind: of OUTCOMES.
+        at_s: session time of the deciding fact; T_end where none came before it.
+        why: the fact, with its values.
+        contact: the first one; None: there was none.
+        response_s: first step after T_obs from which the VUT departs from its twin.
+        unled_s: fallback and stale plans between T_obs and T_end less 5 s.
+        starved: the plans ended before 2L plus a frame period.
+    """
+
+    kind: str
+    at_s: float
+    why: str
+    contact: Contact | None
+    response_s: float | None
+    unled_s: float
+    starved: bool
+
+
+def outcome_of(
+    run: RunSpec, driven: Driven, result: InProcessResult, record: Record, twin: Twin
+) -> Outcome:
+    """Return the outcome of a driven run.
+
+    Args:
+        run: as it was driven.
+        driven: its driver.
+        result: of the run.
+        record: of the run.
+        twin: true states of the twin's VUT by stamp, ns.
+    """
+    led = until(record.reports, driven.hand_over_s, driven.end_s)
+    contact = first_contact(led, run.vut.id)
+    response_s = first_response_s(run, driven, record, twin)
+    unled_s = _unled_s(run, driven, led)
+    facts = [
+        fact
+        for fact in (
+            _harness(run, driven, result, record, twin),
+            _died(record),
+            _touched(contact),
+            left_road(run, led),
+            _fence(result),
+        )
+        if fact is not None and fact[0] <= driven.end_s + EPSILON_S
+    ]
+    # What is known of a question that is open at T_end, and would be known to all later.
+    if not facts and (dies := _dies(led)):
+        facts.append((driven.end_s, "died", dies))
+    if facts:
+        at_s, kind, why = min(facts, key=lambda fact: (fact[0], DECIDED.index(fact[1])))
+    else:
+        at_s = driven.end_s
+        kind, why = _at_the_end(run, driven, record, twin, response_s, unled_s)
+    return Outcome(kind, at_s, why, contact, response_s, unled_s, is_starved(driven, record))
+
+
+Fact = tuple[float, str, str]
+
+
+def _harness(
+    run: RunSpec, driven: Driven, result: InProcessResult, record: Record, twin: Twin
+) -> Fact | None:
+    at_ns = seconds_to_ns(driven.hand_over_s)
+    vut = next((s for s in record.truths(run.vut.id) if s.stamp_ns == at_ns), None)
+    meant = twin.get(at_ns)
+    if vut is None or meant is None:
+        reason = "; ".join(result.reasons) or "the run ended before the hand-over"
+        return driven.hand_over_s, HARNESS, reason
+    off_mps = abs(vut.speed_mps - meant.speed_mps)
+    off_m = math.hypot(vut.x_m - meant.x_m, vut.y_m - meant.y_m)
+    if not (off_mps <= LIMITS.handed_mps and off_m <= LIMITS.handed_m):
+        why = f"at the hand-over {off_mps:.2f} m/s and {off_m:.2f} m off the twin"
+        return driven.hand_over_s, HARNESS, why
+    broken = result.verdict is Verdict.INVALID_HARNESS and _died(record) is None
+    if not broken:
+        return None
+    at_s = result.session_s if result.aborted_ns is None else ns_to_seconds(result.aborted_ns)
+    return min(at_s, driven.end_s), HARNESS, "; ".join(result.reasons)
+
+
+def _died(record: Record) -> Fact | None:
+    for report in record.reports:
+        if report.drive is not None and report.drive.died:
+            return ns_to_seconds(report.now_ns), "died", report.drive.died
+    return None
+
+
+def _dies(led: Sequence[StepReport]) -> str:
+    """Return why the driver ends with the question that is open at the end of the run."""
+    last = led[-1].drive if led else None
+    return "" if last is None else last.dies
+
+
+def _touched(contact: Contact | None) -> Fact | None:
+    if contact is None:
+        return None
+    kind = "collision" if contact.vut_mps > LIMITS.standing_mps else "struck"
+    why = (
+        f"with {contact.other}, {contact.vut_side} to {contact.other_side}, "
+        f"{contact.relative_mps:.2f} m/s"
+    )
+    return contact.at_s, kind, why
+
+
+def _fence(result: InProcessResult) -> Fact | None:
+    ended = (Verdict.FAILED_SAFETY, Verdict.ABORTED)
+    if result.aborted_ns is None or result.verdict not in ended:
+        return None
+    return ns_to_seconds(result.aborted_ns), "fence", "; ".join(result.reasons)
+
+
+# -- the carriageway -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Carriageway:
+    """Lateral bounds in the road's frame: of all lanes, and of those of opposite direction."""
+
+    right_m: float
+    left_m: float
+    opposite: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def of(cls, road: Road, own_m: float) -> _Carriageway:
+        own = min(road.lanes, key=lambda lane: abs(lane.y_m - own_m)).direction
+        opposite = sorted(
+            (lane.y_m - lane.width_m / 2, lane.y_m + lane.width_m / 2)
+            for lane in road.lanes
+            if lane.direction != own
+        )
+        joined: list[tuple[float, float]] = []
+        for low, high in opposite:
+            if joined and low <= joined[-1][1] + 1e-6:
+                joined[-1] = joined[-1][0], high
+            else:
+                joined.append((low, high))
+        return cls(road.right_edge_m, road.left_edge_m, tuple(joined))
+
+    def depth_m(self, offset_m: float) -> float:
+        """Return how deep a place lies in lanes of opposite direction, 0 outside."""
+        depths = (min(offset_m - low, high - offset_m) for low, high in self.opposite)
+        return max([0.0, *depths])
+
+
+def left_road(run: RunSpec, led: Sequence[StepReport]) -> Fact | None:
+    """Find the first step in which the VUT has left the road, or gone back.
+
+    Args:
+        run: has road and path.
+        led: reports from the hand-over on.
+    """
+    line = ReferenceLine.of_road(run.road)
+    start = run.vut.start
+    way = _Carriageway.of(run.road, line.to_local(start.x_m, start.y_m)[1])
+    path = path_of(run)
+    first_m: float | None = None
+    wrong_since_s: float | None = None
+    for at_s, vut in _states(led, run.vut.id):
+        try:
+            offsets = line.to_local_many(np.array(vut.box.corners()))[:, 1].tolist()
+        except NotOneToOne:
+            return at_s, "left_road", "the VUT is where the road has no coordinates"
+        outside_m = max(way.right_m - min(offsets), max(offsets) - way.left_m)
+        if outside_m > 1e-9:
+            return at_s, "left_road", f"a corner {outside_m:.2f} m beside the carriageway"
+        depth_m = max(way.depth_m(offset) for offset in offsets)
+        if depth_m > LIMITS.opposite_m:
+            wrong_since_s = at_s if wrong_since_s is None else wrong_since_s
+            if at_s - wrong_since_s > LIMITS.opposite_s + EPSILON_S:
+                return at_s, "left_road", f"{depth_m:.2f} m in a lane of opposite direction"
+        else:
+            wrong_since_s = None
+        station_m, _ = path.project_beyond(vut.x_m, vut.y_m)
+        first_m = station_m if first_m is None else first_m
+        if station_m - first_m < -LIMITS.back_m:
+            return at_s, "left_road", f"{first_m - station_m:.2f} m backwards"
+    return None
+
+
+def _states(reports: Sequence[StepReport], vut_id: str) -> Iterator[tuple[float, ObjectState]]:
+    for report in reports:
+        yield (
+            ns_to_seconds(report.now_ns),
+            next(s for s in report.truths if s.object_id == vut_id),
+        )
+
+
+# -- against the twin ------------------------------------------------------------------------------
+
+
+def first_response_s(run: RunSpec, driven: Driven, record: Record, twin: Twin) -> float | None:
+    """Return the first step after T_obs from which the VUT departs from its twin for 0.3 s.
+
+    It is looked for up to the twin's contact or resolution.
+    """
+    if driven.observable_s is None:
+        return None
+    path, since_s = path_of(run), None
+    for vut in record.truths(run.vut.id):
+        at_s, meant = ns_to_seconds(vut.stamp_ns), twin.get(vut.stamp_ns)
+        if at_s <= driven.observable_s + EPSILON_S or meant is None:
+            continue
+        # Behind its contact or resolution the twin is braked by its session.
+        if at_s > driven.end_s - LIMITS.after_s + EPSILON_S:
+            break
+        if not _departs(path, vut, meant):
+            since_s = None
+            continue
+        since_s = at_s if since_s is None else since_s
+        if at_s - since_s >= LIMITS.response_s - EPSILON_S:
+            return since_s
+    return None
+
+
+def _departs(path: Polyline, vut: ObjectState, meant: ObjectState) -> bool:
+    if abs(vut.speed_mps - meant.speed_mps) > LIMITS.response_mps:
+        return True
+    (_, own_m), (_, its_m) = path.project_all_beyond([(vut.x_m, vut.y_m), (meant.x_m, meant.y_m)])
+    return abs(own_m - its_m) > LIMITS.response_m
+
+
+def _unled_s(run: RunSpec, driven: Driven, led: Sequence[StepReport]) -> float:
+    if driven.observable_s is None:
+        return 0.0
+    end_s = driven.end_s - LIMITS.after_s
+    steps = [
+        report
+        for report in until(led, driven.observable_s, end_s)
+        if report.drive is not None and report.drive.mode in _UNLED
+    ]
+    return len(steps) * run.step_s
+
+
+def _at_the_end(
+    run: RunSpec,
+    driven: Driven,
+    record: Record,
+    twin: Twin,
+    response_s: float | None,
+    unled_s: float,
+) -> tuple[str, str]:
+    if unled_s > LIMITS.fallback_s:
+        return "fallback", f"no plan of its own for {unled_s:.2f} s"
+    mode = _mode_at(record, response_s)
+    if mode in _UNLED:
+        return "fallback", f"the first response, at {response_s:.2f} s, lies in {mode.value}"
+    return _evaded(run, driven, record, twin) or ("avoided", "no contact until T_end")
+
+
+def _mode_at(record: Record, at_s: float | None) -> DriveMode | None:
+    for report in record.reports:
+        if at_s is not None and abs(ns_to_seconds(report.now_ns) - at_s) < EPSILON_S:
+            return None if report.drive is None else report.drive.mode
+    return None
+
+
+def _evaded(run: RunSpec, driven: Driven, record: Record, twin: Twin) -> tuple[str, str] | None:
+    if driven.observable_s is None:
+        return None
+    at_ns = seconds_to_ns(driven.observable_s)
+    vut = next((s for s in record.truths(run.vut.id) if s.stamp_ns == at_ns), None)
+    meant = twin.get(at_ns)
+    if vut is None or meant is None:
+        return None
+    path = path_of(run)
+    (own_m, own_l), (its_m, its_l) = path.project_all_beyond(
+        [(vut.x_m, vut.y_m), (meant.x_m, meant.y_m)]
+    )
+    slower = 1.0 - vut.speed_mps / meant.speed_mps if meant.speed_mps > 0.0 else 0.0
+    behind_m, beside_m = its_m - own_m, abs(own_l - its_l)
+    if (
+        slower > LIMITS.evaded_share
+        or behind_m > LIMITS.evaded_behind_m
+        or beside_m > LIMITS.evaded_beside_m
+    ):
+        return "evaded", (
+            f"at T_obs {100 * slower:.0f} % slower than the twin, {behind_m:.2f} m behind it, "
+            f"{beside_m:.2f} m beside it"
+        )
+    return None
+
+
+def is_starved(driven: Driven, record: Record) -> bool:
+    """Tell whether a plan ended before the next one could be effective: 2L and a frame period."""
+    for report in record.reports:
+        answered = None if report.drive is None else report.drive.answered
+        if answered is None or answered.refused or answered.answer.trajectory is None:
+            continue
+        needed_s = 2.0 * answered.latency_s + driven.frame_period_s
+        if answered.answer.trajectory.t_s[-1] < needed_s - EPSILON_S:
+            return True
+    return False
+
+
+# -- what result.json says -------------------------------------------------------------------------
+
+
+def chain_of(driven: Driven, record: Record, outcome: Outcome) -> dict[str, float | None]:
+    """Return the chain T_obs, first frame after it, effective, first response, in session time."""
+    frame_s = effective_s = None
+    number = 0
+    for report in record.reports:
+        drive, at_s = report.drive, ns_to_seconds(report.now_ns)
+        if drive is None or driven.observable_s is None:
+            continue
+        asked = drive.asked
+        if frame_s is None and asked is not None and at_s >= driven.observable_s - EPSILON_S:
+            frame_s, number = at_s, asked.number
+        answered = drive.answered
+        if effective_s is None and number and answered is not None and answered.number == number:
+            effective_s = at_s
+    found = (driven.observable_s, frame_s, effective_s, outcome.response_s)
+    return dict(zip(CHAIN, map(rounded, found), strict=True))
+
+
+def severity_of(outcome: Outcome, v_r_mps: float | None) -> float | None:
+    """Return 5 if avoided, 4 max(0, 1 - v_i / v_r) for a collision, else None (METHOD 8.8)."""
+    if v_r_mps is None:
+        return None
+    if outcome.kind == "avoided":
+        return 5.0
+    if outcome.kind != "collision" or outcome.contact is None:
+        return None
+    return 4.0 * max(0.0, 1.0 - outcome.contact.relative_mps / v_r_mps)
+
+
+def measured_of(driven: Driven, record: Record) -> dict[str, Any] | None:
+    """Return the measured latencies of a run and their parts, medians in s; None: L was given."""
+    if not driven.latency.measured:
+        return None
+    drives = [report.drive for report in record.reports if report.drive is not None]
+    given = [drive.given for drive in drives if drive.given is not None]
+    return figures_of(given, driven.latency.seconds)
+
+
+def figures_of(given: Sequence[GivenAnswer], bound_s: float) -> dict[str, Any]:
+    """Return the number of measured latencies, and their quantiles and medians of parts, s.
+
+    All but the number are None where nothing was asked.
+
+    Args:
+        given: answers, and how drivers ended.
+        bound_s: that was declared.
+    """
+    # A driver that can't be loaded isn't asked.
+    latencies = [one.latency for one in given if one.latency.total_ns or not one.ended]
+    if not latencies:
+        figures = dict.fromkeys(_FIGURES)
+        return {"answers": 0, "bound_s": bound_s, **figures, "over_bound": 0}
+    parts = [(p.total_ns, p.encoding_ns, p.inference_ns, p.parsing_ns) for p in latencies]
+    seconds = np.array(parts, dtype=np.float64) / 1e9
+    total, *rest = (round(float(value), 6) for value in np.median(seconds, axis=0))
+    p99_s = round(float(np.quantile(seconds[:, 0], 0.99)), 6)
+    return {
+        "answers": len(latencies),
+        "bound_s": bound_s,
+        **dict(zip(_FIGURES, (total, p99_s, *rest), strict=True)),
+        "over_bound": int((seconds[:, 0] > bound_s).sum()),
+    }
+
+
+def told_of(
+    driven: Driven, record: Record, outcome: Outcome, v_r_mps: float | None
+) -> dict[str, Any]:
+    """Return what ``result.json`` says of a driven run."""
+    drives = [report.drive for report in record.reports if report.drive is not None]
+    answered = [drive.answered for drive in drives if drive.answered is not None]
+    refused = [one for one in answered if one.refused]
+    return {
+        "driver": driven.driver,
+        "options": driven.options,
+        "latency": str(driven.latency),
+        "measured": measured_of(driven, record),
+        "frames": sees_frames(driven.driver),
+        "start": driven.start,
+        "hand_over_s": driven.hand_over_s,
+        "end_s": driven.end_s,
+        "outcome": outcome.kind,
+        "outcome_s": rounded(outcome.at_s),
+        "why": outcome.why,
+        "v_i_mps": None if outcome.contact is None else rounded(outcome.contact.relative_mps),
+        "v_r_mps": rounded(v_r_mps),
+        "severity": rounded(severity_of(outcome, v_r_mps)),
+        "chain": chain_of(driven, record, outcome),
+        "states_sha256": record.sha256,
+        "unled_s": rounded(outcome.unled_s),
+        "starved": outcome.starved,
+        "questions": sum(drive.asked is not None for drive in drives),
+        "answers": len(answered),
+        "refused": [
+            {"stamp_s": ns_to_seconds(one.stamp_ns), "why": one.refused} for one in refused[:20]
+        ],
+        "refused_count": len(refused),
+    }

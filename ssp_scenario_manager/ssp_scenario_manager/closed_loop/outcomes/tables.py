@@ -1,0 +1,102 @@
+"""The tables of a campaign: a row per run, and one per event, driver and latency."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+
+from ssp_core.run_file.latency import parse_latency
+from ssp_scenario_manager.closed_loop.outcomes.outcome import CHAIN, OUTCOMES
+from ssp_scenario_manager.closed_loop.outcomes.rates import Rates, RunRow
+from ssp_scenario_manager.closed_loop.outcomes.severity import Severity
+from ssp_scenario_manager.run.result import rounded
+
+RUNS_FILE, TABLE_FILE = "runs.csv", "table.csv"
+_MOST_WHY = 300  # characters of a row's reason
+Row = list[str]
+
+RUN_COLUMNS = [
+    *("event", "seed", "start", "kind", "driver", "latency", "repeat"),
+    *("outcome", "outcome_s", "why", "v_i_mps", "v_r_mps", "severity"),
+    *CHAIN,
+    *("unled_s", "starved", "needless", "latency_p50_s", "latency_p99_s"),
+    "states_sha256",
+    *(field.name for field in fields(Severity)),
+]
+RATE_COLUMNS = [
+    *("event", "driver", "privileged", "latency", "planned", "driven"),
+    *("headline", "low", "high", "worst", "within_sd", "between_sd"),
+    *OUTCOMES,
+    *("needless", "starved"),
+]
+
+
+def rows_there(path: Path) -> list[Row]:
+    """Return the rows that an earlier call left, without one that was cut off."""
+    if not path.is_file():
+        return []
+    text = path.read_bytes().decode(errors="replace")
+    return list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1])))[1:]
+
+
+def one_line(text: str) -> str:
+    """Return a text as one line of bounded length: a driver's error may be anything."""
+    return " ".join(text.split())[:_MOST_WHY]
+
+
+def lines_of(rows: Sequence[Row]) -> str:
+    """Return rows as CSV."""
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(rows)
+    return stream.getvalue()
+
+
+def shown(value: float | None) -> str:
+    """Return a number as a cell, empty where there is none."""
+    kept = rounded(value)
+    return "" if kept is None else str(kept)
+
+
+def cell(value: str | float | bool | None) -> str:
+    """Return a value of ``result.json`` as a cell."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return one_line(value) if isinstance(value, str) else shown(value)
+
+
+def read_row(row: Row) -> RunRow:
+    """Return the part of a run's row that rates are made of.
+
+    Raises:
+        InputError: its latency is none.
+        ValueError: it has other columns.
+    """
+    one = dict(zip(RUN_COLUMNS, row, strict=True))
+    return RunRow(
+        one["event"],
+        one["start"],
+        one["driver"],
+        parse_latency(one["latency"]),
+        one["kind"],
+        one["outcome"],
+        one["needless"],
+        one["starved"] == "true",
+    )
+
+
+def rates_row(one: Rates, is_privileged: bool) -> Row:
+    """Return one row of the table of rates."""
+    return [
+        one.event,
+        one.driver,
+        str(is_privileged).lower(),
+        str(one.latency),
+        str(one.planned),
+        str(one.driven),
+        *map(shown, (one.headline, one.low, one.high, one.worst)),
+        *map(shown, (one.within_sd, one.between_sd)),
+        *map(str, (*one.outcomes, one.needless, one.starved)),
+    ]

@@ -1,0 +1,1 @@
+"""One driven run, in one process or several, and its picture."""

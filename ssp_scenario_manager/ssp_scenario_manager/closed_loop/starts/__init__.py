@@ -1,0 +1,1 @@
+"""Starts and their twins, drawn by seed (METHOD 8.1)."""

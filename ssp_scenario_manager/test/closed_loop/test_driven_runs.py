@@ -1,0 +1,567 @@
+"""Driven runs in one process: starts and twins, outcomes, and what a driver can't do (METHOD 8)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from ssp_core.bag.reading.reader import BagReader
+from ssp_core.cdr.references import decode_ack, decode_reference
+from ssp_core.errors import InputError
+from ssp_core.hashing import sha256_file
+from ssp_core.motion.trajectory import Trajectory
+from ssp_core.run_file.latency import Latency, parse_latency
+from ssp_core.run_file.model import Fault, RunSpec, load_run
+from ssp_core.world.driver import Answer, GivenAnswer, LatencyParts, Question
+from ssp_core.world.plant import StepReport
+from ssp_ot_controller.driving import baselines
+from ssp_ot_controller.driving.baselines import lane_plan
+from ssp_scenario_manager.cli.run import run as run_command
+from ssp_scenario_manager.closed_loop.outcomes.needless import needless_in
+from ssp_scenario_manager.closed_loop.outcomes.outcome import (
+    HARNESS,
+    Outcome,
+    figures_of,
+    outcome_of,
+    told_of,
+)
+from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
+from ssp_scenario_manager.closed_loop.single_run.before import Before, before_of_folder
+from ssp_scenario_manager.closed_loop.single_run.sessions import told_of_session
+from ssp_scenario_manager.closed_loop.single_run.top_view import top_view
+from ssp_scenario_manager.closed_loop.starts.start import OffSpec, Start, make_start, twin_of
+from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.run.in_process import (
+    InProcessResult,
+    Record,
+    run_in_process,
+    run_recorded,
+)
+from ssp_scenario_manager.run.sweep import for_one_process, say_driven
+
+SEED = 1
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> RunSpec:
+    folder = tmp_path_factory.mktemp("driven") / "cut_in"
+    return prepare_run("cut_in", "boulevard", folder, seed=SEED, mode="lockstep")
+
+
+@pytest.fixture(scope="module")
+def start(compiled: RunSpec) -> Start:
+    """A critical start of the shipped cut-in."""
+    return make_start(compiled, load_event("cut_in")[0], SEED, latency_max_s=2.0)
+
+
+Driven = tuple[Outcome, InProcessResult, Record]
+
+
+def driven(
+    start: Start, driver: str, latency_s: float = 0.0, *, event: bool = True, **options: Any
+) -> Driven:
+    run = start.driven_by(driver, options, Latency(latency_s), event=event)
+    result, record = run_in_process(run)
+    assert run.driven is not None
+    return outcome_of(run, run.driven, result, record, start.twin), result, record
+
+
+@pytest.fixture(scope="module")
+def built_in(start: Start) -> Record:
+    """The built-in driver's event-free run."""
+    return driven(start, "built_in", event=False)[2]
+
+
+class Scripted(baselines.ConstantVelocity):
+    """A driver that says what a test says."""
+
+    says: Callable[[Question], Answer]
+
+    def answer(self, question: Question) -> Answer:
+        return type(self).says(question)
+
+
+@pytest.fixture
+def scripted(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Makes the driver ``scripted`` say what a function says."""
+
+    def make(says: Callable[[Question], Answer]) -> None:
+        kind = type("One", (Scripted,), {"says": staticmethod(says)})
+        monkeypatch.setitem(baselines.BASELINES, "scripted", kind)
+
+    return make
+
+
+# -- starts ----------------------------------------------------------------------------------------
+
+
+def test_a_start_keeps_the_rules_of_its_hand_over(start: Start) -> None:
+    (fires_s,) = (trigger.condition.after_s for trigger in start.run.triggers)  # type: ignore[union-attr]
+    assert start.hand_over_s <= fires_s - 0.5 + 0.02
+    assert start.hand_over_s >= 1.7 + 2.0 + start.frame_period_s
+    assert start.first_request_s == pytest.approx(start.hand_over_s - 2.0 - 0.1)
+    assert start.contact is not None
+    assert start.end_s == pytest.approx(start.contact.at_s + 5.0)
+    assert start.hand_over_s < start.observable_s < start.contact.at_s
+    assert not start.run.traffic
+    assert start.run.triggers[0].adaptation is None
+
+
+def test_values_are_drawn_from_the_box_and_a_seed_gives_the_same_start(
+    start: Start, compiled: RunSpec
+) -> None:
+    event = load_event("cut_in")[0]
+    again = make_start(compiled, event, SEED, latency_max_s=2.0)
+    assert (again.hash, again.facts()) == (start.hash, start.facts())
+    assert 12.0 <= start.values["driver.cruise_mps"] <= 14.0
+    assert 16.0 <= start.values["triggers.0.condition.below_m"] <= 20.0
+    assert 2.0 <= start.values["triggers.0.manoeuvre.duration_s"] <= 3.0
+    assert start.run.driver.cruise_mps == start.values["driver.cruise_mps"]
+
+
+def test_a_seed_whose_first_trigger_leaves_no_time_is_no_start(compiled: RunSpec) -> None:
+    with pytest.raises(OffSpec, match=r"run-up is too short.*first trigger fires"):
+        make_start(compiled, load_event("cut_in")[0], SEED, latency_max_s=9.0)
+
+
+def test_the_twin_at_the_times_of_its_triggers_is_the_twin_to_the_last_bit(start: Start) -> None:
+    twin, contact = twin_of(start.driven_by("oracle", {}, Latency(0.5)))
+    assert contact == start.contact
+    assert list(map(repr, twin.values())) == [repr(start.twin[at_ns]) for at_ns in twin]
+
+
+# -- what holds of the baselines -------------------------------------------------------------------
+
+
+def test_no_response_reproduces_the_twin_and_constant_velocity_comes_near(start: Start) -> None:
+    assert start.contact is not None
+    still, _, _ = driven(start, "no_response")
+    assert (still.kind, still.contact) == ("collision", start.contact)
+    for latency_s in (0.0, 2.0):
+        steady, _, _ = driven(start, "constant_velocity", latency_s)
+        assert steady.contact is not None
+        assert abs(steady.contact.relative_mps - start.contact.relative_mps) <= 0.05
+
+
+def test_objects_move_alike_whatever_the_vut_does(start: Start) -> None:
+    """Byte by byte, for a VUT that stops at once and one that never brakes."""
+    records = [driven(start, name)[2] for name in ("stop_at_once", "constant_velocity")]
+    rows = [[repr(s) for s in record.truths("ot1")] for record in records]
+    arrived = [[repr(s) for s in record.arrived("ot1")] for record in records]
+    # The earlier end is that of the run with the contact; objects brake behind it.
+    assert start.contact is not None
+    steps = round((start.contact.at_s + 0.9) / start.run.step_s)
+    assert rows[0][:steps] == rows[1][:steps]
+    assert arrived[0][:steps] == arrived[1][:steps]
+
+
+def test_the_oracle_avoids_and_whoever_brakes_for_nothing_gains_nothing(
+    start: Start, built_in: Record
+) -> None:
+    def headline(driver: str) -> bool:
+        event, _, _ = driven(start, driver)
+        run = start.driven_by(driver, {}, Latency(0.0), event=False)
+        alone, _, free = driven(start, driver, event=False)
+        assert run.driven is not None
+        needless = needless_in(run, run.driven, free, built_in, alone)
+        return event.kind == "avoided" and not needless
+
+    told = {name: headline(name) for name in ("oracle", "stop_at_once", "always_brake")}
+    assert told == {"oracle": True, "stop_at_once": False, "always_brake": False}
+
+
+def test_the_same_start_and_latency_give_the_same_bytes(start: Start) -> None:
+    one, other = (driven(start, "aeb", 0.2)[2] for _ in range(2))
+    assert [repr(r.truths) for r in one.reports] == [repr(r.truths) for r in other.reports]
+
+
+# -- outcomes of drivers that fail or play ---------------------------------------------------------
+
+
+def turning(question: Question) -> Answer:
+    """Leave the lane to the right."""
+    t = tuple(0.1 * k for k in range(51))
+    v = question.speed_mps
+    return Answer(Trajectory(t, tuple(v * s for s in t), tuple(-0.4 * s * s for s in t)))
+
+
+def oncoming(question: Question) -> Answer:
+    """Go over into the lanes of opposite direction, as far as the road goes."""
+    t = tuple(0.1 * k for k in range(51))
+    v = question.speed_mps
+    return Answer(Trajectory(t, tuple(v * s for s in t), tuple(0.5 * s * s for s in t)))
+
+
+def shifted(question: Question, **changes: Any) -> Answer:
+    plan = lane_plan(question).trajectory
+    assert plan is not None
+    return Answer(replace(plan, **changes))
+
+
+def raising(question: Question) -> Answer:
+    if question.stamp_ns > 11_500_000_000:
+        raise MemoryError("1 GB")
+    return lane_plan(question)
+
+
+def far_away(question: Question) -> Answer:
+    plan = lane_plan(question).trajectory
+    assert plan is not None
+    return Answer(replace(plan, x_m=tuple(x + 10_000.0 for x in plan.x_m)))
+
+
+def silent_behind_its_brake(question: Question) -> Answer:
+    """Brake once and say nothing more: the plan goes stale while it brakes."""
+    if question.stamp_ns > 11_200_000_000:
+        return Answer(None)
+    return lane_plan(question, 6.0 if question.stamp_ns > 11_000_000_000 else 0.0)
+
+
+def short(question: Question) -> Answer:
+    """Plan exactly 2 s."""
+    plan = lane_plan(question).trajectory
+    assert plan is not None
+    return Answer(Trajectory(plan.t_s[:21], plan.x_m[:21], plan.y_m[:21]))
+
+
+@pytest.mark.parametrize(
+    ("says", "kind", "why"),
+    [
+        (turning, "left_road", "beside the carriageway"),
+        (oncoming, "left_road", "in a lane of opposite direction|beside the carriageway"),
+        (raising, "died", "MemoryError: 1 GB"),
+        (lambda q: shifted(q, x_m=(math.nan,) * 51), "evaded|fallback|collision", ""),
+        (lambda q: shifted(q, x_m=tuple(-1.0 * k for k in range(51))), "evaded|fallback", ""),
+        (far_away, "evaded|fallback", ""),
+        (silent_behind_its_brake, "fallback", "no plan of its own|first response"),
+        (short, "collision", "ot1"),
+    ],
+    ids=[
+        *("leaves the road", "takes the oncoming lane", "crashes", "no numbers", "backwards"),
+        *("10 km away", "empty at the right moment", "plans of 2 s"),
+    ],
+)
+def test_a_driver_that_fails_or_plays_has_its_outcome_and_avoids_nothing(
+    start: Start,
+    scripted: Callable[..., None],
+    says: Callable[[Question], Answer],
+    kind: str,
+    why: str,
+) -> None:
+    scripted(says)
+    outcome, result, _ = driven(start, "scripted")
+    assert outcome.kind in kind.split("|"), outcome
+    assert not why or any(part in outcome.why for part in why.split("|")), outcome
+    assert result.verdict.name != "NONE"
+
+
+def brake_and_speed_up(question: Question, begin_s: float) -> Answer:
+    """Brake for 0.4 s from the hand-over on."""
+    brakes = begin_s <= question.stamp_ns / 1e9 < begin_s + 0.4
+    return lane_plan(question, 4.0 if brakes else 0.0)
+
+
+def slow_gently(question: Question, _: float) -> Answer:
+    """Slow by 0.5 m/s², which alone is no needless braking."""
+    return lane_plan(question, 0.5)
+
+
+def be_a_little_slower(question: Question, begin_s: float) -> Answer:
+    """Slow by less than a tenth before the event, and keep that."""
+    slows = begin_s - 0.15 <= question.stamp_ns / 1e9 < begin_s + 0.6
+    return lane_plan(question, 1.9 if slows else 0.0)
+
+
+def dither(question: Question, _: float) -> Answer:
+    """Brake in every second plan."""
+    return lane_plan(question, 6.0 if question.number % 2 else 0.0)
+
+
+@pytest.mark.parametrize("way", [brake_and_speed_up, slow_gently, be_a_little_slower, dither])
+def test_a_way_to_game_it_gains_no_headline(
+    start: Start,
+    scripted: Callable[..., None],
+    built_in: Record,
+    way: Callable[[Question, float], Answer],
+) -> None:
+    scripted(lambda question: way(question, start.hand_over_s))
+    outcome, _, _ = driven(start, "scripted")
+    run = start.driven_by("scripted", {}, Latency(0.0), event=False)
+    alone, _, free = driven(start, "scripted", event=False)
+    assert run.driven is not None
+    needless = needless_in(run, run.driven, free, built_in, alone)
+    assert outcome.kind != "avoided" or needless, outcome
+    if way is brake_and_speed_up:
+        assert needless.startswith("brakes by")
+
+
+def test_what_the_session_brakes_behind_a_contact_is_not_the_drivers(
+    start: Start, built_in: Record
+) -> None:
+    """A run is judged up to its deciding fact; behind it our session stops the VUT."""
+    run = start.driven_by("no_response", {}, Latency(0.0), event=False)
+    assert run.driven is not None
+    alone, _, free = driven(start, "no_response", event=False)
+    decided_s = run.driven.end_s - 2.0
+
+    def braked(report: StepReport) -> StepReport:
+        if report.now_ns <= decided_s * 1e9:
+            return report
+        slowed = [replace(s, acceleration_mps2=-2.5) for s in report.truths]
+        return replace(report, truths=tuple(slowed))
+
+    behind = Record([braked(report) for report in free.reports])
+    decided = replace(alone, at_s=decided_s)
+    assert needless_in(run, run.driven, behind, built_in, decided) == ""
+    assert needless_in(run, run.driven, behind, built_in, alone).startswith("brakes by")
+
+
+def test_a_vut_that_stands_is_struck_and_one_off_its_twin_is_ours(start: Start) -> None:
+    run = start.driven_by("stop_at_once", {}, Latency(0.0))
+    assert run.driven is not None
+    result, record = run_in_process(run)
+
+    def hit(report: StepReport) -> StepReport:
+        vut = next(s for s in report.truths if s.object_id == "vut")
+        if vut.speed_mps > 0.0 or report.now_ns < 15_000_000_000:
+            return report
+        behind = replace(vut, object_id="ot1", x_m=vut.x_m - vut.size.length_m + 0.1)
+        return replace(report, truths=(replace(behind, speed_mps=4.0), vut))
+
+    moved = Record([hit(report) for report in record.reports])
+    outcome = outcome_of(run, run.driven, result, moved, start.twin)
+    assert (outcome.kind, outcome.at_s) == ("struck", 15.0)
+    assert outcome.contact is not None
+    assert (outcome.contact.vut_side, outcome.contact.other_side) == ("rear", "front")
+    assert outcome.contact.relative_mps == 4.0
+    off = {at_ns: replace(s, x_m=s.x_m + 0.31) for at_ns, s in start.twin.items()}
+    assert outcome_of(run, run.driven, result, record, off).kind == "harness"
+
+
+def test_limits_and_the_operator_end_a_driven_run_as_any_other(
+    start: Start, scripted: Callable[..., None]
+) -> None:
+    def faster(question: Question) -> Answer:
+        t = tuple(0.1 * k for k in range(51))
+        return Answer(Trajectory(t, tuple(17.0 * s for s in t), (0.0,) * 51))
+
+    scripted(faster)
+    outcome, result, _ = driven(start, "scripted")
+    assert (outcome.kind, result.verdict.name) == ("fence", "FAILED_SAFETY"), outcome
+    assert "speed" in outcome.why
+    abort = Fault(kind="operator_abort", at_s=11.0)
+    aborted = replace(start, run=start.run.model_copy(update={"faults": [abort]}))
+    outcome, result, _ = driven(aborted, "constant_velocity")
+    assert (outcome.kind, result.verdict.name) == ("fence", "ABORTED")
+    assert outcome.at_s == pytest.approx(11.0)
+
+
+def test_a_driver_that_is_asked_nothing_has_no_latency(
+    start: Start, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = start.driven_by("no_response", {}, Latency(0.5, measured=True))
+    assert run.driven is not None
+    result, record = run_in_process(run)
+    outcome = outcome_of(run, run.driven, result, record, start.twin)
+    told = told_of(run.driven, record, outcome, None)
+    figures = told["measured"]
+    assert (figures["answers"], figures["p50_s"], figures["p99_s"]) == (0, None, None)
+    say_driven({**told, "needless": ""})
+    assert "L: – (nothing was asked)" in capsys.readouterr().out
+    assert "L measured, nothing asked" in top_view(run, record, told)
+    # One that can't be loaded wasn't asked, and one whose time ran out was.
+    lost = GivenAnswer(None, ended="it can't be loaded")
+    late = GivenAnswer(None, LatencyParts(2_000_000_000), "gave no answer within 2 s")
+    assert figures_of([lost], 0.5) == figures
+    assert figures_of([lost, late], 0.5)["p50_s"] == 2.0
+
+
+def test_what_result_json_says_of_a_driven_run(start: Start) -> None:
+    outcome, _, record = driven(start, "oracle", 0.3)
+    run = start.driven_by("oracle", {}, Latency(0.3))
+    assert run.driven is not None
+    told = json.loads(json.dumps(told_of(run.driven, record, outcome, start.v_r_mps)))
+    assert (told["outcome"], told["severity"], told["frames"]) == ("avoided", 5.0, False)
+    chain = told["chain"]
+    assert chain["observable_s"] <= chain["frame_s"] < chain["effective_s"] < chain["response_s"]
+    assert chain["effective_s"] == pytest.approx(chain["frame_s"] + 0.3)
+    assert told["start"] == start.hash
+
+
+# -- the command -----------------------------------------------------------------------------------
+
+
+def invoked(*arguments: str) -> Result:
+    """The command's end, with its exit status as ``return_value``."""
+    return CliRunner().invoke(run_command, list(arguments), standalone_mode=False)
+
+
+def raised(done: Result) -> None:
+    """Raise what ended a command."""
+    if done.exception is not None:
+        raise done.exception
+
+
+def test_a_driven_run_leaves_its_bag_and_is_driven_again_from_its_folder(tmp_path: Path) -> None:
+    first, again = tmp_path / "first", tmp_path / "again"
+    options = ["--in-process", "--record", "--no-camera"]
+    drive = ["--drive", "stop_at_once", "--latency", "fixed:0.2"]
+    done = invoked("cut_in", *options, *drive, "--out", str(first))
+    assert (done.exception, done.return_value) == (None, 0), done.output
+    assert "stop_at_once: evaded" in done.output
+    done = invoked(str(first), *options, "--seed", "2", "--out", str(again))
+    assert "--seed: is settled: the folder has its start" in str(done.exception)
+    done = invoked(str(first), *options, "--out", str(again))
+    assert (done.exception, done.return_value) == (None, 0), done.output
+    results = [json.loads((f / "result.json").read_text())["driven"] for f in (first, again)]
+    assert results[0] == results[1]
+    with np.load(first / "states.npz") as one, np.load(again / "states.npz") as other:
+        assert all(np.array_equal(one[name], other[name]) for name in one.files)
+    with BagReader(first / "bag") as bag, BagReader(again / "bag") as same:
+        topics = [f"/ssp/vla/stop_at_once/{kind}" for kind in ("request", "response")]
+        requests = [bag.decode(m) for m in bag.messages([topics[0]])]
+        responses = [bag.decode(m) for m in bag.messages([topics[1]])]
+        references = [decode_reference(m.data) for m in bag.messages(["/ssp/vut/reference"])]
+        acks = [decode_ack(m.data) for m in bag.messages(["/ssp/vut/reference_ack"])]
+        for topic in (*topics, "/ssp/vut/reference", "/ssp/vut/reference_ack"):
+            ours = [(m.log_time_ns, m.data) for m in bag.messages([topic])]
+            assert ours == [(m.log_time_ns, m.data) for m in same.messages([topic])]
+    assert results[0]["answers"] == len(responses) == len(acks)
+    assert {len(request.frames) for request in requests} == {0}
+    assert {response.latency for response in responses} == {0.2}
+    assert [array.name for array in responses[0].arrays] == ["t_s", "x_m", "y_m"]
+    assert {reference.purpose for reference in references} == {"plan"}
+    assert load_run(first / "run.yaml").driven == load_run(again / "run.yaml").driven
+    assert sha256_file(first / "task" / "task.json") == sha256_file(again / "task" / "task.json")
+    # What isn't the run of its folder any more is no valid result.
+    result = json.loads((again / "result.json").read_text())
+    result["driven"] |= {"outcome": "avoided", "states_sha256": "sha256:0"}
+    (again / "result.json").write_text(json.dumps(result))
+    done = invoked(str(again), "--in-process", "--out", str(tmp_path / "other"))
+    assert (done.exception, done.return_value) == (None, 1), done.output
+    other = json.loads((tmp_path / "other" / "result.json").read_text())
+    assert (other["verdict"], other["driven"]["outcome"]) == ("invalid_harness", "harness")
+    (reason,) = other["reasons"]
+    assert reason.startswith(f"it isn't the run of {again / 'result.json'}: outcome is evaded and")
+    assert "states_sha256 is sha256:" in reason
+    # The picture names the outcome that is kept.
+    assert f"{HARNESS} at" in (tmp_path / "other" / "top_view.svg").read_text()
+    done = invoked(str(tmp_path / "other"), "--in-process", "--out", str(tmp_path / "sound"))
+    assert (done.exception, done.return_value) == (None, 0), done.output
+    assert f"{tmp_path / 'other'} has no sound result" in done.stderr
+    (again / "result.json").write_text('{"verdict": "valid", "driven": {"chain": {}}}')
+    with pytest.raises(InputError, match=r"result\.json: doesn't say what the run was"):
+        raised(invoked(str(again), "--in-process", "--out", str(tmp_path / "third")))
+    # A recorded session is judged by the run that it is, and by none where its states differ.
+    run = load_run(first / "run.yaml")
+    view = (again / "top_view.svg").read_bytes()
+    (again / "top_view.svg").unlink()
+    told, why = told_of_session(None, None, run, again / "bag")
+    assert (told["driven"], why) == (results[0], "")
+    assert (again / "top_view.svg").read_bytes() == view
+    changed = Before("another run", dict.fromkeys(RUN_COLUMNS, ""))
+    told, why = told_of_session(changed, None, run, again / "bag")
+    assert (told["driven"]["outcome"], why[:11]) == (HARNESS, "it isn't th")
+    assert f"{HARNESS} at" in (again / "top_view.svg").read_text()
+    assert run.driven is not None
+    later = run.driven.model_copy(update={"latency": Latency(0.5)})
+    told, why = told_of_session(None, None, run.model_copy(update={"driven": later}), again / "bag")
+    assert (told["driven"]["outcome"], told["driven"]["severity"]) == ("harness", None)
+    assert "aren't those of one process" in why
+    assert told["driven"]["why"] == why
+    # What that run can't be is refused before anything is started.
+    faults = tmp_path / "faults.yaml"
+    faults.write_text(
+        "schema: ssp.faults/1\nfaults: [{kind: disk_full, target: monitor, at_s: 1.0}]\n"
+    )
+    for options in (["--mode", "realtime"], ["--faults", str(faults)]):
+        refused = CliRunner().invoke(run_command, [str(first), *options])
+        assert isinstance(refused.exception, InputError), refused.output
+        assert "judged by the same run in one process" in str(refused.exception)
+
+
+def test_an_operator_does_nothing_in_a_twin(compiled: RunSpec, start: Start) -> None:
+    """The start of a run that is to be aborted is that of the same run without it."""
+    abort = Fault(kind="operator_abort", at_s=start.hand_over_s + 0.5)
+    faulted = compiled.model_copy(update={"faults": [abort]})
+    again = make_start(faulted, load_event("cut_in")[0], SEED, latency_max_s=2.0)
+    assert (again.contact, again.end_s) == (start.contact, start.end_s)
+    assert again.twin == start.twin
+    aborted = again.driven_by("oracle", {}, Latency(0.0))
+    assert aborted.faults == [abort]
+    assert twin_of(aborted)[1] == start.contact
+    assert again.driven_by("oracle", {}, Latency(0.0), event=False).faults == []
+
+
+@pytest.mark.parametrize(
+    ("at_s", "kind", "decided_s"), [(11.0, "fence", 11.0), (13.0, "collision", 12.84)]
+)
+def test_an_operators_abort_is_the_last_fact_of_a_recorded_session(
+    start: Start, tmp_path: Path, at_s: float, kind: str, decided_s: float
+) -> None:
+    """No run in one process has it, so that the two are one and the same up to it."""
+    run = for_one_process(start.driven_by("constant_velocity", {}, Latency(0.0)))
+    abort = Fault(kind="operator_abort", at_s=at_s)
+    aborted = run.model_copy(update={"faults": [abort]})
+    (tmp_path / "run.yaml").write_text(aborted.model_dump_json(by_alias=True))
+    result, _, _ = run_recorded(aborted, tmp_path / "run.yaml", tmp_path / "bag", print)
+    assert result.verdict.name == "ABORTED"
+    for spec in (run, aborted):
+        told, why = told_of_session(None, None, spec, tmp_path / "bag")
+        found = told["driven"]
+        assert (found["outcome"], why) == (kind, ""), found["why"]
+        assert found["outcome_s"] == pytest.approx(decided_s, abs=0.03)
+    if kind == "fence":
+        assert found["why"].startswith("abort by operator: injected fault")
+    # It is held against no other run: an operator does nothing twice.
+    other = Before("another run", dict.fromkeys(RUN_COLUMNS, ""))
+    assert told_of_session(other, None, run, tmp_path / "bag") == (told, "")
+    written = {"in_process": False, "verdict": "aborted", "driven": found}
+    (tmp_path / "result.json").write_text(json.dumps(written))
+    assert before_of_folder(tmp_path) is None
+    (tmp_path / "result.json").write_text(json.dumps(written | {"in_process": True}))
+    assert before_of_folder(tmp_path) is not None
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--mode", "live"], "no model drives hardware"),
+        (["--mode", "realtime"], "goes with no realtime session"),
+        (["--drive", "built_in"], "needs --in-process"),
+        (["--in-process", "--runs", "2"], "goes with one run"),
+        (["--in-process", "--latency", "fast"], "give zero, or fixed:S"),
+        (["--in-process", "--latency", "fixed:nan"], "give zero, or fixed:S"),
+    ],
+)
+def test_a_driver_is_refused_where_it_may_not_drive(options: list[str], said: str) -> None:
+    done = CliRunner().invoke(run_command, ["cut_in", "--drive", "oracle", *options])
+    assert done.exit_code != 0
+    assert said in done.output or said in str(done.exception)
+
+
+def test_no_run_file_lets_a_driver_drive_hardware(start: Start) -> None:
+    run = start.driven_by("oracle", {}, Latency(0.0)).model_dump(mode="json", by_alias=True)
+    with pytest.raises(ValueError, match="in lockstep with our own bodies only"):
+        RunSpec.model_validate({**run, "mode": "live"})
+    adaptation = {"first": "initiator", "gap_s": 1.0}
+    triggers = [{**run["triggers"][0], "adaptation": adaptation}]
+    with pytest.raises(ValueError, match="no traffic and no adaptation"):
+        RunSpec.model_validate({**run, "triggers": triggers})
+
+
+def test_a_latency_is_zero_fixed_or_measured() -> None:
+    assert (parse_latency("zero"), parse_latency("fixed:0.25")) == (Latency(0.0), Latency(0.25))
+    assert parse_latency("measured") == Latency(2.0, measured=True)
+    assert parse_latency("measured:0.5") == Latency(0.5, measured=True)
+    with pytest.raises(InputError, match="is no latency"):
+        parse_latency("fixed:-1")

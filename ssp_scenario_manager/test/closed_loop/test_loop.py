@@ -1,0 +1,539 @@
+"""Campaigns of driven runs: the baselines, the table, and going on after a kill."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from ssp_core.errors import HostError, InputError
+from ssp_core.run_file.latency import Latency
+from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
+from ssp_core.vocabulary import Verdict
+from ssp_scenario_manager.cli.loop import loop
+from ssp_scenario_manager.closed_loop.campaigns import campaign, runs, seal
+from ssp_scenario_manager.closed_loop.campaigns.bags import write_bags
+from ssp_scenario_manager.closed_loop.campaigns.campaign import run_campaign
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import (
+    BASELINES,
+    ZERO,
+    LoopPlan,
+    load_plan,
+)
+from ssp_scenario_manager.closed_loop.campaigns.runs import Done, Job, jobs_of, rows_of
+from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts
+from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
+from ssp_scenario_manager.closed_loop.outcomes.rates import RunRow, rates_of, refused_for, rising
+from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, read_row
+
+PLAN = {
+    "schema": "ssp.loop/1",
+    "events": ["cut_in"],
+    "latencies": ["zero", "fixed:1"],
+    "starts": 1,
+    "others": 0,
+}
+NUMBERS = itertools.count()
+FILES = ("plan.json", "starts.json", "cards.json", "runs.csv", "table.csv")
+
+
+def plan_of(**changes: Any) -> LoopPlan:
+    return LoopPlan.model_validate({**PLAN, **changes})
+
+
+def run(plan: LoopPlan, folder: Path, jobs: int = 1) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    run_campaign(plan, folder, jobs, lambda *_: None, lambda _: None)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small campaign of the baselines."""
+    folder = tmp_path_factory.mktemp("loop") / "campaign"
+    run(plan_of(), folder)
+    return folder
+
+
+def table(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "table.csv").open()))
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "runs.csv").open()))
+
+
+def test_the_headlines_of_the_baselines_are_what_they_must_be(done: Path) -> None:
+    found = {(one["driver"], one["latency"]): float(one["headline"]) for one in table(done)}
+    for driver in ZERO:
+        assert (found[driver, "zero"], found[driver, "fixed:1"]) == (0.0, 0.0), driver
+    assert found["oracle", "zero"] == 1.0
+    for driver in ("oracle", "aeb"):
+        assert found[driver, "zero"] >= found[driver, "fixed:1"]
+    assert list(dict.fromkeys(driver for driver, _ in found)) == list(BASELINES)
+
+
+def test_no_response_reproduces_v_r_and_constant_velocity_comes_near_at_each_latency(
+    done: Path,
+) -> None:
+    for one in rows(done):
+        if one["driver"] == "no_response":
+            assert one["v_i_mps"] == one["v_r_mps"] != ""
+        elif one["driver"] == "constant_velocity":
+            assert abs(float(one["v_i_mps"]) - float(one["v_r_mps"])) <= 0.05
+            assert one["needless"] == ""
+
+
+def test_over_all_latencies_no_baseline_gains_by_being_slower(tmp_path: Path) -> None:
+    """Six latencies, and the two baselines that METHOD 8.10 says it of."""
+    latencies = ["zero", *(f"fixed:{s}" for s in ("0.1", "0.2", "0.5", "1", "2"))]
+    plan = plan_of(latencies=latencies)
+    starts = draw_starts(plan, tmp_path, 1, lambda _: None)
+    chosen = ("oracle", "aeb")
+    jobs = [job for job in jobs_of(plan, starts) if job.driver.driver in chosen]
+    made = [dict(zip(RUN_COLUMNS, row, strict=True)) for job in jobs for row in rows_of(job).rows]
+    assert [one["latency"] for one in made] == latencies * len(chosen)
+    found = rates_of([read_row(list(one.values())) for one in made])
+    assert rising(found, chosen) == []
+    headlines = {(one.driver, str(one.latency)): one.headline for one in found}
+    assert headlines["oracle", "zero"] == 1.0
+    # So slow that even the hardest braking comes too late.
+    assert headlines["oracle", "fixed:2"] == 0.0
+
+
+def test_starts_are_sealed_before_a_driver_runs(done: Path) -> None:
+    kept = json.loads((done / "starts.json").read_text())
+    (start,) = kept["starts"]
+    assert start["kind"] == "critical"
+    assert {one["start"] for one in rows(done)} == {start["hash"]}
+    assert start["v_r_mps"] is not None
+
+
+def test_a_campaign_that_was_killed_goes_on_to_the_same_table(
+    done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 15 moments, cut off anywhere in a row; and once before the starts were sealed."""
+    kept = [list(one.values()) for one in rows(done)]
+    again: list[str] = []
+
+    def known(job: Job) -> Done:
+        again.append(job.driver.shown)
+        found = [row for row in kept if row[4] == job.driver.shown]
+        return Done(found, [() for _ in found])
+
+    monkeypatch.setattr(campaign, "rows_of", known)
+    whole = (done / "runs.csv").read_bytes()
+    chosen = random.Random(8)
+    for moment in range(15):
+        folder = tmp_path / str(moment)
+        shutil.copytree(done, folder)
+        (folder / "table.csv").unlink()
+        (folder / "runs.csv").write_bytes(whole[: chosen.randrange(len(whole))])
+        again.clear()
+        run(plan_of(), folder)
+        assert again
+        for name in FILES:
+            assert (folder / name).read_bytes() == (done / name).read_bytes(), (moment, name)
+    folder = tmp_path / "anew"
+    again.clear()
+    run(plan_of(), folder)
+    assert again == list(BASELINES)
+    assert (folder / "starts.json").read_bytes() == (done / "starts.json").read_bytes()
+
+
+def test_a_killed_command_leaves_what_the_next_one_goes_on_from_to_the_same_files(
+    done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One is killed while it draws starts, two at moments while runs are driven."""
+    plan, folder = tmp_path / "plan.yaml", tmp_path / "killed"
+    plan.write_text(yaml.safe_dump(PLAN))
+    command = [sys.executable, "-m", "ssp_core.cli", "loop", str(plan), "--out", str(folder)]
+    kept = [list(one.values()) for one in rows(done)]
+    most = (done / "runs.csv").stat().st_size // 3
+    written = folder / "runs.csv"
+    for least in (None, *sorted(random.Random(3).sample(range(most), 2))):
+        with (tmp_path / "said").open("w+") as said:
+            process = subprocess.Popen(
+                [*command, "--bags", "none"], stdout=said, stderr=said, start_new_session=True
+            )
+            while not (
+                (folder / "tasks").is_dir()
+                if least is None
+                else written.is_file() and written.stat().st_size > least
+            ):
+                assert process.poll() is None, (tmp_path / "said").read_text()
+                time.sleep(0.01)
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+    def known(job: Job) -> Done:
+        found = [row for row in kept if row[4] == job.driver.shown]
+        return Done(found, [() for _ in found])
+
+    # What is left is what the same campaign had without a kill.
+    monkeypatch.setattr(campaign, "rows_of", known)
+    run(plan_of(), folder)
+    for name in FILES:
+        assert (folder / name).read_bytes() == (done / name).read_bytes(), name
+
+
+def test_a_driver_is_run_anew_to_the_same_row(done: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(done, tmp_path / "again")
+    lines = (done / "runs.csv").read_text().splitlines(keepends=True)
+    (folder / "runs.csv").write_text("".join(lines[:-2]))
+    run(plan_of(), folder)
+    assert (folder / "runs.csv").read_text() == "".join(lines)
+
+
+def test_another_campaign_does_not_go_on_in_the_folder(done: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(done, tmp_path / "other")
+    with pytest.raises(InputError, match="is of another campaign"):
+        run(plan_of(latencies=["zero"]), folder)
+    text = (folder / "runs.csv").read_text()
+    for old, new in (
+        ("constant_velocity", "someone"),
+        (",fixed:1,0,", ",fixed:2,0,"),
+        ("critical", "harmless"),
+    ):
+        (folder / "runs.csv").write_text(text.replace(old, new))
+        with pytest.raises(InputError, match="holds another campaign's run"):
+            run(plan_of(), folder)
+
+
+def test_starts_that_were_changed_after_their_seal_are_refused(done: Path, tmp_path: Path) -> None:
+    """A start that a driver lost must not become a harmless one, or vanish."""
+    folder = shutil.copytree(done, tmp_path / "changed")
+    text = (folder / "starts.json").read_text()
+    (folder / "starts.json").write_text(text.replace('"critical"', '"harmless"'))
+    with pytest.raises(InputError, match="was changed after it was sealed"):
+        run(plan_of(), folder)
+
+
+def test_starts_of_another_schema_are_refused_by_its_name(done: Path, tmp_path: Path) -> None:
+    """Their gaps weren't drawn: their rows are no rows of this campaign."""
+    folder = shutil.copytree(done, tmp_path / "older")
+    kept = json.loads((folder / "starts.json").read_text())
+    assert kept["schema"] == "ssp.loop_starts/2"
+    (folder / "starts.json").write_text(json.dumps({**kept, "schema": "ssp.loop_starts/1"}))
+    with pytest.raises(InputError, match=r"starts\.json.*must be ssp.loop_starts/2.*starts/1"):
+        run(plan_of(), folder)
+
+
+def test_a_campaign_goes_on_by_the_sources_that_it_began_with_alone(
+    done: Path, tmp_path: Path
+) -> None:
+    """The version alone stays the same over every edit of a working copy."""
+    folder = shutil.copytree(done, tmp_path / "edited")
+    sealed = json.loads((folder / "plan.json").read_text())
+    assert set(sealed["sources"]) >= {"ssp_core", "ssp_ot_controller", "ssp_scenario_manager"}
+    sealed["sources"]["ssp_core"] = "sha256:" + 64 * "0"
+    (folder / "plan.json").write_text(json.dumps(sealed))
+    with pytest.raises(InputError, match="other sources of this software"):
+        run(plan_of(), folder)
+
+
+def test_each_driver_has_a_card_that_binds_it(done: Path, tmp_path: Path) -> None:
+    cards = json.loads((done / "cards.json").read_text())["cards"]
+    assert [one["driver"] for one in cards] == list(BASELINES)
+    oracle = next(one for one in cards if one["driver"] == "oracle")
+    assert oracle["d_max_mps2"] == 7.0
+    assert oracle["limits"]["plan"]["least_end_s"] == 2.0
+    assert [one["p99_s"] for one in oracle["latencies"]] == [0.0, 1.0]
+    for card in cards:
+        if card["driver"] in ("no_response", "built_in", "careful"):
+            assert [one["p50_s"] for one in card["latencies"]] == [None, None]
+    folder = shutil.copytree(done, tmp_path / "cards")
+    text = (folder / "cards.json").read_text()
+    (folder / "cards.json").write_text(text.replace('"d_max_mps2": 7.0', '"d_max_mps2": 8.0'))
+    with pytest.raises(InputError, match="was changed after it was sealed"):
+        run(plan_of(), folder)
+    # Where latencies are fixed, another machine gives the same bytes.
+    for one in cards:
+        one["hardware"]["cores"] = 4096
+    (folder / "cards.json").write_text(json.dumps({"cards": cards}))
+    run(plan_of(), folder)
+
+
+def test_the_careful_driver_of_r157_stands_where_it_is_defined(
+    done: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = [one for one in rows(done) if one["driver"] == "careful"]
+    assert [one["latency"] for one in found] == ["zero", "fixed:1"]
+    assert found[0]["outcome"] == found[1]["outcome"] == "avoided"
+    # It perceives no earlier than T_obs, and brakes 1.15 s later.
+    assert float(found[0]["response_s"]) >= float(found[0]["observable_s"]) + 1.15
+    starts = json.loads((done / "starts.json").read_text())["starts"]
+    monkeypatch.setattr(runs, "is_defined", lambda _run: False)
+    drivers = [job.driver.driver for job in jobs_of(plan_of(), starts)]
+    assert "careful" not in drivers
+    assert len(drivers) == len(BASELINES) - 1
+
+
+def test_rows_tell_how_near_a_run_came_to_harm(done: Path) -> None:
+    found = {(one["driver"], one["latency"]): one for one in rows(done)}
+    hit, missed = found["no_response", "zero"], found["oracle", "zero"]
+    assert (hit["distance_m"], hit["needed_mps2"], hit["pet_s"]) == ("0.0", "", "")
+    assert float(hit["ttc_s"]) < 0.1
+    assert float(missed["distance_m"]) > 5.0
+    assert float(missed["ttc_s"]) > 2.0
+    assert float(missed["needed_mps2"]) > 0.0
+    # A driver that re-plans from where it is changes its mind less the sooner it is heard.
+    assert float(missed["replan_m"]) < float(found["oracle", "fixed:1"]["replan_m"])
+
+
+def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds something else"):
+        run(plan_of(), tmp_path)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_seeds_are_tried_in_order_however_many_processes_share_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each third seed is critical here; both ways must find the same ones."""
+    drawn: dict[int, list[int]] = {}
+
+    def judge(*arguments: Any) -> tuple[str, dict[str, Any]]:
+        seed = arguments[-1]
+        return ("critical" if seed % 3 == 0 else "off_spec"), {"seed": seed}
+
+    @contextmanager
+    def in_order(_jobs: int) -> Iterator[Any]:
+        yield map
+
+    monkeypatch.setattr(seal, "_drawn", judge)
+    monkeypatch.setattr(seal, "ordered_map", in_order)
+    for jobs in (1, 2, 5):
+        (tmp_path / str(jobs)).mkdir()
+        found = draw_starts(plan_of(starts=4), tmp_path / str(jobs), jobs, lambda _: None)
+        drawn[jobs] = [one["seed"] for one in found]
+    assert all(seeds == [3, 6, 9, 12] for seeds in drawn.values()), drawn
+
+
+def test_a_label_hides_no_privilege() -> None:
+    plan = plan_of(drivers=[{"driver": "aeb", "options": {"ttc_s": 1.2}, "label": "late_aeb"}])
+    assert plan.everybody[-1].shown == "late_aeb"
+    assert plan.everybody[-1].is_privileged
+
+
+def test_the_command_prints_the_table_of_what_is_there(done: Path, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(yaml.safe_dump(PLAN))
+    arguments = [str(plan), "--out", str(done), "--bags", "none", "--json"]
+    said = CliRunner().invoke(loop, arguments, standalone_mode=False)
+    found = json.loads(said.stdout.splitlines()[-1])
+    assert [one["driver"] for one in found][::2] == list(BASELINES)
+    assert (said.exception, said.return_value) == (None, 0)
+
+
+def test_the_table_is_printed_where_no_bag_can_be_recorded(
+    done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any) -> None:
+        raise HostError("no space left")
+
+    monkeypatch.setattr(sys.modules["ssp_scenario_manager.cli.loop"], "write_bags", full)
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(yaml.safe_dump(PLAN))
+    said = CliRunner().invoke(loop, [str(plan), "--out", str(done)], standalone_mode=False)
+    assert isinstance(said.exception, HostError)
+    assert "oracle             L 0        1.00" in said.stdout
+
+
+def test_one_run_is_driven_again_by_one_command_to_the_same_outcome(
+    done: Path, tmp_path: Path
+) -> None:
+    number, wanted = next(
+        (k, one)
+        for k, one in enumerate(rows(done), 1)
+        if (one["driver"], one["latency"]) == ("aeb", "fixed:1")
+    )
+    folder = tmp_path / "again"
+    said = CliRunner().invoke(loop, [str(done), "--again", str(number), "--out", str(folder)])
+    assert said.exception is None, said.output
+    told = json.loads((folder / "result.json").read_text())["driven"]
+    assert (told["outcome"], told["start"]) == (wanted["outcome"], wanted["start"])
+    assert str(told["v_i_mps"]) == wanted["v_i_mps"]
+    assert told["latency"] == "fixed:1"
+    assert (folder / "bag").is_dir()
+    view = ElementTree.fromstring((folder / "top_view.svg").read_text())
+    classes = {one.get("class") for one in view.iter()}
+    assert {"planned", "effective", "driven", "object", "contact"} <= classes
+    shown = [one.text or "" for one in view.iter() if one.tag.endswith("text")]
+    assert {"T_obs", "frame", "effective", "outcome"} <= set(shown)
+    assert shown[0].startswith("cut_in: aeb, L = 1 s: collision at")
+    # The aeb brakes behind the trigger alone, and has the gap of the start there.
+    kept = json.loads((done / "starts.json").read_text())["starts"][0]["values"]
+    drawn_m = kept["triggers.0.condition.below_m"]
+    (words,) = (text for text in shown if text.startswith("gap at the trigger"))
+    said_m, interval = re.fullmatch(r"gap at the trigger (\S+) m, (.*)", words).groups()  # type: ignore[union-attr]
+    assert float(said_m) == pytest.approx(drawn_m, abs=0.2)
+    assert interval == "K* 16 to 20 m"
+    assert "gap" in classes
+
+
+def test_a_run_that_is_another_than_its_row_is_no_valid_result(done: Path, tmp_path: Path) -> None:
+    """Of the states of one row, and the outcome of another one."""
+    folder = shutil.copytree(done, tmp_path / "campaign")
+    lines = (folder / "runs.csv").read_text().splitlines(keepends=True)
+    number, one = next((k, o) for k, o in enumerate(rows(done), 1) if o["driver"] == "aeb")
+    bag, states = number + 1, one["states_sha256"]
+    assert states.startswith("sha256:")
+    lines[number] = lines[number].replace(states, "sha256:0")
+    lines[bag] = lines[bag].replace(",collision,", ",avoided,")
+    (folder / "runs.csv").write_text("".join(lines))
+    again = tmp_path / "again"
+    said = CliRunner().invoke(
+        loop, [str(folder), "--again", str(number), "--out", str(again)], standalone_mode=False
+    )
+    assert (said.exception, said.return_value) == (None, 1)
+    told = json.loads((again / "result.json").read_text())
+    why = (
+        f"it isn't the run of row {number} of {folder / 'runs.csv'}: "
+        f"states_sha256 is {states} and was sha256:0"
+    )
+    assert (told["verdict"], told["reasons"]) == ("invalid_harness", [why])
+    assert (told["driven"]["outcome"], told["driven"]["why"]) == ("harness", why)
+    assert read_verdict(again / "bag") == RecordedVerdict(Verdict.INVALID_HARNESS, (why,))
+    (wrong,) = write_bags(folder, [bag], 1, lambda *_: None)
+    place = folder / "bags" / f"{bag:06d}"
+    assert wrong.startswith(f"{place}: it isn't the run of row {bag} of")
+    assert "outcome is collision and was avoided" in wrong
+    assert json.loads((place / "result.json").read_text())["verdict"] == "invalid_harness"
+
+
+def test_a_run_is_driven_again_by_the_sources_that_drove_it_alone(
+    done: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(done, tmp_path / "edited")
+    sealed = json.loads((folder / "plan.json").read_text())
+    sealed["sources"]["ssp_core"] = "sha256:" + 64 * "0"
+    (folder / "plan.json").write_text(json.dumps(sealed))
+    out = tmp_path / "again"
+    said = CliRunner().invoke(loop, [str(folder), "--again", "1", "--out", str(out)])
+    assert isinstance(said.exception, InputError)
+    assert "plan.json: sources: is of other sources of this software" in str(said.exception)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(("driver", "why"), [("careful", "prescribed"), ("", "has 16 runs")])
+def test_a_row_that_can_not_be_driven_again_is_refused(
+    done: Path, driver: str, why: str, tmp_path: Path
+) -> None:
+    names = [one["driver"] for one in rows(done)]
+    number = names.index(driver) + 1 if driver else len(names) + 1
+    said = CliRunner().invoke(loop, [str(done), "--again", str(number), "--out", str(tmp_path)])
+    assert isinstance(said.exception, InputError)
+    assert why in str(said.exception)
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"drivers": [{"driver": "nobody"}]}, "is no driver"),
+        ({"drivers": [{"driver": "aeb", "options": {"ttc_s": 1.0}}]}, "name of a baseline"),
+        ({"drivers": [{"driver": "aeb", "options": {"ttc": 1.0}, "label": "a"}]}, "ttc"),
+        ({"latencies": ["fixed:0", "zero"]}, "zero stands twice"),
+        ({"latencies": ["measured:1", "measured"]}, "measured stands twice"),
+        ({"latencies": ["fast"]}, "is no latency"),
+        ({"events": ["cut_in", "cut_in"]}, "stands twice"),
+    ],
+)
+def test_a_plan_that_can_not_be_run_is_refused(
+    changes: dict[str, Any], why: str, tmp_path: Path
+) -> None:
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(yaml.safe_dump({**PLAN, **changes}))
+    with pytest.raises(InputError, match=why):
+        load_plan(plan)
+
+
+def row(outcome: str = "avoided", needless: str = "", **changes: Any) -> RunRow:
+    values: dict[str, Any] = {
+        "event": "cut_in",
+        "start": f"start {next(NUMBERS)}",
+        "driver": "a",
+        "latency": Latency(0.0),
+        "kind": "critical",
+        "starved": False,
+    }
+    return RunRow(outcome=outcome, needless=needless, **{**values, **changes})
+
+
+def test_the_headline_is_avoided_without_needless_braking_and_has_wilsons_interval() -> None:
+    (one,) = rates_of([row(), row(), row(needless="brakes"), row("collision")])
+    assert (one.headline, one.worst, one.needless) == (0.5, 0.5, 1)
+    # Wilson's score interval of 2 of 4 with z = 1.96.
+    assert (one.low, one.high) == (pytest.approx(0.1500, abs=1e-3), pytest.approx(0.85, abs=1e-3))
+    assert dict(zip(OUTCOMES, one.outcomes, strict=True))["avoided"] == 3
+
+
+def test_repeats_of_one_start_are_one_unit_of_the_interval() -> None:
+    repeated = [row(start="s1")] * 20 + [row("collision", start="s2")] * 20
+    (one,) = rates_of(repeated)
+    (single,) = rates_of([row(start="s1"), row("collision", start="s2")])
+    assert (one.headline, one.low, one.high) == (single.headline, single.low, single.high)
+    assert (one.planned, one.headline) == (40, 0.5)
+
+
+def test_repeats_have_a_spread_within_and_between_starts() -> None:
+    (one,) = rates_of([row(start="s1"), row("died", start="s1"), *[row(start="s2")] * 2])
+    # Pooled variance within: (1/2 + 0) / 2; between: of 0.5 and 1.
+    assert (one.within_sd, one.between_sd) == (0.5, pytest.approx(0.125**0.5))
+    (one,) = rates_of([row(start="s1")])
+    assert (one.within_sd, one.between_sd) == (None, None)
+
+
+def test_too_many_runs_that_our_side_failed_leave_no_rate() -> None:
+    (one,) = rates_of([row(), *[row("harness")] * 2])
+    assert (one.headline, one.low, one.driven, one.worst) == (None, None, 1, pytest.approx(1 / 3))
+    (one,) = rates_of([row()] * 49 + [row("harness")])
+    assert (one.headline, one.worst) == (1.0, 0.98)
+    # The share is the driver's, over its events and latencies.
+    half = Latency(0.5)
+    rates = rates_of([row()] * 99 + [row("harness", latency=half), row(latency=half)])
+    assert [each.headline for each in rates] == [1.0, 1.0]
+    rates = rates_of([row()] * 9 + [row("harness", latency=half)])
+    assert [each.headline for each in rates] == [None, None]
+
+
+def test_harmless_and_unavoidable_starts_have_no_part_in_the_headline() -> None:
+    (one,) = rates_of([row(), row("collision", kind="unavoidable"), row(kind="harmless")])
+    assert (one.planned, one.headline) == (1, 1.0)
+
+
+def test_a_campaign_is_refused_where_braking_for_nothing_pays() -> None:
+    rates = rates_of([row(driver="stop_at_once"), row(driver="oracle")])
+    assert refused_for(rates, ZERO) == [
+        "stop_at_once has a headline of 1.00 on cut_in at L = 0 s, and must have 0"
+    ]
+
+
+def test_a_headline_that_rises_with_latency_is_told() -> None:
+    rates = rates_of(
+        [
+            row("collision", driver="aeb", latency=Latency(0.1)),
+            row(driver="aeb", latency=Latency(0.5)),
+            # A measured latency has no place in the order.
+            row("collision", driver="aeb", latency=Latency(0.0, measured=True)),
+        ]
+    )
+    assert rising(rates, ("aeb",)) == ["aeb on cut_in: 0.00 at L = 0.1 s, 1.00 at 0.5 s"]
+    assert rising(rates, ("oracle",)) == []

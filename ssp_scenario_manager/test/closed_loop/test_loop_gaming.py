@@ -1,0 +1,267 @@
+"""Ways to game a driven run, on other events than the cut-in and with latency (METHOD 8)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import pytest
+
+from ssp_core.errors import PeerError
+from ssp_core.motion.trajectory import Trajectory
+from ssp_core.run_file.latency import ZERO_LATENCY, Latency
+from ssp_core.world.driver import Answer, Question
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_ot_controller.driving import baselines
+from ssp_ot_controller.driving.baselines import lane_plan
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver
+from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start, order_of
+from ssp_scenario_manager.closed_loop.outcomes.needless import needless_in
+from ssp_scenario_manager.closed_loop.starts.start import Start, make_start
+from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.run.in_process import Record
+from tests.support.places import site_of
+
+# Seeds of critical starts.
+EVENTS = {
+    "crossing_car": 7,
+    "cut_out": 1,
+    "lead_braking": 1,
+    "merge": 1,
+    "oncoming_turn": 2,
+    "slow_lead": 1,
+    "vru_crossing": 2,
+}
+LATENCY = Latency(0.3)
+SCRIPTED = CampaignDriver(driver="scripted")
+
+
+@pytest.fixture(scope="module")
+def start_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Start, Record]]:
+    """Makes the start of an event, and the built-in driver's event-free run of it."""
+
+    @cache
+    def make(event: str) -> tuple[Start, Record]:
+        folder = tmp_path_factory.mktemp("gaming") / event
+        seed = EVENTS[event]
+        run = prepare_run(event, site_of(event), folder, seed=seed, mode="lockstep")
+        start = make_start(run, load_event(event)[0], seed, latency_max_s=1.0)
+        assert start.contact is not None
+        free = drive_start(start, CampaignDriver(driver="built_in"), ZERO_LATENCY, event=False)
+        return start, free.record
+
+    return make
+
+
+@dataclass(frozen=True)
+class Now:
+    """One question, with what a cheat knows of the start."""
+
+    question: Question
+    start: Start
+
+    @property
+    def at_s(self) -> float:
+        return self.question.stamp_ns / 1e9
+
+
+def brake_and_speed_up(now: Now) -> Answer:
+    """Brake for 0.8 s at the hand-over, and drive at the first speed again."""
+    since_s = now.at_s - now.start.hand_over_s
+    return lane_plan(now.question, 5.0 if -0.3 <= since_s < 0.5 else 0.0)
+
+
+def slow_gently(now: Now) -> Answer:
+    """Slow by 0.6 m/s² from the first question on, which alone is no needless braking."""
+    return lane_plan(now.question, 0.6)
+
+
+def dither(now: Now) -> Answer:
+    """Brake hard in every second plan."""
+    return lane_plan(now.question, 7.0 if now.question.number % 2 else 0.0)
+
+
+def say_nothing(now: Now) -> Answer:
+    """Answer nothing from just before T_obs on, so that the fallback brakes."""
+    quiet = now.at_s >= now.start.observable_s - LATENCY.seconds
+    return Answer(None) if quiet else lane_plan(now.question)
+
+
+def plan_two_seconds_and_say_nothing(now: Now) -> Answer:
+    """Plan exactly 2 s up to just before T_obs: the plan ends when the braking is wanted."""
+    plan = lane_plan(now.question).trajectory
+    assert plan is not None
+    short = Trajectory(plan.t_s[:21], plan.x_m[:21], plan.y_m[:21])
+    return Answer(None if now.at_s >= now.start.observable_s - 0.5 else short)
+
+
+def stop_before_the_event(now: Now) -> Answer:
+    """Stand well in front of where the object comes."""
+    return lane_plan(now.question, 3.5)
+
+
+def hang_at_the_right_moment(now: Now) -> Answer:
+    """Give no answer once it looks bad: the world holds, and the driver's time runs out."""
+    if now.at_s >= now.start.observable_s:
+        raise PeerError("no answer within 60 s")
+    return lane_plan(now.question)
+
+
+WAYS = (
+    ("lead_braking", brake_and_speed_up, "brakes by"),
+    ("vru_crossing", brake_and_speed_up, "brakes by"),
+    ("lead_braking", slow_gently, ""),
+    ("vru_crossing", slow_gently, ""),
+    ("vru_crossing", dither, ""),
+    ("lead_braking", say_nothing, "falls back"),
+    ("vru_crossing", plan_two_seconds_and_say_nothing, "falls back"),
+    ("lead_braking", stop_before_the_event, "brakes by"),
+    ("slow_lead", brake_and_speed_up, "brakes by"),
+    ("slow_lead", stop_before_the_event, "brakes by"),
+    ("cut_out", brake_and_speed_up, "brakes by"),
+    ("crossing_car", brake_and_speed_up, "brakes by"),
+    ("crossing_car", plan_two_seconds_and_say_nothing, "falls back"),
+    ("oncoming_turn", brake_and_speed_up, "brakes by"),
+    ("merge", brake_and_speed_up, "brakes by"),
+    ("merge", say_nothing, "falls back"),
+    ("vru_crossing", hang_at_the_right_moment, ""),
+)
+
+
+@pytest.mark.parametrize(
+    ("event", "way", "needless_for"), WAYS, ids=[f"{e}-{way.__name__}" for e, way, _ in WAYS]
+)
+def test_no_way_to_game_it_gains_a_headline_on_other_events_or_with_latency(
+    event: str,
+    way: Callable[[Now], Answer],
+    needless_for: str,
+    start_of: Callable[[str], tuple[Start, Record]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    start, built_in = start_of(event)
+
+    class Cheat(baselines.ConstantVelocity):
+        def answer(self, question: Question) -> Answer:
+            return way(Now(question, start))
+
+    monkeypatch.setitem(baselines.BASELINES, "scripted", Cheat)
+    drove = drive_start(start, SCRIPTED, LATENCY)
+    free = drive_start(start, SCRIPTED, LATENCY, event=False)
+    needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
+    succeeds = drove.outcome.kind == "avoided" and not needless
+    assert not succeeds, (drove.outcome, needless)
+    assert needless.startswith(needless_for)
+    if way is hang_at_the_right_moment:
+        assert drove.outcome.kind == "died"
+        assert "no answer within 60 s" in drove.outcome.why
+
+
+def test_constant_velocity_gains_none_either_and_the_oracle_does(
+    start_of: Callable[[str], tuple[Start, Record]],
+) -> None:
+    """The tests above would pass for a session in which nothing can be avoided."""
+    for event in EVENTS:
+        start, built_in = start_of(event)
+        kinds = {}
+        for name in ("constant_velocity", "oracle"):
+            driver = CampaignDriver(driver=name)
+            kinds[name] = drive_start(start, driver, LATENCY).outcome.kind
+            free = drive_start(start, driver, LATENCY, event=False)
+            needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
+            assert not needless, name
+        assert kinds == {"constant_velocity": "collision", "oracle": "avoided"}, event
+
+
+def test_what_is_an_event_by_being_there_stands_beside_the_road_in_the_event_free_twin(
+    start_of: Callable[[str], tuple[Start, Record]],
+) -> None:
+    start, _ = start_of("slow_lead")
+    run = start.driven_by("constant_velocity", {}, LATENCY, event=False)
+    (target,), (before,) = run.targets, start.run.targets
+    assert target.approach is None
+    line = ReferenceLine.of_road(run.road)
+    places = [line.to_local(one.start.x_m, one.start.y_m) for one in (target, before)]
+    assert places[0][0] == pytest.approx(places[1][0], abs=1e-6)
+    edge_m = min(lane.y_m - lane.width_m / 2.0 for lane in run.road.lanes)
+    assert places[0][1] + target.size.width_m / 2.0 == pytest.approx(edge_m - 0.15)
+    assert start.driven_by("constant_velocity", {}, LATENCY).targets == start.run.targets
+
+
+def test_a_driver_that_ends_where_no_event_comes_is_needless(
+    start_of: Callable[[str], tuple[Start, Record]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It could brake blindly where it expects an event, and leave where none comes."""
+    start, built_in = start_of("vru_crossing")
+
+    class Leaves(baselines.ConstantVelocity):
+        def answer(self, question: Question) -> Answer:
+            if Now(question, start).at_s > start.hand_over_s + 1.0:
+                raise SystemExit(0)
+            return super().answer(question)
+
+    monkeypatch.setitem(baselines.BASELINES, "scripted", Leaves)
+    free = drive_start(start, SCRIPTED, LATENCY, event=False)
+    assert free.outcome.kind == "died"
+    needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
+    assert needless == f"ends by died at {free.outcome.at_s:.2f} s"
+
+
+def test_a_driver_begins_each_run_without_what_it_was_in_the_one_before(
+    start_of: Callable[[str], tuple[Start, Record]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that would brake in its second run alone, which it took for the event."""
+    start, _ = start_of("vru_crossing")
+    made: list[int] = []
+
+    class Remembering(baselines.ConstantVelocity):
+        def __init__(self, options: baselines.ConstantVelocity.Options) -> None:
+            super().__init__(options)
+            self.runs = 0
+            made.append(id(self))
+
+        def answer(self, question: Question) -> Answer:
+            self.runs += question.number == 1
+            return lane_plan(question, 6.0 if self.runs > 1 else 0.0)
+
+    monkeypatch.setitem(baselines.BASELINES, "scripted", Remembering)
+    first, second = (drive_start(start, SCRIPTED, LATENCY) for _ in range(2))
+    assert (first.outcome.kind, second.outcome.kind) == ("collision", "collision")
+    assert [repr(r.truths) for r in first.record.reports] == [
+        repr(r.truths) for r in second.record.reports
+    ]
+    assert len(made) == 2
+
+
+def test_the_order_of_event_and_twin_is_no_sign_of_which_is_which() -> None:
+    names = [f"1 sha256:{k:x} mine 0.3 0" for k in range(400)]
+    first = sum(order_of(name)[0] for name in names)
+    assert 150 < first < 250
+    assert [order_of(name) for name in names] == [order_of(name) for name in names]
+    assert all(sorted(order_of(name)) == [False, True] for name in names)
+
+
+def test_the_run_file_of_the_twin_differs_in_nothing_that_a_driver_gets(
+    start_of: Callable[[str], tuple[Start, Record]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The questions to a driver without frames are the same in both, up to the contact."""
+    start, _ = start_of("vru_crossing")
+    assert start.contact is not None
+    contact_ns = start.contact.stamp_ns
+    seen: dict[bool, list[str]] = {True: [], False: []}
+    asked: list[str] = []
+
+    class Recording(baselines.ConstantVelocity):
+        def answer(self, question: Question) -> Answer:
+            if question.stamp_ns < contact_ns:
+                asked.append(repr(question))
+            return super().answer(question)
+
+    monkeypatch.setitem(baselines.BASELINES, "scripted", Recording)
+    for event in (True, False):
+        asked.clear()
+        drive_start(start, SCRIPTED, LATENCY, event=event)
+        seen[event] = list(asked)
+    assert len(seen[True]) > 10
+    assert seen[True] == seen[False]
