@@ -1,4 +1,4 @@
-"""The one form that every table has, and its files: CSV, LaTeX, JSON and HTML."""
+"""The one form that every table has, and its files: CSV and LaTeX."""
 
 from __future__ import annotations
 
