@@ -16,13 +16,17 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.road import CurvePiece
+from ssp_scenario_manager.compile.compiler import load_area
+from ssp_scenario_manager.compile.place import Order, realise
 from ssp_scenario_manager.compile.targets import openscenario
 from ssp_scenario_manager.compile.targets.foreseen import foresee, gaps_m
 from ssp_scenario_manager.compile.targets.goal_lane import GoalLane, goal_lane, lane_beside
 from ssp_scenario_manager.compile.targets.opendrive import opendrive_map
 from ssp_scenario_manager.compile.targets.openscenario import MOST_GAP_ERROR_M, export_openscenario
 from ssp_scenario_manager.compile.targets.player import play
-from ssp_scenario_manager.maps.block import BlockLane
+from ssp_scenario_manager.compile.task import Task, sealed
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.maps.block import Block, BlockLane
 from ssp_scenario_manager.run.feasibility import driven
 
 # A bend of 100 m all along, to the left.
@@ -60,13 +64,28 @@ def test_a_leader_that_leaves_its_lane_is_where_the_session_has_it(
 ) -> None:
     """It neither begins later nor loses the way by which a sine is longer than the lane."""
     case = case_of("cut_out", block_of(BEND, TURNED) if bent else block_of())
-    files = export_openscenario(case.task, case.block, None, tmp_path)
-    track = play(files[0].read_bytes(), files[2].read_bytes(), case.block.line)["ot2"]
-    states = driven(case.task.run)[1].truths("ot2")
+    assert most_apart_m(case.task, case.block, "ot2", tmp_path) < MOST_GAP_ERROR_M
+
+
+def test_a_walker_is_where_the_session_that_adapts_its_speed_has_it(tmp_path: Path) -> None:
+    """To 0.05 s of its way, so that the time gap is the session's."""
+    area = load_area("boulevard", None)[0]
+    event, version = load_event("vru_crossing")
+    block = area.library.blocks[0]
+    task = realise(Order(event, version, area, "openscenario", 1, {}), block).task
+    assert task.run.triggers[0].adaptation is not None
+    assert most_apart_m(sealed(task), block, "ot1", tmp_path) < 0.05 * 1.5
+
+
+def most_apart_m(task: Task, block: Block, who: str, folder: Path) -> float:
+    """How far a player's object is from the session's until the scenario's end."""
+    files = export_openscenario(task, block, None, folder)
+    track = play(files[0].read_bytes(), files[2].read_bytes(), block.line)[who]
+    states = driven(task.run)[1].truths(who)
     times = np.array([ns_to_seconds(state.stamp_ns) for state in states])
     x_m, y_m = (np.interp(times, track[:, 0], track[:, i]) for i in (1, 2))
     apart_m = np.hypot(x_m - [s.x_m for s in states], y_m - [s.y_m for s in states])
-    assert apart_m[times <= track[-1, 0]].max() < MOST_GAP_ERROR_M
+    return float(apart_m[times <= track[-1, 0]].max())
 
 
 def test_a_scenario_that_shows_another_gap_is_refused(

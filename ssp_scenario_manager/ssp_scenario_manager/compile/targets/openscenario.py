@@ -9,7 +9,6 @@ from __future__ import annotations
 import datetime
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -19,7 +18,6 @@ from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships 
 from ssp_core.errors import InputError
 from ssp_core.files import write_bytes
 from ssp_core.geometry import Polyline
-from ssp_core.motion.speed_profile import DEFAULT_RAMP_S
 from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Look, RunSpec
@@ -34,7 +32,6 @@ from ssp_core.run_file.participants import (
     TriggerSpec,
 )
 from ssp_core.run_file.values import Point
-from ssp_core.vocabulary import ObjectClass
 from ssp_scenario_manager.compile.targets.foreseen import (
     FIRING_LAG_S,
     PLAYER_LAG_S,
@@ -295,8 +292,7 @@ def _manoeuvre(
     delay_s = max(trigger.lead_time_s, ACT_DELAY_S)
     start = firing(run, trigger, delay_s, seen, chart.heights)
     if isinstance(manoeuvre, FollowPath):
-        later_s = delay_s - trigger.lead_time_s
-        faster = _first_ramp(who, manoeuvre.motion, later_s, delay_s + FIRING_LAG_S, seen)
+        faster = _first_ramp(manoeuvre.motion, delay_s + FIRING_LAG_S, seen)
         walk = _walk(who, name, manoeuvre.motion, start, faster, chart.heights)
         return _group(who.id, name, walk)
     cruise, starts_s = _path_of(who).cruise_mps, delay_s + FIRING_LAG_S
@@ -359,26 +355,17 @@ def _steady_lane_change(
     return _group(who.id, name, [_event(name, start, shift, _speed(faster)), after_it])
 
 
-def _first_ramp(
-    who: ParticipantSpec, motion: Motion, later_s: float, starts_s: float, seen: Foreseen
-) -> Ramp:
-    """Return the speed from standstill on of a path of its own.
+def _first_ramp(motion: Motion, starts_s: float, seen: Foreseen) -> Ramp:
+    """Return the speed from standstill on of a path of its own, as the session plays it.
 
     Args:
-        who: whose path it is.
         motion: along its path.
-        later_s: delay of its beginning against that of a session.
         starts_s: when a player begins it, s after the trigger fires.
         seen: the session.
     """
     trip = journey(motion)
-    nominal = trip.start
-    if who.cls not in (ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST):
-        kept = seen.kept(nominal, starts_s, trip.braking_from_m)
-        return seen.act(0.0, kept, starts_s)
-    # A session's ramp is rounded, and lags behind a straight one by half of the rounding.
-    lag_s = max(0.0, DEFAULT_RAMP_S - 2.0 * later_s)
-    return replace(nominal, duration_s=nominal.duration_s + lag_s)
+    kept = seen.kept(trip.start, starts_s, trip.braking_from_m)
+    return seen.act(0.0, kept, starts_s)
 
 
 def _walk(
