@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
+from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import Observable
-from ssp_core.motion.event import Corridor, find_event, instants_of
+from ssp_core.motion.event import find_event, instants_of
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.vocabulary import ObjectClass

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2, wrap_angle
-from ssp_core.motion.event import Corridor, find_event, instants_of
+from ssp_core.motion.corridor import Corridor
+from ssp_core.motion.event import find_event, instants_of
 from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ObjectClass
 from ssp_eval.data.labels import Labels, labels_to_json, load_labels, parse_labels

@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from ssp_core.motion.event import Corridor, find_event, instants_of, passing_of
+from ssp_core.motion.corridor import Corridor
+from ssp_core.motion.event import find_event, instants_of
+from ssp_core.motion.passing import passing_of
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Packed, StateSeries, between, states_of, times_of
 from ssp_core.run_file.model import ConflictThresholds

@@ -21,8 +21,9 @@ import numpy as np
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Polyline
+from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import corridor_half_m
-from ssp_core.motion.event import Corridor, Passing, passing_since
+from ssp_core.motion.passing import Passing, passing_since
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import LinkDisturbance, RunSpec

@@ -12,19 +12,17 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from ssp_core.geometry import box_distance
+from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import encounter
 from ssp_core.motion.event import (
     TOLERANCE_S,
-    Corridor,
     Instant,
-    Passing,
     RecordedEvent,
-    Zone,
     find_event,
     instants_of,
-    passing_of,
 )
 from ssp_core.motion.intrusion import Intrusion, first_intrusions
+from ssp_core.motion.passing import Passing, Zone, passing_of
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Packed, Series, states_of
 from ssp_core.run_file.road import Road

@@ -11,8 +11,14 @@ import numpy as np
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
+from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import Observable
-from ssp_core.motion.event import TOLERANCE_S, Corridor, RecordedEvent, find_event, instants_of
+from ssp_core.motion.event import (
+    TOLERANCE_S,
+    RecordedEvent,
+    find_event,
+    instants_of,
+)
 from ssp_core.motion.state_series import Series, States, states_of, times_of
 from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.data.labels import BY_CLOCK, BY_PHASE, Label, Labels, PhasePosition

@@ -13,12 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from ssp_core.geometry import Pose2
+from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import (
     AGAINST_RAD,
     OBSERVABLE_LATERAL_MPS,
     is_crossing,
 )
-from ssp_core.motion.event import Corridor
 from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ObjectClass
 from ssp_eval.recordings.sight import MIN_SHARE, clear_share

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ssp_core.geometry import FloatArray, box_distance
+from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import encounter
-from ssp_core.motion.event import Corridor, instants_of
+from ssp_core.motion.event import instants_of
 from ssp_core.motion.state_series import Series
 from ssp_eval.data.response import CurveEntry, Figure
 

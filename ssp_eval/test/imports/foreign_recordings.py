@@ -20,7 +20,8 @@ from rosbags.typesys import Stores, get_typestore
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.clock import NS_PER_S
-from ssp_core.motion.event import Corridor, RecordedEvent, find_event, instants_of
+from ssp_core.motion.corridor import Corridor
+from ssp_core.motion.event import RecordedEvent, find_event, instants_of
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.motion.state_series import Series
 from ssp_core.names import CAMERA_IMAGE, absolute

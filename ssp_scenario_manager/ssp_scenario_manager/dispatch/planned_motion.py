@@ -16,7 +16,7 @@ from ssp_core.motion.encounter import (
     swept_on_way,
     swept_stations,
 )
-from ssp_core.motion.event import Zone
+from ssp_core.motion.passing import Zone
 from ssp_core.motion.reference import Points, Reference, ReferencePoint, between
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.participants import ParticipantSpec

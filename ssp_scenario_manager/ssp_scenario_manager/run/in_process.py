@@ -20,7 +20,8 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import PeerError
 from ssp_core.files import write_bytes
 from ssp_core.hashing import sha256_bytes
-from ssp_core.motion.event import Passing, PhaseBegan
+from ssp_core.motion.event import PhaseBegan
+from ssp_core.motion.passing import Passing
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import Participation

@@ -17,16 +17,11 @@ from ssp_core.cdr.steps import decode_tick
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import SspError
 from ssp_core.geometry import Polyline, box_distance
+from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import corridor_half_m
-from ssp_core.motion.event import (
-    Corridor,
-    Instant,
-    Passing,
-    PhaseBegan,
-    passing_since,
-    resolution_ns,
-)
+from ssp_core.motion.event import Instant, PhaseBegan, resolution_ns
 from ssp_core.motion.intrusion import Intrusion, first_intrusions
+from ssp_core.motion.passing import Passing, passing_since
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import absolute
 from ssp_core.run_file.model import RunSpec

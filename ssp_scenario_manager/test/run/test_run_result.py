@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from ssp_core.motion.event import Passing, PhaseBegan
+from ssp_core.motion.event import PhaseBegan
+from ssp_core.motion.passing import Passing
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState, Size
 from ssp_core.run_file.model import RunSpec, WantedPassing
 from ssp_core.vocabulary import ObjectClass, Phase, Role, Verdict

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from ssp_core.geometry import Polyline, Pose2
+from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import Observable
 from ssp_core.motion.event import (
-    Corridor,
     Instant,
     PhaseBegan,
     PhaseWatch,
     find_event,
     next_phase,
-    passing_of,
 )
+from ssp_core.motion.passing import passing_of
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.vocabulary import ObjectClass, Phase
