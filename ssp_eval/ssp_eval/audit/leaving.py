@@ -6,14 +6,16 @@ first state to its last.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 from ssp_core.motion.encounter import OBSERVABLE_LATERAL_MPS
+from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Series
 from ssp_eval.audit.further import ahead_m, gap_slack_m
-from ssp_eval.audit.paths import Lanes
+from ssp_eval.audit.paths import Lanes, Spot
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
@@ -70,16 +72,21 @@ def leaving_of(
     to: Literal["left", "right"] = (
         "left" if (l_m - lanes.lanes[own_lane].y_m) * side > 0.0 else "right"
     )
+    outwards = side if to == "left" else -side
     begins = out
     while begins > 0:
-        (t_s, _, spot), (before_s, _, before) = found[begins], found[begins - 1]
-        across_m = (spot.l_m - before.l_m) * side * (1.0 if to == "left" else -1.0)
-        if across_m <= OBSERVABLE_LATERAL_MPS * (t_s - before_s):
+        _, now, spot = found[begins - 1]
+        if outwards * _left_of_line_mps(now[object_id], spot, lanes) <= OBSERVABLE_LATERAL_MPS:
             break
         begins -= 1
     states = found[begins][1]
     gap_m = ahead_m(lanes, *(states.get(who) for who in ids)) if out > 0 else None
     return Leaving(object_id, to, gap_m)
+
+
+def _left_of_line_mps(state: ObjectState, spot: Spot, lanes: Lanes) -> float:
+    """Return the lateral speed by heading; differences of places are small beside their noise."""
+    return state.speed_mps * math.sin(state.yaw_rad - lanes.line.pose(spot.s_m).yaw_rad)
 
 
 def leaves_otherwise(event: Event, leaving: Leaving) -> Iterator[str]:
