@@ -144,6 +144,21 @@ def test_one_that_stands_in_the_zone_is_waited_for() -> None:
     assert watch.words == ["wait"]
 
 
+@pytest.mark.parametrize(("front_m", "heeded"), [(31.0, set()), (35.0, {"ot1"})])
+def test_one_in_the_zone_with_it_is_in_its_way_though_it_comes_to_a_later_place(
+    front_m: float, heeded: set[str]
+) -> None:
+    """The priority path crosses the VUT's a second time, at x = 62."""
+    again = [(32.0, 100.0), (32.0, -20.0), (62.0, -20.0), (62.0, 100.0)]
+    first = PLACE.model_copy(update={"priority_path": again})
+    second = GiveWay(
+        line_m=58.0, zone_m=(60.0, 64.0), priority_path=again, priority_zone_m=(168.0, 172.0)
+    )
+    driver = DRIVER.model_copy(update={"gives_way": [first, second]})
+    car = object_state("ot1", CAR, 32.0, 0.5, -math.pi / 2, 1.0)
+    assert PriorityWatch(driver).decide(front_m, 2.0, [car], driver).heeded == heeded
+
+
 def test_a_driver_who_does_not_react_gives_nobody_way() -> None:
     assert not PriorityWatch(DRIVER.model_copy(update={"reacts": False}))
 

@@ -63,11 +63,14 @@ class Decision:
         most_mps2: acceleration that it keeps below for this.
         heeded: ids of the objects with priority that this decision deals with, so that they are no
             obstacles.
+        in_way: ids of those that are in the conflict zone with the VUT: obstacles, whatever another
+            place deals with.
     """
 
     word: Word
     most_mps2: float = math.inf
     heeded: frozenset[str] = frozenset()
+    in_way: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -141,7 +144,9 @@ def decide(
     everybody = frozenset(one.object_id for one in coming)
     if to_zone <= 0.0:
         # Only what is in the zone already may stand in the VUT's way.
-        return Decision("go", heeded=frozenset(o.object_id for o in coming if o.arrives_s > 0.0))
+        heeded = frozenset(one.object_id for one in coming if one.arrives_s > 0.0)
+        met = everybody - heeded if front_m <= place.zone_m[1] else frozenset[str]()
+        return Decision("go", heeded=heeded, in_way=met)
     if to_line > speed_mps * (speed_mps / (2.0 * b) + LOOKS_AHEAD_S) + driver.standstill_gap_m:
         return Decision("approach", heeded=everybody)
     went = before == "go"
@@ -215,4 +220,5 @@ class PriorityWatch:
         self.words = [one.word for one in made]
         hardest = min(made, key=lambda one: one.most_mps2, default=Decision("approach"))
         heeded = frozenset[str]().union(*(one.heeded for one in made))
-        return Decision(hardest.word, hardest.most_mps2, heeded)
+        in_way = frozenset[str]().union(*(one.in_way for one in made))
+        return Decision(hardest.word, hardest.most_mps2, heeded - in_way, in_way)
