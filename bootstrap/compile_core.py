@@ -15,6 +15,7 @@ import fcntl
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -22,13 +23,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from types import FrameType
 
 from mypyc.build import mypycify
 from setuptools import Distribution
 from setuptools.errors import BaseError, CCompilerError
 
 from ssp_core.compiled import (
-    ELSEWHERE,
     FOLDER,
     OFF,
     RECIPE,
@@ -130,6 +131,10 @@ def compile_to(folder: Path, modules: Mapping[str, Sequence[str]] = MODULES) -> 
 # Prints the bytes of sessions: the hash of their states, and what result.json says.
 _SESSIONS = """
 import json, sys
+from pathlib import Path
+from ssp_core.compiled import use_core_of
+for folder in sys.argv[2:]:
+    use_core_of(Path(folder))
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.run.in_process import result_json, run_in_process
 for event in sys.argv[1].split(","):
@@ -151,9 +156,10 @@ def sessions(events: Sequence[str], folder: Path | None = None) -> list[str]:
     Raises:
         HostError: the process failed.
     """
-    chosen = {OFF: "1"} if folder is None else {ELSEWHERE: str(folder)}
-    environment = {k: v for k, v in os.environ.items() if k not in (OFF, ELSEWHERE)} | chosen
-    command = [sys.executable, "-c", _SESSIONS, ",".join(events)]
+    chosen = [] if folder is None else [str(folder)]
+    command = [sys.executable, "-c", _SESSIONS, ",".join(events), *chosen]
+    # The environment's own core isn't used in either case.
+    environment = {**os.environ, OFF: "1"}
     done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=False)
     if done.returncode != 0:
         how = "interpreted" if folder is None else "compiled"
@@ -165,6 +171,22 @@ def differing(folder: Path, events: Sequence[str] = EVENTS) -> list[str]:
     """List the events whose sessions have other bytes with a compiled core than without."""
     both = zip(events, sessions(events, folder), sessions(events), strict=True)
     return [event for event, compiled, interpreted in both if compiled != interpreted]
+
+
+@contextmanager
+def _no_stop() -> Iterator[None]:
+    """Hold back the wish to end this process until the block is done."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGTERM,))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _stop(number: int, _: FrameType | None) -> None:
+    """End the work once, in order; the folder that is being made is removed."""
+    signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 @contextmanager
@@ -208,17 +230,22 @@ def build(place: Path) -> None:
                     "the compiled core isn't kept"
                 )
             _refuse_stale(new)
-            remove_folder(place)
             new.chmod(0o755)
-            new.replace(place)
+            with _no_stop():
+                remove_folder(place)
+                new.replace(place)
         finally:
             shutil.rmtree(new, ignore_errors=True)
 
 
 def main() -> int:
     os.chdir(ROOT)
+    # `ssp build-core` sends it, whatever ended that.
+    signal.signal(signal.SIGTERM, _stop)
     try:
         build(FOLDER)
+    except KeyboardInterrupt:
+        return 130
     except (SspError, OSError) as error:
         print(f"ssp build-core: {error}", file=sys.stderr)
         return 1

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -83,6 +84,20 @@ def _root(work: str) -> Path:
     return Path(root)
 
 
+def _run(command: Sequence[str], root: Path, environment: Mapping[str, str]) -> int:
+    """Run a command to its end; an interrupt ends the compilation first, which tidies up."""
+    if command != COMPILE:
+        return subprocess.run(command, cwd=root, env=environment, check=False).returncode
+    # A group of its own: Ctrl-C reaches this process alone, and the compilers by it.
+    with subprocess.Popen(command, cwd=root, env=environment, process_group=0) as process:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:
+            os.killpg(process.pid, signal.SIGTERM)
+            process.wait()
+            raise
+
+
 def _run_all(
     root: Path, checks: Sequence[tuple[str, list[str]]], nothing: Collection[int] = ()
 ) -> int:
@@ -105,7 +120,7 @@ def _run_all(
     for name, command in checks:
         console.note(f"== {name}")
         started = time.monotonic()
-        status = subprocess.run(command, cwd=root, env=environment, check=False).returncode
+        status = _run(command, root, environment)
         seconds = time.monotonic() - started
         good = status == 0 or status in nothing
         console.note(f"== {name} {'ok' if good else 'FAILED'} after {seconds:.0f} s")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 from itertools import groupby
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 
 from ssp_core.cli import main
+from ssp_core.compiled import TABLE
 from ssp_eval import checkout
 from ssp_eval.checkout import _checks
 from tests.support.order import ROOT, spread
@@ -95,3 +97,59 @@ def test_one_more_than_there_are_processors_runs_all_of_them() -> None:
     assert "-m" not in command[3:]
     (*_, (_, quick)) = _checks((), True, False)
     assert quick[quick.index("-m", 3) + 1] == "not system and not programs"
+
+
+# Asks for the end of its own process group's leader, as `ssp build-core` does, while it compiles.
+INTERRUPTED = """
+import os, pathlib, signal, subprocess, sys
+sys.path.insert(0, "bootstrap")
+import compile_core
+compile_core.FOLDER = pathlib.Path(sys.argv[1])
+
+def compile_to(folder):
+    (folder / "half.so").touch()
+    print(folder.name, flush=True)
+    subprocess.run(["sleep", "600"], check=True)
+
+compile_core.compile_to = compile_to
+sys.exit(compile_core.main())
+"""
+
+
+@pytest.mark.programs
+def test_an_interrupt_ends_it_without_a_trace(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command of `ssp build-core`, with a compiler that doesn't end by itself."""
+    place = tmp_path / "ssp-compiled"
+    place.mkdir()
+    (place / TABLE).touch()
+    command = [sys.executable, "-c", INTERRUPTED, str(place)]
+    monkeypatch.setattr(checkout, "COMPILE", command)
+    waited = []
+
+    class Process(subprocess.Popen[str]):
+        """Ends the wait by Ctrl-C once the compiler runs."""
+
+        def wait(self, timeout: float | None = None) -> int:
+            if not waited:
+                assert self.stdout is not None
+                waited.append(self.stdout.readline())
+                raise KeyboardInterrupt
+            return super().wait(timeout)
+
+    def start(*given: Any, **named: Any) -> Process:
+        return Process(*given, **named, stdout=-1, stderr=subprocess.STDOUT, text=True)
+
+    monkeypatch.setattr(subprocess, "Popen", start)
+    ended = []
+    monkeypatch.setattr(Process, "__exit__", lambda self, *_: ended.append(self))
+    with pytest.raises(KeyboardInterrupt):
+        checkout._run(command, ROOT, os.environ)
+    (process,) = ended
+    assert process.returncode == 130
+    assert process.stdout.read() == ""
+    process.stdout.close()
+    assert waited[0].startswith("ssp-compiled.")
+    assert sorted(os.listdir(place.parent)) == ["ssp-compiled", "ssp-compiled.lock"]
+    assert (place / TABLE).is_file()

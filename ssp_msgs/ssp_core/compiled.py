@@ -4,7 +4,7 @@
 They are imported from there as long as nothing changed of which they were made: each source of the
 packages that they belong to, since one that isn't compiled has types that compiled ones rely on,
 the script, the compiler and Python. Otherwise all of them are interpreted. ``SSP_INTERPRETED=1``
-has them interpreted in any case; ``SSP_COMPILED=FOLDER`` names another folder.
+has them interpreted in any case. No variable names another folder: code comes from here alone.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from typing import Any
 FOLDER = Path(sys.prefix) / "ssp-compiled"
 TABLE = "table.json"
 OFF = "SSP_INTERPRETED"
-ELSEWHERE = "SSP_COMPILED"
 # The script by which the core is compiled.
 RECIPE = Path(__file__).parents[2] / "bootstrap" / "compile_core.py"
 
@@ -66,6 +65,7 @@ class CompiledCore:
         files: file of each module, by its full name.
         sources: SHA-256 of each source of their packages, by its path from the folder that a
             package lies in.
+        sha256: of the table, which holds all of these.
     """
 
     python: str
@@ -73,15 +73,18 @@ class CompiledCore:
     recipe: str
     files: dict[str, Path]
     sources: dict[str, str]
+    sha256: str
 
     @staticmethod
     def read(folder: Path) -> CompiledCore | None:
         """Read the table of a folder; None where there is none, or it can't be read."""
         try:
-            table: Any = json.loads((folder / TABLE).read_text("utf-8"))
+            content = (folder / TABLE).read_bytes()
+            table: Any = json.loads(content)
             files = {name: folder / file for name, file in table["files"].items()}
             python, mypy, recipe = (str(table[key]) for key in ("python", "mypy", "recipe"))
-            return CompiledCore(python, mypy, recipe, files, dict(table["sources"]))
+            sha256 = hashlib.sha256(content).hexdigest()
+            return CompiledCore(python, mypy, recipe, files, dict(table["sources"]), sha256)
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
 
@@ -133,34 +136,49 @@ class CompiledFinder(MetaPathFinder):
         file = self._core.files.get(fullname)
         if file is None or not file.is_file():
             return None
+        return spec_from_file_location(fullname, file) if self.is_fresh else None
+
+    @property
+    def is_fresh(self) -> bool:
+        """Tell whether the modules are taken from the core."""
         if self._fresh is None:
             self._fresh = not self._core.stale(sys.path)
-        return spec_from_file_location(fullname, file) if self._fresh else None
+        return self._fresh
 
-
-def folder_of_core() -> Path:
-    """Return the folder of the core: the one that a variable names, or the environment's."""
-    return Path(os.environ.get(ELSEWHERE) or FOLDER)
+    @property
+    def sha256(self) -> str:
+        """The hash of the core's table."""
+        return self._core.sha256
 
 
 def use_compiled() -> None:
-    """Import compiled modules from now on, if there are some."""
-    folder = folder_of_core()
-    if os.environ.get(OFF) or not (folder / TABLE).is_file():
+    """Import compiled modules from now on, if this environment has some."""
+    if not os.environ.get(OFF):
+        use_core_of(FOLDER)
+
+
+def use_core_of(folder: Path) -> None:
+    """Import the compiled modules of a folder from now on, if it has some."""
+    if not (folder / TABLE).is_file():
         return
     core = CompiledCore.read(folder)
     if core is not None:
         sys.meta_path.insert(0, CompiledFinder(core))
 
 
+def core_in_use() -> str | None:
+    """Return the hash of the compiled core that this process uses; None: it is interpreted."""
+    finders = (one for one in sys.meta_path if isinstance(one, CompiledFinder))
+    return next((one.sha256 for one in finders if one.is_fresh), None)
+
+
 def state_of_core() -> str:
     """Say in words whether sessions run compiled."""
-    folder = folder_of_core()
     if os.environ.get(OFF):
         return f"not used ({OFF} is set)"
-    if not (folder / TABLE).is_file():
+    if not (FOLDER / TABLE).is_file():
         return "none: sessions are interpreted"
-    core = CompiledCore.read(folder)
+    core = CompiledCore.read(FOLDER)
     if core is None:
         return "can't be read: sessions are interpreted"
     stale = core.stale(sys.path)

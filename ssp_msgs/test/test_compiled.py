@@ -12,12 +12,12 @@ from types import ModuleType
 import pytest
 
 from ssp_core.compiled import (
-    ELSEWHERE,
     OFF,
     RECIPE,
     TABLE,
     CompiledCore,
     CompiledFinder,
+    core_in_use,
     hash_of,
     sources_of,
     state_of_core,
@@ -52,7 +52,7 @@ def core(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "sources": sources_of(package),
     }
     (folder / TABLE).write_text(json.dumps(table))
-    monkeypatch.setenv(ELSEWHERE, str(folder))
+    monkeypatch.setattr("ssp_core.compiled.FOLDER", folder)
     monkeypatch.delenv(OFF, raising=False)
     return folder
 
@@ -163,15 +163,33 @@ def test_a_variable_leaves_the_compiled_core_out(monkeypatch: pytest.MonkeyPatch
     assert len(sys.meta_path) == count + 1
 
 
-def test_a_named_folder_takes_the_place_of_the_environments_own(
+def test_no_variable_names_another_core(
     core: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ssp_core.compiled.FOLDER", core)
-    monkeypatch.setenv(ELSEWHERE, str(tmp_path / "none"))
+    monkeypatch.setattr("ssp_core.compiled.FOLDER", tmp_path / "none")
+    for name in ("SSP_COMPILED", "SSP_COMPILED_CORE"):
+        monkeypatch.setenv(name, str(core))
     monkeypatch.setattr(sys, "meta_path", before := list(sys.meta_path))
     use_compiled()
     assert sys.meta_path == before
     assert state_of_core().startswith("none")
+
+
+def test_a_process_says_which_core_it_uses(core: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [str(core.parent / "path"), *sys.path])
+    monkeypatch.setattr(sys, "meta_path", list(sys.meta_path))
+    assert core_in_use() is None
+    use_compiled()
+    assert core_in_use() == hash_of(core / TABLE)
+    (core.parent / "path" / "probed" / "inner.py").write_bytes(SOURCE + b"# changed\n")
+    assert core_in_use() == hash_of(core / TABLE), "modules of it were imported before"
+    monkeypatch.setattr(sys, "meta_path", [one for one in sys.meta_path if not is_core(one)])
+    use_compiled()
+    assert core_in_use() is None
+
+
+def is_core(finder: object) -> bool:
+    return isinstance(finder, CompiledFinder)
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ from ssp_core.bag.operations.repair import recover
 from ssp_core.bag.seals.declaration import Declaration, load_declaration, seal_declaration
 from ssp_core.bag.seals.verdict import leave_verdict
 from ssp_core.carla.acceptance import ServerOfRun
+from ssp_core.compiled import core_in_use
 from ssp_core.errors import HostError, InputError, SspError
 from ssp_core.files import write_json, write_text
 from ssp_core.processes import (
@@ -263,6 +264,7 @@ def _conclude(
         "wall_s": round(wall_s, 3),
         "running_wall_s": round(followed.running_wall_s, 3),
         "measured": measured(bag, spec, say),
+        "compiled_core": core_in_use(),
         **more,
     }
     write(lambda: write_json(folder / RESULT_FILE, told))

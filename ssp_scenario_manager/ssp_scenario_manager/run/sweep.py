@@ -27,6 +27,7 @@ from ssp_core import console
 from ssp_core.bag.seals.verdict import leave_verdict
 from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.clock import ns_to_seconds
+from ssp_core.compiled import core_in_use
 from ssp_core.decimals import decimal, whole_number
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import parse_model, taken_folder, write_json, write_text
@@ -454,7 +455,7 @@ def run_one(
         result = result.failed_for(why)
         if recorded:
             told["seal"] = leave_verdict(bag, result.verdict, result.reasons, "runner")
-    written = result_json(spec, result) | told | more
+    written = result_json(spec, result) | told | {"compiled_core": core_in_use()} | more
     if not quiet:
         # Said first: the disk may be full.
         _say(spec, folder, result, written, as_json)

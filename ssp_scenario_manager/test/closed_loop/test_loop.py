@@ -263,9 +263,11 @@ def test_each_driver_has_a_card_that_binds_it(done: Path, tmp_path: Path) -> Non
     (folder / "cards.json").write_text(text.replace('"d_max_mps2": 7.0', '"d_max_mps2": 8.0'))
     with pytest.raises(InputError, match="was changed after it was sealed"):
         run(plan_of(), folder)
-    # Where latencies are fixed, another machine gives the same bytes.
+    # Where latencies are fixed, another machine gives the same bytes; a compiled core always does.
     for one in cards:
         one["hardware"]["cores"] = 4096
+        assert one["compiled_core"] is None
+        one["compiled_core"] = 64 * "a"
     (folder / "cards.json").write_text(json.dumps({"cards": cards}))
     run(plan_of(), folder)
 

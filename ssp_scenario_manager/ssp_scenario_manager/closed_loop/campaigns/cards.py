@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import __version__
+from ssp_core.compiled import core_in_use
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_json
@@ -122,6 +123,7 @@ def _card(
             "python": platform.python_version(),
             **{name: version(name) for name in _VERSIONS},
         },
+        "compiled_core": core_in_use(),
         "hardware": _hardware(),
     }
     return {**card, "hash": _hash(card)}
@@ -185,7 +187,8 @@ def _measured(folder: Path, rows: Sequence[Row], driver: str, given: str) -> dic
 
 
 def _hash(card: Mapping[str, Any]) -> str:
-    left_out = ["hash"]
+    # Compiled or not, the bytes are the same.
+    left_out = ["hash", "compiled_core"]
     latencies = [dict(one) for one in card["latencies"]]
     if any(parse_latency(one["given"]).measured for one in latencies):
         for one in latencies:
