@@ -12,6 +12,7 @@ from rich.table import Table
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
+from ssp_core.ray_cluster import import_ray
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import labels_version
 from ssp_eval.data.provenance import find_labels
@@ -28,7 +29,7 @@ from ssp_eval.evaluate.clients.bridges import TopicClients
 from ssp_eval.evaluate.clients.model_client import ClientsWithAnswerers
 from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conditions.design import series_of
-from ssp_eval.evaluate.executors import Job, Settings, import_ray, run_pool, run_ray
+from ssp_eval.evaluate.executors import Job, Settings, run_pool, run_ray
 from ssp_eval.evaluate.store.admission import ADMITTED, REFUSED, UNAUDITED, Admission, keep_audits
 from ssp_eval.evaluate.store.cell_file import CellResult, LabelledClip, holds_answers, losses_text
 from ssp_eval.score.cli import format_response

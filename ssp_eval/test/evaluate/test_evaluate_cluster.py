@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import HostError
+from ssp_core.ray_cluster import ADDRESS, import_ray, joined, look_for
 from ssp_eval.evaluate.clients.models import bridge_spec
-from ssp_eval.evaluate.executors import ADDRESS, Settings, import_ray, joined, look_for
+from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.run import run_parallel
 
 

@@ -19,6 +19,7 @@ from click.testing import CliRunner
 
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import TAKEN_FILE, taken_folder
+from ssp_core.ray_cluster import import_ray
 from ssp_eval.data.labels import labels_version, load_labels
 from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.campaign import run_campaign
@@ -26,7 +27,7 @@ from ssp_eval.evaluate.cli import evaluate
 from ssp_eval.evaluate.clients.model_client import InProcessClients
 from ssp_eval.evaluate.clients.models import ModelSpec, attached_spec, bridge_spec, with_controls
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.executors import Job, JobRunner, Settings, import_ray
+from ssp_eval.evaluate.executors import Job, JobRunner, Settings
 from ssp_eval.evaluate.run import run_parallel
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import Clip
@@ -273,7 +274,8 @@ from ssp_eval.evaluate.clients.model_client import (InProcessClients)
 from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.run import run_parallel
-from ssp_eval.evaluate.executors import ADDRESS, import_ray, joined, look_for
+from ssp_core.ray_cluster import ADDRESS, import_ray, joined, look_for
+
 from ssp_eval.extract.combined.extractor import Extractor
 
 out = Path(sys.argv[1])

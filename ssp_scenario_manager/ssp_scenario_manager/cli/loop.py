@@ -31,6 +31,7 @@ from ssp_scenario_manager.closed_loop.outcomes.tables import RUNS_FILE, TABLE_FI
 from ssp_scenario_manager.closed_loop.single_run.single import named_driver
 from ssp_scenario_manager.closed_loop.single_run.top_view import told_with_view
 from ssp_scenario_manager.compile.task import TASK_FOLDER
+from ssp_scenario_manager.run.ordered_map import ENGINES, Engine
 from ssp_scenario_manager.run.sweep import for_one_process, run_one
 
 # Runs of a campaign that were driven again lie here, by row.
@@ -45,7 +46,15 @@ AGAIN_FOLDER = "again"
     help="Folder of the campaign; one that was interrupted goes on where it stopped. With --again "
     "a new folder for the run.",
 )
-@click.option("--jobs", type=WholeNumber(1), default=1, help="Processes that share the runs.")
+@click.option("--jobs", type=WholeNumber(1), default=1, help="Workers that share the runs.")
+@click.option(
+    "--engine",
+    type=click.Choice(ENGINES),
+    default=ENGINES[0],
+    show_default=True,
+    help="Where workers run: on this machine, or on the Ray cluster that RAY_ADDRESS names "
+    "(without one, a local one is started). Bags are written here.",
+)
 @click.option(
     "--again",
     type=WholeNumber(1),
@@ -80,6 +89,7 @@ def loop(
     plan_file: Path,
     out: Path | None,
     jobs: int,
+    engine: Engine,
     again: int | None,
     bags: Bags,
     drive_texts: tuple[str, ...],
@@ -119,7 +129,7 @@ def loop(
     make_folder(out)
     with taken_folder(out):
         with console.progress("runs", None, estimated=True) as bar:
-            rates, refused = run_campaign(plan, out, jobs, _counted(bar), console.note)
+            rates, refused = run_campaign(plan, out, jobs, _counted(bar), console.note, engine)
         # Said first: recording can fail, as on a full disk.
         _say(rates, refused, out, as_json)
         recorded = list(bag_rows(plan, rows_there(out / RUNS_FILE), bags))

@@ -6,15 +6,12 @@ import csv
 import io
 import json
 import math
-import multiprocessing
 import re
 import tempfile
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -29,11 +26,10 @@ from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.clock import ns_to_seconds
 from ssp_core.compiled import core_in_use
 from ssp_core.decimals import decimal, whole_number
-from ssp_core.errors import HostError, InputError
+from ssp_core.errors import InputError
 from ssp_core.files import parse_model, taken_folder, write_json, write_text
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.run_file.verdict import RESULT_FILE
-from ssp_core.terminal import ignore_stop_signals
 from ssp_core.vocabulary import Phase
 from ssp_core.world.driver import RecordedAnswer
 from ssp_scenario_manager.run.faults import NEED_PROCESSES, RUNNER_KINDS, with_conditions_never_met
@@ -45,6 +41,7 @@ from ssp_scenario_manager.run.in_process import (
     run_recorded,
     save_states,
 )
+from ssp_scenario_manager.run.ordered_map import ordered_map
 from ssp_scenario_manager.run.result import rounded, shown_gap
 from ssp_scenario_manager.triggers.on_route import off_route
 
@@ -358,25 +355,6 @@ def _measured(result: InProcessResult) -> Row:
 def _shown(value: float | None) -> str:
     kept = rounded(value)
     return "" if kept is None else str(kept)
-
-
-@contextmanager
-def ordered_map(jobs: int) -> Iterator[Callable[..., Iterator[Any]]]:
-    """Yield a map that keeps the order."""
-    if jobs <= 1:
-        yield map
-        return
-    # A fresh interpreter each: libsumo holds one simulation per process and doesn't like forks.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, context, ignore_stop_signals) as pool:
-        try:
-            yield pool.map
-        except BrokenProcessPool as error:
-            raise HostError(
-                "a process of the sweep was killed; the same command goes on where it was"
-            ) from error
-        finally:
-            pool.shutdown(cancel_futures=True)
 
 
 def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:

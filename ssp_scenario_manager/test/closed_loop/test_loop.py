@@ -24,7 +24,10 @@ import yaml
 from click.testing import CliRunner
 
 from ssp_core.errors import HostError, InputError
+from ssp_core.files import make_folder
+from ssp_core.ray_cluster import import_ray
 from ssp_core.run_file.latency import Latency
+from ssp_core.run_file.model import load_run
 from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.cli.loop import loop
@@ -42,6 +45,7 @@ from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts
 from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.outcomes.rates import RunRow, rates_of, refused_for, rising
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, read_row
+from ssp_scenario_manager.run.ordered_map import Engine, cluster, ordered_map
 
 PLAN = {
     "schema": "ssp.loop/1",
@@ -58,9 +62,9 @@ def plan_of(**changes: Any) -> LoopPlan:
     return LoopPlan.model_validate({**PLAN, **changes})
 
 
-def run(plan: LoopPlan, folder: Path, jobs: int = 1) -> None:
+def run(plan: LoopPlan, folder: Path, jobs: int = 1, engine: Engine = "processes") -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    run_campaign(plan, folder, jobs, lambda *_: None, lambda _: None)
+    run_campaign(plan, folder, jobs, lambda *_: None, lambda _: None, engine)
 
 
 @pytest.fixture(scope="module")
@@ -539,3 +543,55 @@ def test_a_headline_that_rises_with_latency_is_told() -> None:
     )
     assert rising(rates, ("aeb",)) == ["aeb on cut_in: 0.00 at L = 0.1 s, 1.00 at 0.5 s"]
     assert rising(rates, ("oracle",)) == []
+
+
+def test_a_measured_latency_is_of_this_machine(tmp_path: Path) -> None:
+    plan = plan_of(latencies=["measured"])
+    with pytest.raises(InputError, match=r"--engine.*hardware on the driver's card"):
+        run(plan, tmp_path / "out", engine="ray")
+
+
+@pytest.fixture(scope="module")
+def two_actors() -> Iterator[None]:
+    with cluster("ray", 2):
+        yield
+    assert not import_ray().is_initialized()
+
+
+@pytest.mark.programs
+@pytest.mark.usefixtures("two_actors")
+class TestOnACluster:
+    """Work of a campaign on a Ray cluster."""
+
+    def test_a_campaign_that_was_cut_off_has_the_files_of_one_process(
+        self, done: Path, tmp_path: Path
+    ) -> None:
+        def cut_off(count: int, _: int) -> None:
+            if count == 4:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            run_campaign(plan_of(), make_folder(tmp_path), 2, cut_off, lambda _: None, "ray")
+        run(plan_of(), tmp_path, 2, "ray")
+        for name in FILES:
+            assert (tmp_path / name).read_bytes() == (done / name).read_bytes(), name
+
+    def test_the_order_is_kept_and_the_work_is_elsewhere(self) -> None:
+        with ordered_map(2, "ray") as run_all:
+            assert list(run_all(abs, range(-20, 0))) == list(range(20, 0, -1))
+            places = set(run_all(os.path.realpath, ["/proc/self"] * 4))
+            assert f"/proc/{os.getpid()}" not in places
+
+    def test_an_error_of_the_work_is_that_of_one_process(self, tmp_path: Path) -> None:
+        with (
+            pytest.raises(InputError, match=r"nothing\.yaml.*No such file"),
+            ordered_map(2, "ray") as run_all,
+        ):
+            list(run_all(load_run, [tmp_path / "nothing.yaml"]))
+
+    def test_a_machine_with_another_software_is_refused(self) -> None:
+        with (
+            pytest.raises(HostError, match="another version of this software"),
+            ordered_map(1, "ray", os.getpid) as run_all,
+        ):
+            list(run_all(abs, [1]))

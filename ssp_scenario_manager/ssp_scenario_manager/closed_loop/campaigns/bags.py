@@ -25,7 +25,8 @@ from ssp_scenario_manager.closed_loop.single_run.before import Before
 from ssp_scenario_manager.closed_loop.starts.start import Start
 from ssp_scenario_manager.compile.task import TASK_FOLDER
 from ssp_scenario_manager.run.in_process import InProcessResult, Record
-from ssp_scenario_manager.run.sweep import for_one_process, ordered_map, run_one
+from ssp_scenario_manager.run.ordered_map import ordered_map
+from ssp_scenario_manager.run.sweep import for_one_process, run_one
 
 BAGS_FOLDER = "bags"
 Bags = Literal["all", "failed", "none"]

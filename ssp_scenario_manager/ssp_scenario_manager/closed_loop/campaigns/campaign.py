@@ -10,7 +10,7 @@ from ssp_core.files import write_text
 from ssp_scenario_manager.closed_loop.campaigns.cards import complete_cards, seal_cards
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import ZERO, LoopPlan
 from ssp_scenario_manager.closed_loop.campaigns.runs import Job, identity_of, jobs_of, rows_of
-from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts
+from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts, software
 from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.outcomes.rates import Rates, rates_of, refused_for, rising
 from ssp_scenario_manager.closed_loop.outcomes.tables import (
@@ -25,7 +25,7 @@ from ssp_scenario_manager.closed_loop.outcomes.tables import (
     rows_there,
 )
 from ssp_scenario_manager.closed_loop.outcomes.texts import write_texts
-from ssp_scenario_manager.run.sweep import ordered_map
+from ssp_scenario_manager.run.ordered_map import Engine, cluster, ordered_map
 
 
 def run_campaign(
@@ -34,19 +34,22 @@ def run_campaign(
     jobs: int,
     on_rows: Callable[[int, int], None],
     say: Callable[[str], None],
+    engine: Engine = "processes",
 ) -> tuple[list[Rates], list[str]]:
     """Run a campaign, or what is left of it; return the rates, and why it is refused.
 
     Args:
         plan: the campaign.
         folder: new, or of the same campaign.
-        jobs: processes that share the work; one where a latency is measured.
+        jobs: workers that share the work; one where a latency is measured.
         on_rows: is given how many runs are done, at first those that were, and of how many.
         say: takes what doesn't end it, for people.
+        engine: where the workers are.
 
     Raises:
         InputError: as ``draw_starts``, or ``runs.csv`` is of another campaign, or runs with a
-            measured latency would go side by side.
+            measured latency would go side by side, or on another machine.
+        HostError: as ``ordered_map``.
     """
     if plan.is_measured and jobs > 1:
         raise InputError(
@@ -55,9 +58,29 @@ def run_campaign(
             value=jobs,
             remedy="leave --jobs out, or give the fixed latencies a plan of their own",
         )
-    starts = draw_starts(plan, folder, jobs, say)
+    if plan.is_measured and engine != "processes":
+        raise InputError(
+            "goes on this machine: a measured latency is that of the hardware on the driver's card",
+            field="--engine",
+            value=engine,
+            remedy="leave --engine out, or give the fixed latencies a plan of their own",
+        )
+    with cluster(engine, jobs):
+        return _run(plan, folder, jobs, on_rows, say, engine)
+
+
+def _run(
+    plan: LoopPlan,
+    folder: Path,
+    jobs: int,
+    on_rows: Callable[[int, int], None],
+    say: Callable[[str], None],
+    engine: Engine,
+) -> tuple[list[Rates], list[str]]:
+    starts = draw_starts(plan, folder, jobs, say, engine)
     seal_cards(folder, plan, starts)
-    todo = list(jobs_of(plan, starts, folder))
+    # A worker on a cluster works in a folder of its own.
+    todo = list(jobs_of(plan, starts, folder.resolve()))
     per_job = len(plan.latencies) * plan.repeats
     path = folder / RUNS_FILE
     rows = rows_there(path)
@@ -68,7 +91,7 @@ def run_campaign(
     total = len(todo) * per_job
     on_rows(len(rows), total)
     with (
-        ordered_map(min(jobs, len(todo))) as run_all,
+        ordered_map(min(jobs, len(todo)), engine, software) as run_all,
         path.open("a", newline="") as stream,
     ):
         for done in run_all(rows_of, todo[len(rows) // per_job :]):

@@ -24,7 +24,7 @@ from ssp_scenario_manager.closed_loop.starts.start import OffSpec, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER
 from ssp_scenario_manager.event_spec.load import load_event
-from ssp_scenario_manager.run.sweep import ordered_map
+from ssp_scenario_manager.run.ordered_map import Engine, ordered_map
 
 PLAN_FILE, TASKS_FOLDER, STARTS_FILE = "plan.json", "tasks", "starts.json"
 STARTS_SCHEMA = "ssp.loop_starts/2"
@@ -45,20 +45,25 @@ KINDS = ("critical", "harmless", "unavoidable")
 
 
 def draw_starts(
-    plan: LoopPlan, folder: Path, jobs: int, say: Callable[[str], None]
+    plan: LoopPlan,
+    folder: Path,
+    jobs: int,
+    say: Callable[[str], None],
+    engine: Engine = "processes",
 ) -> list[dict[str, Any]]:
     """Return the sealed starts of a campaign, drawn unless they are there.
 
     Args:
         plan: the campaign.
         folder: of it.
-        jobs: processes that share the work.
+        jobs: workers that share the work.
         say: takes the shares of starts, for people.
+        engine: where the workers are.
 
     Raises:
         InputError: the folder holds another campaign, or an event has too few critical starts.
     """
-    sealed = {**_software(), "plan": plan.model_dump(mode="json", by_alias=True)}
+    sealed = {**software(), "plan": plan.model_dump(mode="json", by_alias=True)}
     _claim(folder, sealed)
     path = folder / STARTS_FILE
     if path.is_file():
@@ -68,7 +73,7 @@ def draw_starts(
     starts = []
     for number, event in enumerate(plan.events):
         draft = folder / TASKS_FOLDER / str(number)
-        starts += _starts_of(plan, event, draft, jobs, say)
+        starts += _starts_of(plan, event, draft, say, jobs, engine)
     kept = {"schema": STARTS_SCHEMA, "starts": starts}
     write_json(path, {**kept, "hash": sha256_json(starts)})
     return starts
@@ -117,7 +122,7 @@ def check_sources(folder: Path) -> None:
         InputError: it is one, or no campaign's folder.
     """
     path = folder / PLAN_FILE
-    there, ours = _sealed(path), _software()
+    there, ours = _sealed(path), software()
     for name, value in ours.items():
         if there.get(name) != value:
             raise InputError(
@@ -128,7 +133,8 @@ def check_sources(folder: Path) -> None:
             )
 
 
-def _software() -> dict[str, Any]:
+def software() -> dict[str, Any]:
+    """Return what decides how a run goes: the version, and the hashes of the sources."""
     return {"version": __version__, "sources": _sources()}
 
 
@@ -178,20 +184,25 @@ def _claim(folder: Path, sealed: Mapping[str, Any]) -> None:
 
 
 def _starts_of(
-    plan: LoopPlan, event: str, draft: Path, jobs: int, say: Callable[[str], None]
+    plan: LoopPlan,
+    event: str,
+    draft: Path,
+    say: Callable[[str], None],
+    jobs: int,
+    engine: Engine,
 ) -> list[dict[str, Any]]:
     prepare_run(event, plan.site, make_folder(draft), seed=plan.seed, mode="lockstep")
     run = parse_model(
         RunSpec, json.loads((draft / TASK_FOLDER / "task.json").read_text())["run"], draft
     )
-    event_file = str(draft / TASK_FOLDER / EVENT_FILE)
+    event_file = str((draft / TASK_FOLDER / EVENT_FILE).resolve())
     room_s = plan.room_s, plan.history_s
     judge = partial(_drawn, run.model_dump_json(by_alias=True), event_file, room_s)
     kept: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
     seen = dict.fromkeys((*KINDS, "off_spec"), 0)
     most = {"critical": plan.starts, "harmless": plan.others, "unavoidable": plan.others}
     seeds = iter(range(plan.seed, plan.seed + MOST_SEEDS * plan.starts))
-    with ordered_map(jobs) as run_all:
+    with ordered_map(jobs, engine, software) as run_all:
         while len(kept["critical"]) < plan.starts:
             batch = list(islice(seeds, max(jobs, 1)))
             if not batch:

@@ -1,0 +1,100 @@
+"""A function over many things, side by side in processes here or on a Ray cluster, in order."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
+from typing import Any, Literal
+
+from ssp_core.errors import HostError
+from ssp_core.ray_cluster import import_ray, joined
+from ssp_core.terminal import ignore_stop_signals
+
+Engine = Literal["processes", "ray"]
+ENGINES: tuple[Engine, ...] = ("processes", "ray")
+
+
+def cluster(engine: Engine, workers: int) -> AbstractContextManager[None]:
+    """Hold the cluster of an engine for a block, so that maps within it share it.
+
+    Raises:
+        HostError: there is none.
+    """
+    return joined(import_ray(), workers) if engine == "ray" else nullcontext()
+
+
+@contextmanager
+def ordered_map(
+    workers: int, engine: Engine = "processes", software: Callable[[], object] = lambda: None
+) -> Iterator[Callable[..., Iterator[Any]]]:
+    """Yield a map that keeps the order.
+
+    Args:
+        workers: that work at a time; one process works here.
+        engine: where they are.
+        software: what all machines of a cluster must have the same of; a function of a module.
+
+    Raises:
+        HostError: a worker was killed, the cluster fails, or a machine has another software.
+    """
+    if engine == "ray":
+        ray = import_ray()
+        with joined(ray, workers):
+            yield partial(_map_on, ray, workers, software)
+        return
+    if workers <= 1:
+        yield map
+        return
+    # A fresh interpreter each: libsumo holds one simulation per process and doesn't like forks.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, ignore_stop_signals) as pool:
+        try:
+            yield pool.map
+        except BrokenProcessPool as error:
+            raise HostError(
+                "a process of the sweep was killed; the same command goes on where it was"
+            ) from error
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+class _Worker:
+    """The actor on the cluster."""
+
+    def do(self, function: Callable[..., Any], *one: Any) -> Any:
+        return function(*one)
+
+
+def _map_on(
+    ray: Any,
+    workers: int,
+    software: Callable[[], object],
+    function: Callable[..., Any],
+    things: Iterable[Any],
+) -> Iterator[Any]:
+    """Map on a cluster; its actors end with the map."""
+    from ray.util import ActorPool
+
+    # More than it has processors for would never be there.
+    count = max(1, min(workers, int(ray.cluster_resources().get("CPU", 1))))
+    actors = [ray.remote(num_cpus=1)(_Worker).remote() for _ in range(count)]
+    try:
+        ours = software()
+        for theirs in ray.get([actor.do.remote(software) for actor in actors]):
+            if theirs != ours:
+                raise HostError(
+                    "a machine of the Ray cluster has another version of this software; install "
+                    "the same one on all"
+                )
+        pool = ActorPool(actors)
+        yield from pool.map(lambda actor, one: actor.do.remote(function, one), list(things))
+    except ray.exceptions.RayTaskError as error:
+        # As in one process; what can't be sent here is the cluster's trouble.
+        raise (error.cause or error) from error
+    finally:
+        for actor in actors:
+            ray.kill(actor)
