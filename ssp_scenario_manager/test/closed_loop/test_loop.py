@@ -321,7 +321,7 @@ def test_seeds_are_tried_in_order_however_many_processes_share_them(
         return ("critical" if seed % 3 == 0 else "off_spec"), {"seed": seed}
 
     @contextmanager
-    def in_order(_jobs: int) -> Iterator[Any]:
+    def in_order(_jobs: int, *_: object) -> Iterator[Any]:
         yield map
 
     monkeypatch.setattr(seal, "_drawn", judge)
