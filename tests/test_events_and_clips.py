@@ -52,7 +52,7 @@ def test_phases_start_when_the_ground_truth_says(event: Event, board: Storyboard
     thresholds = ConflictThresholds(
         ttc_s=_value(ttc) if ttc else None, arrival_gap_s=_value(gap) if gap else None
     )
-    road = Polyline([(0.0, 0.0), (board.road.length_m, 0.0)])
+    road = Polyline(board.vut_path)
     kind = KINDS[event.interaction.type]
     found = find_event(samples, road, thresholds, observable=kind.observable)
     assert found is not None
@@ -67,7 +67,7 @@ def test_phases_start_when_the_ground_truth_says(event: Event, board: Storyboard
 def test_participants_and_where_they_start(event: Event, board: Storyboard) -> None:
     states = {state.object_id: state for state in board.states(0.0)}
     vut = states[event.vut_id]
-    road = Polyline([(0.0, 0.0), (board.road.length_m, 0.0)])
+    road = Polyline(board.vut_path)
     for who, participant in event.participants.items():
         assert states[who].object_class.word == participant.class_
         gap = participant.region.gap
@@ -76,7 +76,7 @@ def test_participants_and_where_they_start(event: Event, board: Storyboard) -> N
             assert gap.min is not None
             assert gap.max is not None
             assert gap.min <= encounter(vut, states[who], road).gap_m <= gap.max
-            offset = states[who].y_m
+            offset = road.project_beyond(states[who].x_m, states[who].y_m)[1]
             side = participant.region.place.partition("_")[0]
             sides = {"right": offset < -1.5, "vut": abs(offset) < 0.5}
             assert (sides | dict.fromkeys(("left", "oncoming"), offset > 1.5))[side]

@@ -300,6 +300,12 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         "participants.ot1.region.place",
     ),
     (
+        "intent_fits_the_kind_and_the_motion",
+        "vut_turn",
+        {"participants.vut.intent": "keep_lane"},
+        "participants.vut.intent",
+    ),
+    (
         "path_meets_the_corridor",
         "oncoming_turn",
         {f"{OT1}.trigger.position": "front_right"},

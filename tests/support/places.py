@@ -8,6 +8,7 @@ from ssp_scenario_manager.scenarios.kinds import KINDS
 
 _OPEN_ROAD = {"simulation": "boulevard", "physical": "north_track"}
 _CROSSROADS = {"simulation": "crossroads", "physical": "cross_track"}
+_TEE = {"simulation": "tee", "physical": "tee_track"}
 _ENTRY = {"simulation": "entry", "physical": "entry_track"}
 
 
@@ -15,4 +16,6 @@ def site_of(event: str, domain: Literal["simulation", "physical"] = "simulation"
     """Return the name of a site of a domain that has the road of a shipped event."""
     if event == "merge":
         return _ENTRY[domain]
+    if event == "vut_turn":
+        return _TEE[domain]
     return (_CROSSROADS if KINDS[event].at_junction else _OPEN_ROAD)[domain]

@@ -19,7 +19,7 @@ from ssp_eval.data.audit import (
     differences,
 )
 from ssp_eval.observations.agreement import Agreement
-from ssp_eval.recordings.event import Crop, EventRules, phase_starts
+from ssp_eval.recordings.event import TURNS, Crop, EventRules, phase_starts
 from ssp_eval.recordings.sight import Moment
 from ssp_scenario_manager.event_spec.fields import owner
 from ssp_scenario_manager.event_spec.load import seals
@@ -107,6 +107,8 @@ def _roles(event: Event) -> Property:
     words: dict[str, tuple[str, ...]] = {}
     for who, participant in event.participants.items():
         words[who] = (f"{participant.role}, {participant.class_}",)
+        if participant.intent in TURNS:
+            words[who] = (f"{words[who][0]}, {participant.intent}",)
         if participant.role == "OT":
             words[f"{who} starts in"] = (participant.region.place,)
     words["initiator"] = (event.interaction.initiator,)

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from ssp_core.geometry import box_distance
+from ssp_core.geometry import box_distance, wrap_angle
 from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import encounter
 from ssp_core.motion.event import (
@@ -33,6 +33,7 @@ from ssp_eval.audit.paths import Lanes, Spot
 from ssp_eval.data.audit import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_eval.recordings.event import LOCATED_S, EventRules
 from ssp_eval.recordings.geometry import motion_word
+from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
 
 
 @dataclass(frozen=True)
@@ -357,6 +358,8 @@ def _roles(scene: Scene, lanes: Lanes | None, pair: _Pair) -> Property:
         }
         role = "VUT" if object_id == scene.vut_id else "OT"
         words[object_id] = (f"{role}, {' then '.join(sorted(classes)) or 'never there'}",)
+        if role == "VUT" and scene.rules.vut_turns:
+            words[object_id] = (f"{words[object_id][0]}, {_intent(scene)}",)
         spot = None if lanes is None else _first_spot(scene, lanes, object_id)
         if object_id != scene.vut_id and spot is not None and lanes is not None:
             words[f"{object_id} starts in"] = (lanes.place_word(spot, own_lane),)
@@ -365,6 +368,15 @@ def _roles(scene: Scene, lanes: Lanes | None, pair: _Pair) -> Property:
     words["initiator"] = everybody if pair.event is None else (pair.other,)
     words["affected"] = everybody if pair.event is None else (pair.observer,)
     return Property(words, "recorded classes, lanes at the clip's start, and whose event it is")
+
+
+def _intent(scene: Scene) -> str:
+    """Return the turn that the VUT drove, by its headings first and last; ``keep_lane``: none."""
+    vut = states_of(scene.series, scene.vut_id)
+    turned_rad = wrap_angle(vut[-1].yaw_rad - vut[0].yaw_rad)
+    if abs(turned_rad) < STRAIGHT_ON_RAD:
+        return "keep_lane"
+    return "turn_left" if turned_rad > 0.0 else "turn_right"
 
 
 def _dominant_motion(scene: Scene, corridor: Corridor, target_id: str, phases: Phases) -> Property:

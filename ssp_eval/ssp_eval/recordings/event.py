@@ -148,12 +148,14 @@ class EventRules:
         observable: what makes the manoeuvre observable; None: it isn't stated.
         window: of the source's crop; None: it is unknown.
         said_by: whose rules these are, for people.
+        vut_turns: the VUT turns, which counts for its part in the event.
     """
 
     thresholds: ConflictThresholds
     observable: Observable | None
     window: Window | None
     said_by: str
+    vut_turns: bool = False
 
     @property
     def for_good_s(self) -> float | None:
@@ -189,7 +191,12 @@ def rules_of(event: Event | None, run: RunSpec | None = None) -> EventRules:
         observable if kind is None else kind.observable,
         window,
         f"K* {event.name}",
+        event.participants[event.vut_id].intent in TURNS,
     )
+
+
+# Intents by which the VUT leaves its road in a junction.
+TURNS = ("turn_left", "turn_right")
 
 
 def _middle(interval: Interval | None) -> float | None:

@@ -59,6 +59,7 @@ _DRAWN = {
     "oncoming_turn": ("oncoming", "car"),
     "merge": ("cutting_in_from_right", "car"),
     "cut_out": ("stationary", "car"),
+    "vut_turn": ("crossing_from_right", "car"),
 }
 
 
@@ -151,7 +152,7 @@ def measure_clip(event: Event, board: Storyboard) -> ClipPhases:
     series = [(t_s, {s.object_id: s for s in board.states(t_s)}) for t_s in times]
     samples = instants_of(series, event.vut_id, event.interaction.initiator)
     thresholds = rules_of(event).thresholds
-    road = Polyline([(0.0, 0.0), (board.road.length_m, 0.0)])
+    road = Polyline(board.vut_path)
     kind = KINDS[event.interaction.type]
     found = find_event(samples, road, thresholds, observable=kind.observable) if samples else None
     if found is None or found.conflict_s is None or found.resolution_s is None:

@@ -312,6 +312,74 @@ def merge(start_s: float = 4.0, side: float = 1.0, **more: Any) -> Scene:
     return scene(vut, way, **given)
 
 
+# The VUT's turn to the left: where it begins, and its radius. It leads to the lane at x = 80.
+_TURNS_M, _LEFT_M = 68.5, 11.5
+
+
+def turn_road(*, junction: bool = True) -> RoadFacts:
+    """The VUT's route: one lane that turns left; the other arms, one lane each way, beside it."""
+    arc_m = _LEFT_M * math.pi / 2
+    bend = {"start_curvature_1pm": 1.0 / _LEFT_M, "end_curvature_1pm": 1.0 / _LEFT_M}
+    made = crossing_road()
+    lanes = made.road.lanes
+    along = [
+        JunctionRoad(
+            origin=Start(x_m=x_m, y_m=0.0, yaw_rad=0.0),
+            length_m=length_m,
+            lanes=lanes,
+            junction_at=end,
+        )
+        for x_m, length_m, end in (
+            (_TURNS_M - 60.0, 60.0, "end"),
+            (_TURNS_M, 18.0, "both"),
+            (_TURNS_M + 18.0, 60.0, "start"),
+        )
+    ]
+    return road(
+        lanes=[Lane(y_m=0.0, width_m=3.5, direction="forward")],
+        pieces=[
+            CurvePiece(length_m=_TURNS_M),
+            CurvePiece(length_m=arc_m, **bend),
+            CurvePiece(length_m=100.0),
+        ],
+        length_m=_TURNS_M + arc_m + 100.0,
+        junction=[*along, *made.road.junction] if junction else [],
+    )
+
+
+def turning_left(x_m: float, speed: float, at_s: float, slow: float, until_s: float) -> Motion:
+    """The VUT's way around its turn: it brakes by 2 m/s² to a speed, and goes on from a time on."""
+    brakes = braking(x_m, speed, at_s, 2.0, slow)
+
+    def motion(t_s: float) -> tuple[float, float]:
+        faster_s = min(max(0.0, t_s - until_s), (speed - slow) / 2.0)
+        rest_s = max(0.0, t_s - until_s - faster_s)
+        driven_m = brakes(t_s)[0] + faster_s**2 + (speed - slow) * rest_s
+        turned = min(max(0.0, driven_m - _TURNS_M) / _LEFT_M, math.pi / 2)
+        ahead_m = max(0.0, driven_m - _TURNS_M - _LEFT_M * math.pi / 2)
+        x = min(driven_m, _TURNS_M) + _LEFT_M * math.sin(turned)
+        return x, _LEFT_M * (1.0 - math.cos(turned)) + ahead_m
+
+    return motion
+
+
+def vut_turn(start_s: float = 3.0, y_m: float = 3.5, **more: Any) -> Scene:
+    """A car drives off in the oncoming lane with 2 m/s² up to 6 m/s; the VUT lets it pass first."""
+
+    def way(t_s: float) -> tuple[float, float]:
+        faster_s = min(max(0.0, t_s - start_s), 3.0)
+        return 98.0 - faster_s**2 - 6.0 * max(0.0, t_s - start_s - 3.0), y_m
+
+    vut = more.pop("vut", turning_left(36.0, 5.0, 5.0, 0.5, 8.0))
+    given = {"thresholds": BOTH, "length_s": 16.0, "road": turn_road()} | more
+    return as_turn(scene(vut, way, **given))
+
+
+def as_turn(made: Scene) -> Scene:
+    """Judged by the rules of an event in which the VUT turns."""
+    return replace(made, rules=replace(made.rules, vut_turns=True))
+
+
 def words(found: Measured, field: str, part: str) -> tuple[str, ...]:
     value = found.properties[field].words
     assert value is not None
@@ -343,6 +411,7 @@ def codes(name: str, found: Measured) -> list[str]:
         ("crossing_car", crossing_car, "crossing", "crossing_from_right"),
         ("oncoming_turn", oncoming_turn, "crossing", "oncoming"),
         ("merge", merge, "merge", "cutting_in_from_right"),
+        ("vut_turn", vut_turn, "crossing", "crossing_from_right"),
     ],
 )
 def test_an_event_is_what_its_specification_says(
@@ -531,6 +600,31 @@ def test_an_oncoming_turn_may_be_recorded_up_to_its_resolution() -> None:
 )
 def test_what_is_no_merge_is_refused_with_what_differs(made: Scene, code: str) -> None:
     assert codes("merge", measure(made))[:1] == [code]
+
+
+@pytest.mark.parametrize(
+    ("made", "code"),
+    [
+        pytest.param(vut_turn(y_m=-3.5), "no_manoeuvre", id="on the VUT's right"),
+        pytest.param(vut_turn(cls=ObjectClass.PEDESTRIAN), "roles_differ", id="a pedestrian"),
+        pytest.param(vut_turn(cls=ObjectClass.TRUCK), "roles_differ", id="a truck"),
+        pytest.param(vut_turn(start_s=60.0), "no_manoeuvre", id="it waits"),
+        pytest.param(
+            vut_turn(6.0, vut=turning_left(36.0, 5.0, 60.0, 0.5, 80.0)),
+            "order_differs",
+            id="the VUT is first",
+        ),
+        pytest.param(
+            vut_turn(vut=braking(36.0, 5.0, 60.0, 2.0)), "roles_differ", id="the VUT goes on"
+        ),
+        pytest.param(
+            vut_turn(road=turn_road(junction=False)), "topology_differs", id="no junction"
+        ),
+        pytest.param(as_turn(crossing_car()), "roles_differ", id="the VUT goes straight on"),
+    ],
+)
+def test_what_is_no_vut_turn_is_refused_with_what_differs(made: Scene, code: str) -> None:
+    assert codes("vut_turn", measure(made))[:1] == [code]
 
 
 def test_phases_and_facts_of_a_cut_in() -> None:

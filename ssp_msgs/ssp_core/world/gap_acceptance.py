@@ -41,11 +41,12 @@ Word = Literal["approach", "go", "yield", "wait"]
 
 @value_class(frozen=True, slots=True)
 class Coming:
-    """An object with priority, at its present speed.
+    """An object with priority on its way to the conflict zone.
 
     Args:
-        arrives_s: until its front reaches the conflict zone; 0 within it.
-        leaves_s: until its rear leaves the zone; inf where it stands in it.
+        arrives_s: until its front reaches the zone, at its present speed, or with its present
+            acceleration where it speeds up; 0 within it.
+        leaves_s: until its rear leaves the zone, at its present speed; inf where it stands in it.
     """
 
     object_id: str
@@ -110,8 +111,10 @@ def coming_along(place: Place, others: Sequence[ObjectState]) -> list[Coming]:
             continue
         speed = other.speed_mps
         if speed > _COMING_MPS:
-            arrives, leaves = max(first_m - front, 0.0) / speed, (last_m - rear) / speed
-            found.append(Coming(other.object_id, arrives, leaves))
+            way_m, faster = max(first_m - front, 0.0), max(other.acceleration_mps2, 0.0)
+            # The root of way = v t + a t^2 / 2, written so that a may be 0.
+            arrives = 2.0 * way_m / (speed + math.sqrt(speed * speed + 2.0 * faster * way_m))
+            found.append(Coming(other.object_id, arrives, (last_m - rear) / speed))
         elif front >= first_m:
             found.append(Coming(other.object_id, 0.0, math.inf))
     return found

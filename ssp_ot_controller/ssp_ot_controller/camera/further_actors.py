@@ -10,14 +10,13 @@ from ssp_core.errors import InputError
 from ssp_core.geometry import Box, Pose2
 from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.vocabulary import ObjectClass, Role
+from ssp_ot_controller.camera.actors import Actor, Line
 from ssp_ot_controller.camera.storyboards import (
     CAR,
     KERB_M,
     LANE_M,
     VUT_START_M,
-    Actor,
     LaneCounts,
-    Line,
     Storyboard,
 )
 

@@ -9,187 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
-from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.geometry import wrap_angle
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Camera, Look
 from ssp_core.run_file.road import CurvePiece, JunctionRoad, Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
-
-# Exact for polynomials up to degree 31; the integrand of Steered is as smooth as one.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-
-
-@dataclass(frozen=True)
-class Ramp:
-    """A smooth change of a speed: by change_mps, from start_s over duration_s (smoothstep)."""
-
-    start_s: float
-    duration_s: float
-    change_mps: float
-
-    def _share(self, t_s: float) -> float:
-        return min(1.0, max(0.0, (t_s - self.start_s) / self.duration_s))
-
-    def speed(self, t_s: float) -> float:
-        p = self._share(t_s)
-        return self.change_mps * (3.0 - 2.0 * p) * p * p
-
-    def acceleration(self, t_s: float) -> float:
-        p = self._share(t_s)
-        return self.change_mps * 6.0 * p * (1.0 - p) / self.duration_s
-
-    def way(self, t_s: float) -> float:
-        p = self._share(t_s)
-        after = max(0.0, t_s - self.start_s - self.duration_s)
-        return self.change_mps * ((1.0 - 0.5 * p) * p**3 * self.duration_s + after)
-
-
-@dataclass(frozen=True)
-class Line:
-    """Motion along one axis: a start, a speed, and smooth changes of the speed."""
-
-    start_m: float
-    speed_mps: float
-    ramps: tuple[Ramp, ...] = ()
-
-    def position(self, t_s: float) -> float:
-        return self.start_m + self.speed_mps * t_s + sum(r.way(t_s) for r in self.ramps)
-
-    def speed(self, t_s: float) -> float:
-        return self.speed_mps + sum(r.speed(t_s) for r in self.ramps)
-
-    def acceleration(self, t_s: float) -> float:
-        return sum(r.acceleration(t_s) for r in self.ramps)
-
-
-@dataclass(frozen=True)
-class Steered:
-    """Motion along the road of a body that keeps its speed while ``ramps`` move it sideways.
-
-    What it gains sideways it loses ahead, as a car does that only steers: sqrt(v^2 - v_y^2).
-
-    Args:
-        start_m: place at t = 0.
-        speed_mps: speed on the path, above every speed sideways.
-        ramps: changes of the speed sideways, which starts at 0.
-    """
-
-    start_m: float
-    speed_mps: float
-    ramps: tuple[Ramp, ...]
-
-    def _sideways(self, t_s: float) -> float:
-        return sum(r.speed(t_s) for r in self.ramps)
-
-    def position(self, t_s: float) -> float:
-        """Return start plus speed times time, less the integral of what is lost, ramp by ramp."""
-        limits = {0.0, t_s}
-        for ramp in self.ramps:
-            limits |= {min(t_s, ramp.start_s), min(t_s, ramp.start_s + ramp.duration_s)}
-        times = sorted(t for t in limits if t >= 0.0)
-        lost = 0.0
-        for begin, end in pairwise(times):
-            middle, half = (begin + end) / 2, (end - begin) / 2
-            for node, weight in zip(_NODES, _WEIGHTS, strict=True):
-                speed = self.speed(middle + half * float(node))
-                lost += half * float(weight) * (self.speed_mps - speed)
-        return self.start_m + self.speed_mps * t_s - lost
-
-    def speed(self, t_s: float) -> float:
-        return math.sqrt(self.speed_mps**2 - self._sideways(t_s) ** 2)
-
-    def acceleration(self, t_s: float) -> float:
-        change = sum(r.acceleration(t_s) for r in self.ramps)
-        return -self._sideways(t_s) * change / self.speed(t_s)
-
-
-@dataclass(frozen=True)
-class Actor:
-    """A participant: motion along the road and across it; standing, it faces ``facing_rad``."""
-
-    object_id: str
-    object_class: ObjectClass
-    role: Role
-    along: Line | Steered
-    across: Line
-    facing_rad: float = 0.0
-
-    def state(self, t_s: float) -> ObjectState:
-        vx, vy = self.along.speed(t_s), self.across.speed(t_s)
-        speed = math.hypot(vx, vy)
-        yaw = math.atan2(vy, vx) if speed > 1e-3 else self.facing_rad
-        ax, ay = self.along.acceleration(t_s), self.across.acceleration(t_s)
-        turning = (vx * ay - vy * ax) / speed**2 if speed > 0.1 else 0.0
-        return ObjectState(
-            object_id=self.object_id,
-            object_class=self.object_class,
-            role=self.role,
-            stamp_ns=seconds_to_ns(t_s),
-            x_m=self.along.position(t_s),
-            y_m=self.across.position(t_s),
-            yaw_rad=wrap_angle(yaw),
-            speed_mps=speed,
-            acceleration_mps2=ax * math.cos(yaw) + ay * math.sin(yaw),
-            yaw_rate_radps=turning,
-            size=DEFAULT_SIZES[self.object_class],
-        )
-
-
-@dataclass(frozen=True)
-class Turning:
-    """A participant that drives straight on, turns, and goes straight on.
-
-    Args:
-        distance: along its way, from its place at the start.
-        start: its place then.
-        straight_m: up to where the turn begins.
-        radius_m: of the turn, an arc.
-        heading_rad: at the start; as it is, it heads against the road.
-        turn_rad: by which it turns, + left.
-    """
-
-    object_id: str
-    object_class: ObjectClass
-    role: Role
-    distance: Line
-    start: tuple[float, float]
-    straight_m: float
-    radius_m: float
-    heading_rad: float = math.pi
-    turn_rad: float = math.pi / 2
-
-    def state(self, t_s: float) -> ObjectState:
-        (x, y), side = self.start, math.copysign(self.radius_m, self.turn_rad)
-        driven, straight = self.distance.position(t_s), self.straight_m
-        arc = min(max(driven - straight, 0.0), abs(self.radius_m * self.turn_rad))
-        turned, beyond = arc / side, max(driven - straight - arc, 0.0)
-        before, yaw, ahead = self.heading_rad, self.heading_rad + turned, min(driven, straight)
-        speed = self.distance.speed(t_s)
-        x += ahead * math.cos(before) + side * (math.sin(yaw) - math.sin(before))
-        y += ahead * math.sin(before) - side * (math.cos(yaw) - math.cos(before))
-        return ObjectState(
-            object_id=self.object_id,
-            object_class=self.object_class,
-            role=self.role,
-            stamp_ns=seconds_to_ns(t_s),
-            x_m=x + beyond * math.cos(yaw),
-            y_m=y + beyond * math.sin(yaw),
-            yaw_rad=wrap_angle(yaw),
-            speed_mps=speed,
-            acceleration_mps2=self.distance.acceleration(t_s),
-            yaw_rate_radps=speed / side if arc > 0.0 and beyond == 0.0 else 0.0,
-            size=DEFAULT_SIZES[self.object_class],
-        )
-
+from ssp_ot_controller.camera.actors import Actor, Line, Ramp, Steered, Turning
 
 LANE_M = 3.4
 VUT_START_M = 10.0
@@ -197,7 +28,7 @@ KERB_M = -LANE_M / 2  # where the right sidewalk begins, from the VUT's path
 CAR, TRUCK, PEDESTRIAN = (
     DEFAULT_SIZES[c] for c in (ObjectClass.CAR, ObjectClass.TRUCK, ObjectClass.PEDESTRIAN)
 )
-Cast = tuple[Actor, tuple[Actor | Turning, ...]]  # the VUT, and who else is there
+Cast = tuple[Actor | Turning, tuple[Actor | Turning, ...]]  # the VUT, and who else is there
 
 
 @dataclass(frozen=True)
@@ -279,7 +110,9 @@ def clip_junction(
 
     across_it = []
     if turning is not None:
-        across_it = [turn(east, turning.start[1], math.pi, 1.0 / turning.radius_m)]
+        heads_east = turning.heading_rad == 0.0
+        begins = (west, 0.0, 0.0) if heads_east else (east, turning.start[1], math.pi)
+        across_it = [turn(*begins, 1.0 / turning.radius_m)]
     return [
         road("end", (west - _ARM_M, 0.0, 0.0), _ARM_M, along),
         road("start", (east, 0.0, 0.0), _ARM_M, along),
@@ -497,6 +330,31 @@ def oncoming_turn(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     return vut, (car,)
 
 
+def vut_turn(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
+    """Cast a VUT that waits and turns left, and a car that comes the other way and goes on."""
+    speed = float(rng.uniform(5.0, 5.4))
+    step_s = float(rng.uniform(1.0, 1.5))
+    fast = float(rng.uniform(6.8, 7.3))
+    # It comes nearly to a standstill before the car's way, and goes on when the car has passed.
+    brake_s, braking_s, slow = step_s + 2.4, 2.0, 0.8
+    ways = Ramp(brake_s, braking_s, slow - speed), Ramp(brake_s + braking_s, 2.2, speed - slow)
+    way = Line(0.0, speed, ways)
+    straight_m = way.position(brake_s + braking_s) + CAR.front_m - _INTO_M
+    vut = Turning(
+        *(VUT_ID, ObjectClass.CAR, Role.VUT, way, (VUT_START_M, 0.0), straight_m, _TURN_M),
+        heading_rad=0.0,
+    )
+    east_m = VUT_START_M + straight_m + 2.0 * (LANE_M + _SETBACK_M)
+    along = Line(east_m + 8.0 + CAR.front_m, 0.0, (Ramp(step_s, 2.2, -fast),))
+    across = Line(lanes.same * LANE_M, 0.0)
+    car = Actor("ot1", ObjectClass.CAR, Role.OT, along, across, math.pi)
+    return vut, (car,)
+
+
+# The front of a VUT that turns left gives way so far beyond the begin of its turn.
+_INTO_M = 3.0
+
+
 def merge(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     """Cast a car that waits at the end of a ramp and merges, and a VUT that brakes behind it."""
     speed = float(rng.uniform(9.4, 10.0))
@@ -555,13 +413,15 @@ _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "oncoming_turn": oncoming_turn,
     "merge": merge,
     "cut_out": cut_out,
+    "vut_turn": vut_turn,
 }
-# Where a road crosses the clip's, by the lane of it that the initiator takes: m to its right.
-_AT_JUNCTION = {"crossing_car": LANE_M / 2, "oncoming_turn": -LANE_M / 2}
+# Where a road crosses the clip's, by the lane of it that one of the two takes: m to its right.
+_AT_JUNCTION = {"crossing_car": LANE_M / 2, "oncoming_turn": -LANE_M / 2, "vut_turn": LANE_M / 2}
 INTERACTIONS = tuple(_PLAYS)
 FPS = 24.0
 DURATION_S = 9.0
 MOST_LANES = 4
+_PATH_STEP_M = 0.5
 
 
 @dataclass(frozen=True)
@@ -575,8 +435,17 @@ class Storyboard:
     look: Look
     fps: float
     duration_s: float
-    vut: Actor
+    vut: Actor | Turning
     others: tuple[Actor | Turning, ...]
+
+    @property
+    def vut_path(self) -> list[tuple[float, float]]:
+        """The path of the VUT: along the road, or its turn and on to the end of the arm."""
+        if isinstance(self.vut, Actor):
+            return [(0.0, 0.0), (self.road.length_m, 0.0)]
+        on_m = self.vut.straight_m + self.vut.arc_m
+        stations = [0.0, *np.arange(self.vut.straight_m, on_m, _PATH_STEP_M), on_m, on_m + _ARM_M]
+        return [self.vut.place(float(s))[:2] for s in stations]
 
     def times(self) -> list[float]:
         """Return the times of the frames in s, from 0."""
@@ -610,7 +479,7 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
         )
     lanes = lanes or usual_lanes(scenario)
     least = 2 if scenario in ("cut_in", "cut_out") else 1
-    oncoming = 1 if scenario == "oncoming_turn" else 0
+    oncoming = 1 if scenario in ("oncoming_turn", "vut_turn") else 0
     if not least <= lanes.same <= MOST_LANES or not oncoming <= lanes.opposite <= MOST_LANES:
         raise InputError(
             f"can't be drawn on a road of {lanes.same}+{lanes.opposite} lanes",
@@ -626,6 +495,8 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
         crosser = next(actor for actor in others if actor.object_id == "ot1")
         lane_m = crosser.state(DURATION_S).x_m
         turning = crosser if isinstance(crosser, Turning) else None
+        if isinstance(vut, Turning):
+            turning, lane_m = vut, vut.place(vut.straight_m + vut.arc_m)[0]
         roads = clip_junction(lanes, lane_m - _AT_JUNCTION[scenario], turning)
         road = road.model_copy(update={"junction": roads})
     if scenario == "merge":

@@ -18,17 +18,13 @@ from ssp_core.geometry import Polyline, box_distance, point_in_polygon
 from ssp_core.motion.encounter import CORRIDOR_MARGIN_M, encounter, is_observable
 from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ObjectClass, Role
+from ssp_ot_controller.camera.actors import Actor, Line, Ramp, Steered, Turning
 from ssp_ot_controller.camera.clip import truth, truth_path, write_clip
 from ssp_ot_controller.camera.renderer.render import BRAKE_MPS2
 from ssp_ot_controller.camera.storyboards import (
     INTERACTIONS,
-    Actor,
     LaneCounts,
-    Line,
-    Ramp,
-    Steered,
     Storyboard,
-    Turning,
     storyboard,
 )
 

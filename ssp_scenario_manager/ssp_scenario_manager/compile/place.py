@@ -9,7 +9,7 @@ from itertools import islice
 import ssp_core
 from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
-from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
+from ssp_core.run_file.model import EndCondition, Limits, LinkDisturbance, RunSpec
 from ssp_core.run_file.participants import FollowPath, Hold, LaneChange, TrafficSpec, TriggerSpec
 from ssp_core.run_file.road import JunctionRoad, Lane, PartialCrossing, Road
 from ssp_core.run_file.values import Point, Start
@@ -313,6 +313,7 @@ def _run(order: Order, block: Block, plan: Plan, told: Motions) -> RunSpec:
         triggers=_triggers(event, block, plan, told, limits),
         thresholds=thresholds_of(event),
         passing=wanted_passing(event),
+        end=EndCondition(after_resolution_s=order.kind.after_resolution_s),
         limits=limits,
         # A simulation of a track is one without what its stand-in session brings.
         disturbance=area.disturbance if physical or not tracked else LinkDisturbance(),

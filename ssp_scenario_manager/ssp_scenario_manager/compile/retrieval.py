@@ -20,6 +20,7 @@ from ssp_scenario_manager.event_spec.model import (
     WordField,
 )
 from ssp_scenario_manager.maps.block import Block, Library, bend_1pm
+from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import Kind
 from ssp_scenario_manager.scenarios.block_places import lanes_of_words
 from ssp_scenario_manager.scenarios.kinds import KINDS
@@ -223,6 +224,18 @@ def _met_from(event: Event, block: Block, place: str) -> bool:
     return any(c.kind == wanted and place == f"{c.comes_from}_road" for c in conflicts)
 
 
+def turn(event: Event, block: Block) -> list[Met]:
+    """Score a route's turn in its junction, where the VUT means to turn; nothing else is scored."""
+    intent = event.participants[event.vut_id].intent
+    side = {"turn_left": 1.0, "turn_right": -1.0}.get(str(intent))
+    if side is None or block.passage is None:
+        return []
+    turned_rad = block.passage.turn_rad
+    if side * turned_rad >= STRAIGHT_ON_RAD:
+        return [MET]
+    return [Met(0.0, f"it turns by {math.degrees(turned_rad):.0f} deg, needs {intent}")]
+
+
 # -- part C ---------------------------------------------------------------------------------------
 
 
@@ -359,6 +372,7 @@ def score_block(event: Event, block: Block, kind: Kind) -> BlockScore:
         relation(event, block),
         manoeuvres(event, block, kind),
         places(event, block),
+        *turn(event, block),
     ]
     constraints = [
         length(event, block),

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from ssp_core.motion.encounter import Observable
-from ssp_core.run_file.model import Limits
-from ssp_core.run_file.participants import Brake, Hold, LaneChange
+from ssp_core.run_file.model import EndCondition, Limits
+from ssp_core.run_file.participants import Brake, GiveWay, Hold, LaneChange
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 
@@ -32,8 +32,8 @@ class BlockPoint:
 class Drive:
     """A drive along the block at an offset: start, cruise speed, and where to stand.
 
-    An end before the start is a drive in the opposite direction. ``headway_s`` is the VUT's alone:
-    what its driver keeps to somebody ahead.
+    An end before the start is a drive in the opposite direction. ``headway_s``, what its driver
+    keeps to somebody ahead, and ``gives_way`` are the VUT's alone.
     """
 
     start: BlockPoint
@@ -42,6 +42,7 @@ class Drive:
     acceleration_mps2: float = 2.0
     deceleration_mps2: float = 2.0
     headway_s: float = 1.4
+    gives_way: GiveWay | None = None
 
     @property
     def heading_rad(self) -> float:
@@ -169,6 +170,8 @@ class Kind:
         at_junction: it takes place on routes through a junction, and nowhere else.
         turn: headings of its initiator, in words of part M, before and after it turns; None: it
             doesn't.
+        vut_intents: what the VUT may mean to do.
+        after_resolution_s: time for which a session goes on after its resolution.
     """
 
     name: str
@@ -190,3 +193,4 @@ class Kind:
     occluder_leaves: bool = False
     turn: tuple[str, str] | None = None
     vut_intents: frozenset[str] = frozenset({"keep_lane"})
+    after_resolution_s: float = EndCondition().after_resolution_s

@@ -11,6 +11,7 @@ from ssp_scenario_manager.scenarios.lead_braking import LEAD_BRAKING
 from ssp_scenario_manager.scenarios.merge import MERGE
 from ssp_scenario_manager.scenarios.oncoming_turn import ONCOMING_TURN
 from ssp_scenario_manager.scenarios.slow_lead import SLOW_LEAD
+from ssp_scenario_manager.scenarios.vut_turn import VUT_TURN
 
 KINDS: dict[str, Kind] = {
     kind.name: kind
@@ -24,5 +25,6 @@ KINDS: dict[str, Kind] = {
         ONCOMING_TURN,
         SLOW_LEAD,
         VRU_CROSSING,
+        VUT_TURN,
     )
 }

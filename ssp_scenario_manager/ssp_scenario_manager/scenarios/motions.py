@@ -82,6 +82,7 @@ def motions(
                 acceleration_mps2=vut.acceleration_mps2,
                 comfortable_deceleration_mps2=vut.deceleration_mps2,
                 headway_s=vut.headway_s,
+                gives_way=[] if vut.gives_way is None else [vut.gives_way],
             ),
             targets=tuple(
                 _participant(line, name, classes[name], targets[name]) for name in sorted(targets)

@@ -17,6 +17,7 @@ import numpy as np
 from ssp_core.geometry import Polyline, wrap_angle
 from ssp_core.motion.encounter import AGAINST_RAD, corridor_half_m, is_crossing, swept_on_way
 from ssp_core.motion.state import Size
+from ssp_core.run_file.participants import GiveWay
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.maps.block import Block, Conflict, Passage
 from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
@@ -61,6 +62,8 @@ _VUT_BRAKING_MPS2 = 3.0
 # The vehicle's way goes on so far beyond the junction, and is sampled at this step.
 _BEYOND_M = 40.0
 _STEP_M = 1.0
+# The VUT's front waits so far before the conflict zone.
+_BEFORE_ZONE_M = 1.0
 _BELOW = "constraints.trigger.below"
 # Where routes cross, the other route, and its part in the junction.
 Crossing = tuple[Conflict, Block, Passage]
@@ -74,11 +77,14 @@ class RouteMotion:
         ahead_s: so long before a VUT that doesn't react it is in the corridor, where K* allows it.
         speed: field of ``constraints.manoeuvre`` that holds its speed.
         beyond_m: its way ends so far beyond the junction, at the latest.
+        has_priority: the VUT gives way to it, by ``constraints.manoeuvre.critical_gap``, and it
+            keeps no time gap by itself.
     """
 
     ahead_s: float
     speed: str = "crossing_speed"
     beyond_m: float = _BEYOND_M
+    has_priority: bool = False
 
 
 def side_of(event: Event) -> str:
@@ -87,17 +93,54 @@ def side_of(event: Event) -> str:
 
 
 def met_by(
-    block: Block, routes: Mapping[str, Block], kind: Literal["crossing", "merge"] = "crossing"
+    block: Block,
+    routes: Mapping[str, Block],
+    kind: Literal["crossing", "merge"] = "crossing",
+    *,
+    turns: bool = False,
 ) -> Iterator[Crossing]:
-    """Yield the conflicts with routes that cross or join one which leads straight on, and those.
+    """Yield the conflicts with routes that cross or join one, and those.
+
+    Args:
+        block: the one, which leads straight on, or turns left.
+        routes: all.
+        kind: of the conflicts.
+        turns: it turns left.
 
     Raises:
         CannotPlace: the block isn't such a route.
     """
-    for conflict in straight_on(block).conflicts:
+    passage = turning_left(block) if turns else straight_on(block)
+    for conflict in passage.conflicts:
         other = routes.get(conflict.route)
         if conflict.kind == kind and other is not None and other.passage is not None:
             yield conflict, other, other.passage
+
+
+def _passage(block: Block) -> Passage:
+    """Return the part of a route in its junction.
+
+    Raises:
+        CannotPlace: the block is no route.
+    """
+    if block.passage is None:
+        raise CannotPlace("it leads over no connecting road of a junction")
+    return block.passage
+
+
+def turning_left(block: Block) -> Passage:
+    """Return the part of a route in its junction, on which the VUT turns left.
+
+    Raises:
+        CannotPlace: the block is no route, or it doesn't turn left.
+    """
+    passage = _passage(block)
+    if passage.turn_rad < STRAIGHT_ON_RAD:
+        raise CannotPlace(
+            f"it turns by {math.degrees(passage.turn_rad):.0f} deg in the junction; the VUT turns "
+            f"left, which is at least {math.degrees(STRAIGHT_ON_RAD):.0f} deg"
+        )
+    return passage
 
 
 def straight_on(block: Block) -> Passage:
@@ -106,15 +149,14 @@ def straight_on(block: Block) -> Passage:
     Raises:
         CannotPlace: the block is no route, or it turns.
     """
-    if block.passage is None:
-        raise CannotPlace("it leads over no connecting road of a junction")
-    turn_rad = abs(block.passage.turn_rad)
+    passage = _passage(block)
+    turn_rad = abs(passage.turn_rad)
     if turn_rad >= STRAIGHT_ON_RAD:
         raise CannotPlace(
             f"it turns by {math.degrees(turn_rad):.0f} deg in the junction; the VUT goes straight "
             f"on, which is less than {math.degrees(STRAIGHT_ON_RAD):.0f} deg"
         )
-    return block.passage
+    return passage
 
 
 def _speed_limit(
@@ -225,7 +267,14 @@ def _draft(
     gap = station_of(block, start.s_m, near_s, 0.0) - vut.front_m
     told = {name: fixed(event, f"participants.{name}.region.gap", "m", gap, "as cruise needs")}
     return Draft(
-        vut=Drive(start, v, end_of(block, vut), rate, _VUT_BRAKING_MPS2),
+        vut=Drive(
+            start,
+            v,
+            end_of(block, vut),
+            rate,
+            _VUT_BRAKING_MPS2,
+            gives_way=_gives_way(setting, crossing, start, values.get("critical_gap")),
+        ),
         targets={name: waits},
         trigger=Trigger(
             object_id=name,
@@ -241,6 +290,34 @@ def _draft(
             not_before_s=round(0.5 * (cruise_reached_s(v, rate) + HOLD_S), 1),
         ),
         chosen=chosen(told, {name: gap}),
+    )
+
+
+def _gives_way(
+    setting: Setting, crossing: Crossing, start: BlockPoint, critical_gap_s: float | None
+) -> GiveWay | None:
+    """Return the place at which the VUT lets the vehicle pass; None where nothing is said of it.
+
+    Raises:
+        CannotPlace: the vehicle doesn't cross the VUT's corridor.
+    """
+    if critical_gap_s is None:
+        return None
+    event, block, (_, other, _) = setting.event, setting.block, crossing
+    near_s, far_s = _zone(setting, crossing)
+    zone = tuple(round(station_of(block, start.s_m, s, 0.0), 3) for s in (near_s, far_s))
+    path = other.line.path(0.0, other.length_m, 0.0)
+    vut, vehicle = (size_of(event, who) for who in (event.vut_id, event.interaction.initiator))
+    way = map(block.line.pose, np.arange(start.s_m, block.length_m, 0.25 * _STEP_M).tolist())
+    swept = swept_on_way(way, vut, Polyline(path), corridor_half_m(vehicle.width_m))
+    if swept is None:
+        raise CannotPlace("the VUT's way doesn't cross the vehicle's corridor")
+    return GiveWay(
+        line_m=round(zone[0] - _BEFORE_ZONE_M, 3),
+        zone_m=(zone[0], zone[1]),
+        priority_path=path,
+        priority_zone_m=(round(swept[0], 3), round(swept[1], 3)),
+        critical_gap_s=critical_gap_s,
     )
 
 
@@ -340,6 +417,8 @@ def _plans_over(setting: Setting, crossing: Crossing, route_motion: RouteMotion)
             at_most=min(hardest, acceleration_limit(event, limits)),
         ),
     }
+    if route_motion.has_priority:
+        choices["critical_gap"] = pick(f"{c}.manoeuvre.critical_gap", "s")
     draft = partial(_draft, setting, crossing, route_motion)
     if _BELOW not in setting.preferred:
         choices["below"] = _earliest_fired(setting, choices, draft, route_motion.ahead_s)
@@ -356,7 +435,9 @@ def _plans_over(setting: Setting, crossing: Crossing, route_motion: RouteMotion)
         return rectangle(near_s, far_s, -half, half)
 
     for plan in plans_on(setting, "lateral", choices, draft, zone):
-        yield replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m))
+        # One that has priority doesn't drive by what the VUT does.
+        gap_s = None if route_motion.has_priority else plan.gap_s
+        yield replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m), gap_s=gap_s)
 
 
 def _zone(setting: Setting, crossing: Crossing) -> tuple[float, float]:
@@ -364,7 +445,7 @@ def _zone(setting: Setting, crossing: Crossing) -> tuple[float, float]:
     event, block, (conflict, other, passage) = setting.event, setting.block, crossing
     size = size_of(event, event.interaction.initiator)
     half = corridor_half_m(size_of(event, event.vut_id).width_m)
-    if abs(passage.turn_rad) < STRAIGHT_ON_RAD:
+    if max(abs(passage.turn_rad), abs(_passage(block).turn_rad)) < STRAIGHT_ON_RAD:
         along = corridor_half_m(size.width_m) / abs(math.sin(conflict.angle_rad))
         along += half / abs(math.tan(conflict.angle_rad))
         return conflict.s_m - along, conflict.s_m + along

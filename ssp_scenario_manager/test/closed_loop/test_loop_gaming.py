@@ -33,6 +33,7 @@ EVENTS = {
     "oncoming_turn": 2,
     "slow_lead": 1,
     "vru_crossing": 2,
+    "vut_turn": 1,
 }
 LATENCY = Latency(0.3)
 SCRIPTED = CampaignDriver(driver="scripted")
@@ -126,6 +127,7 @@ WAYS = (
     ("oncoming_turn", brake_and_speed_up, "brakes by"),
     ("merge", brake_and_speed_up, "brakes by"),
     ("merge", say_nothing, "falls back"),
+    ("vut_turn", brake_and_speed_up, "brakes by"),
     ("vru_crossing", hang_at_the_right_moment, ""),
 )
 

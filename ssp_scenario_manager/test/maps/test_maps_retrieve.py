@@ -140,7 +140,8 @@ def test_a_block_that_suits_scores_one(name: str) -> None:
     block = made_block()
     if KINDS[name].at_junction:
         crossed = Conflict("other", KINDS[name].relation, 150.0, 80.0, math.pi / 2, 146.0, 154.0)
-        passage = Passage(("inside",), 140.0, 160.0, 0.0, (crossed,))
+        turn_rad = math.pi / 2 if "turn_left" in KINDS[name].vut_intents else 0.0
+        passage = Passage(("inside",), 140.0, 160.0, turn_rad, (crossed,))
         block = replace(block, segment="junction", junction="j", passage=passage)
     (score,) = score_blocks(event(name), library(block))
     assert (score.topology, score.interaction, score.constraints) == (1.0, 1.0, 1.0)

@@ -33,6 +33,8 @@ SHIPPED = (
     "entry_track",
     "north_track",
     "south_loop",
+    "tee",
+    "tee_track",
 )
 
 
@@ -62,7 +64,7 @@ def test_shipped_sites_hold_together(name: str) -> None:
         if block.junction is not None:
             assert [lane.forward for lane in block.lanes] == [True]
             continue
-        crossed = name.startswith("cross")
+        crossed = name.startswith(("cross", "tee"))
         narrow = crossed or name.startswith("entry")
         assert len(block.forward_lanes) >= (1 if narrow else 2)
         assert block.backward_lanes or block.block_id == "ramp_in"

@@ -188,6 +188,41 @@ class _Carriageway:
         return max([0.0, *depths])
 
 
+@dataclass(frozen=True, slots=True)
+class _Surface:
+    """The junction between its mouths, beside the lane of a route that turns.
+
+    Such a route has its own lane alone, and a body's corners swing out of it.
+    """
+
+    outline: Any
+
+    @classmethod
+    def of(cls, road: Road) -> _Surface:
+        import shapely  # type: ignore[import-untyped]  # slow to import, no types
+
+        turns = len(road.lanes) == 1
+        inside = [one for one in road.junction if turns and one.junction_at == "both"]
+        mouths = [
+            ReferenceLine.of_road(one).to_map(s_m, l_m)
+            for one in inside
+            for s_m in (0.0, one.length_m)
+            for l_m in (one.right_edge_m, one.left_edge_m)
+        ]
+        return cls(shapely.MultiPoint(mouths).convex_hull)
+
+    def holds(self, vut: ObjectState, way: _Carriageway, offsets: Sequence[float]) -> bool:
+        """Tell whether all corners that are beside the carriageway are in the junction."""
+        import shapely  # slow to import
+
+        beside = [
+            corner
+            for corner, offset_m in zip(vut.box.corners(), offsets, strict=True)
+            if not way.right_m <= offset_m <= way.left_m
+        ]
+        return bool(shapely.covers(self.outline, shapely.MultiPoint(beside)))
+
+
 def left_road(run: RunSpec, led: Sequence[StepReport]) -> Fact | None:
     """Find the first step in which the VUT has left the road, or gone back.
 
@@ -207,7 +242,7 @@ def left_road(run: RunSpec, led: Sequence[StepReport]) -> Fact | None:
         except NotOneToOne:
             return at_s, "left_road", "the VUT is where the road has no coordinates"
         outside_m = max(way.right_m - min(offsets), max(offsets) - way.left_m)
-        if outside_m > 1e-9:
+        if outside_m > 1e-9 and not _Surface.of(run.road).holds(vut, way, offsets):
             return at_s, "left_road", f"a corner {outside_m:.2f} m beside the carriageway"
         depth_m = max(way.depth_m(offset) for offset in offsets)
         if depth_m > LIMITS.opposite_m:

@@ -15,7 +15,7 @@ from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.latency import ZERO_LATENCY, Latency
-from ssp_core.run_file.model import Camera, EndCondition, RunSpec
+from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.run_file.participants import ElapsedTime, Hold, ParticipantSpec, TriggerSpec
 from ssp_core.vocabulary import Phase
 from ssp_core.world.driver import BUILT_IN, NO_RESPONSE, sees_frames
@@ -295,7 +295,7 @@ def without_event(run: RunSpec, end_s: float) -> RunSpec:
         t.model_copy(update={"condition": ElapsedTime(type="elapsed_time", after_s=end_s + 1.0)})
         for t in run.triggers
     ]
-    end = EndCondition(at_latest_s=max(run.end.at_latest_s, end_s + 10.0))
+    end = run.end.model_copy(update={"at_latest_s": max(run.end.at_latest_s, end_s + 10.0)})
     limits = run.limits.model_copy(update={"duration_s": max(run.limits.duration_s, end_s + 10.0)})
     holding = {t.object_id for t in run.triggers if isinstance(t.manoeuvre, Hold)}
     targets = [_beside(run, t) if t.id in holding else t for t in run.targets]

@@ -13,6 +13,7 @@ from ssp_core.errors import InputError
 from ssp_core.run_file.road import CurvePiece, JunctionRoad
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.maps.block import WIDEST_GAP_M, Block, BlockLane
+from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
 
 # The standard library's, which only builds and writes here: nothing is parsed.
 
@@ -241,23 +242,41 @@ def _road(block: Block, number: int) -> xodr.Road:
     return road
 
 
+def _is_on(block: Block, line: ReferenceLine, length_m: float, y_m: float) -> list[bool]:
+    """Tell of both ends of a line beside another one whether they lie on a block."""
+    ends = np.array([line.to_map(s_m, y_m) for s_m in (0.0, length_m)])
+    local = block.line.to_local_many(ends)
+    on_block = (local[:, 1] > block.right_edge_m) & (local[:, 1] < block.left_edge_m)
+    found: list[bool] = on_block.tolist()
+    return found
+
+
 def _off_block(block: Block, roads: Sequence[JunctionRoad]) -> Iterator[Block]:
-    """Yield the roads of a junction that don't lie on a block, as blocks of their own."""
+    """Yield the roads of a junction that don't lie on a block, as blocks of their own.
+
+    Of one that turns they have no lane in common at either of their ends: a player that looks for
+    the lane under a place would find theirs.
+    """
+    turns = block.passage is not None and abs(block.passage.turn_rad) >= STRAIGHT_ON_RAD
     for number, road in enumerate(roads):
         line = ReferenceLine.of_road(road)
+        lanes = sorted(road.lanes, key=lambda lane: lane.y_m)
+        if turns:
+            lanes = [x for x in lanes if not any(_is_on(block, line, road.length_m, x.y_m))]
         middle_m = 0.5 * (road.left_edge_m + road.right_edge_m)
-        ends = np.array([line.to_map(s_m, middle_m) for s_m in (0.0, road.length_m)])
-        local = block.line.to_local_many(ends)
-        on_block = (local[:, 1] > block.right_edge_m) & (local[:, 1] < block.left_edge_m)
-        if on_block.all():
+        if not lanes or all(_is_on(block, line, road.length_m, middle_m)):
             continue
+        made = [
+            BlockLane(lane.y_m, lane.width_m, lane.direction == "forward", f"lane {i}")
+            for i, lane in enumerate(lanes)
+        ]
+        if not any(lane.forward for lane in made):
+            line = line.reversed()
+            made = [replace(one, y_m=-one.y_m, forward=True) for one in reversed(made)]
         yield Block(
             block_id=f"{block.junction} {number}",
             line=line,
-            lanes=tuple(
-                BlockLane(lane.y_m, lane.width_m, lane.direction == "forward", f"lane {i}")
-                for i, lane in enumerate(sorted(road.lanes, key=lambda lane: lane.y_m))
-            ),
+            lanes=tuple(made),
             road_type=block.road_type,
             segment="junction",
             left_boundary="any",

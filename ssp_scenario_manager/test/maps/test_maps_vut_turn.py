@@ -1,0 +1,168 @@
+"""The event vut_turn: over which roads it leads, what it needs, and what decides wait or go."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ssp_core.geometry import Polyline
+from ssp_core.motion.encounter import corridor_half_m, swept_on_way
+from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import Verdict
+from ssp_core.world.gap_acceptance import PriorityWatch
+from ssp_ot_controller.sil.vut_driver import VutDriver
+from ssp_scenario_manager.compile.choose import NotChosen
+from ssp_scenario_manager.compile.compiler import Request, compile_task
+from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.run.in_process import run_in_process
+from ssp_scenario_manager.scenarios.base import CannotPlace
+from tests.support.junctions import LEFT_TURN, STRAIGHT, ground, made, site_without_junction
+
+TEE = "junction tee: west_in > west_north lanes[0] > north_out"
+
+
+def event(object_class: str = "car", **constraints: Any) -> Event:
+    """The shipped event, its vehicle of a class, with parts of C changed."""
+    value = load_event("vut_turn")[0].model_dump(mode="json", by_alias=True)
+    value["participants"]["ot1"]["class"] = object_class
+    if constraints:
+        value["participants"]["ot1"]["region"]["gap"] = {"min": 5, "max": 200, "unit": "m"}
+    for name, given in constraints.items():
+        value["constraints"][name] |= given
+    return Event.model_validate(value)
+
+
+def run_on(site: str, name: str = TEE, object_class: str = "car") -> RunSpec:
+    task = made(event(object_class), ground(site), name).task
+    return task.run.model_copy(update={"camera": None})
+
+
+@pytest.mark.parametrize(
+    ("object_class", "site", "name"),
+    [
+        ("car", "tee", TEE),
+        ("motorcycle", "tee_track", TEE),
+        ("car", "crossroads", LEFT_TURN),
+        ("truck", "cross_track", LEFT_TURN),
+    ],
+)
+def test_it_runs_valid_and_the_vut_turns_behind_the_vehicle(
+    object_class: str, site: str, name: str
+) -> None:
+    run = run_on(site, name, object_class)
+    result, record = run_in_process(run)
+    assert result.verdict is Verdict.VALID, result.reasons
+    assert result.passing.relation == "crossing"
+    assert result.passing.other_first
+    # It has turned before the recording ends, so that all is measured from what it drove.
+    first, *_, last = record.truths("vut")
+    assert abs(last.yaw_rad - first.yaw_rad) > 0.8
+
+
+def test_a_vut_that_does_not_react_hits_it() -> None:
+    run = run_on("tee")
+    steady = run.driver.model_copy(update={"reacts": False})
+    result, _ = run_in_process(run.model_copy(update={"driver": steady}))
+    assert any("collision: ot1" in reason for reason in result.reasons)
+
+
+def shifted(run: RunSpec, shift_s: float) -> RunSpec:
+    """The run with a vehicle that drives off so much later, and no order that is to be kept."""
+    (trigger,) = run.triggers
+    later = {"below_s": trigger.condition.below_s - shift_s}  # type: ignore[union-attr]
+    condition = trigger.condition.model_copy(update=later)
+    moved = trigger.model_copy(update={"condition": condition, "not_before_s": 0.0})
+    return run.model_copy(update={"triggers": [moved], "passing": None})
+
+
+@pytest.mark.parametrize(
+    ("shift_s", "words", "other_first"),
+    [
+        (-2.0, ["approach", "go"], True),
+        (0.0, ["approach", "wait", "yield", "go"], True),
+        (2.0, ["approach", "wait", "go"], True),
+        (5.0, ["approach", "go"], False),
+    ],
+)
+def test_a_shift_of_the_vehicle_by_two_seconds_changes_what_the_vut_does(
+    shift_s: float, words: list[str], other_first: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard: list[str] = []
+    decide = PriorityWatch.decide
+
+    def noted(self: PriorityWatch, *given: Any) -> Any:
+        decision = decide(self, *given)
+        heard.extend(w for w in self.words if heard[-1:] != [w])
+        return decision
+
+    run = shifted(run_on("tee"), shift_s)
+    monkeypatch.setattr(PriorityWatch, "decide", noted)
+    result, _ = run_in_process(run)
+    assert result.verdict is Verdict.VALID, result.reasons
+    assert heard[: len(words)] == words
+    assert result.passing.other_first is other_first
+    assert result.min_distance_m > 0.5
+
+
+def test_it_gives_way_where_both_corridors_cross() -> None:
+    """Each zone is what the other one sweeps of a corridor, by another way around."""
+    run = run_on("tee")
+    (place,) = run.driver.gives_way
+    assert run.vut.approach is not None
+    own, other = Polyline(run.vut.approach.path), Polyline(place.priority_path)
+    half_m = corridor_half_m(run.vut.size.width_m)
+    poses = [other.pose(0.1 * k) for k in range(int(10.0 * other.length_m))]
+    assert place.zone_m == pytest.approx(swept_on_way(poses, run.vut.size, own, half_m), abs=0.1)
+    assert place.line_m == pytest.approx(place.zone_m[0] - 1.0)
+    assert VutDriver(run).priority_words == ("approach",)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "site", "name", "words"),
+    [
+        (event(), "crossroads", STRAIGHT, "it turns by 0 deg in the junction; the VUT turns left"),
+        (
+            event(),
+            "tee",
+            "junction tee: north_in > north_east lanes[0] > east_out",
+            "0 routes of its junction come the opposite way and go straight on across it",
+        ),
+        (
+            event(trigger={"below": {"min": 1.0, "max": 2.0, "unit": "s"}}),
+            "tee",
+            TEE,
+            "wouldn't reach the conflict point first",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_what_misses(
+    wanted: Event, site: str, name: str, words: str
+) -> None:
+    with pytest.raises(CannotPlace, match=re.escape(words)):
+        made(wanted, ground(site), name)
+
+
+def test_without_the_junction_nothing_compiles(tmp_path: Path) -> None:
+    site = site_without_junction("tee", tmp_path)
+    with pytest.raises(NotChosen) as caught:
+        compile_task(Request(event="vut_turn", target="sumo", site=str(site)))
+    scores = caught.value.scores
+    assert all("needs junction" in " ".join(score.reasons) for score in scores)
+
+
+@pytest.mark.parametrize("site", ["tee", "tee_track"])
+def test_openscenario_plays_it(site: str, tmp_path: Path) -> None:
+    """The export plays itself: the gap to the vehicle is the session's to 0.3 m, else it refuses.
+
+    No other route of the site is one that the event can take.
+    """
+    task = compile_task(Request(event="vut_turn", target="openscenario", site=site)).task
+    assert task.block.id == TEE
+    found = made(event(), ground(site), TEE)
+    export_openscenario(task, found.block, None, tmp_path)
+    assert "<FollowTrajectoryAction>" in (tmp_path / "vut_turn.xosc").read_text()
