@@ -33,7 +33,7 @@ from ssp_eval.closed_loop.tables import (
     severity_table,
     unlike_pair_table,
 )
-from ssp_eval.report.render import Grid, grid
+from ssp_eval.report.grids import Grid, grid
 from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.table import Table, counted
 from ssp_scenario_manager.closed_loop.campaigns.bags import bag_folder
