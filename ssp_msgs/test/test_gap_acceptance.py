@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -118,6 +119,22 @@ def test_times_come_from_the_measured_state() -> None:
     car = object_state("ot1", CAR, 32.5, 72.0, -math.pi / 2, 10.0)
     [one] = coming_along(places_of(DRIVER)[0], [car])
     assert one.arrives_s == pytest.approx((70.0 - SIZE.front_m) / 10.0)
+    assert one.leaves_s == pytest.approx((74.0 + SIZE.rear_m) / 10.0)
+
+
+@pytest.mark.parametrize(
+    ("acceleration_mps2", "sooner"), [(2.0, True), (0.0, False), (-2.0, False)]
+)
+def test_one_that_speeds_up_arrives_by_its_acceleration_and_one_that_brakes_by_its_speed(
+    acceleration_mps2: float, sooner: bool
+) -> None:
+    """After the time it has driven v t + a t^2 / 2; that it stops isn't relied on."""
+    car = object_state("ot1", CAR, 32.0, 72.0, -math.pi / 2, 10.0)
+    car = replace(car, acceleration_mps2=acceleration_mps2)
+    [one] = coming_along(places_of(DRIVER)[0], [car])
+    t_s, way_m = one.arrives_s, 70.0 - SIZE.front_m
+    assert (t_s < way_m / 10.0 - 0.5) is sooner
+    assert 10.0 * t_s + max(acceleration_mps2, 0.0) * t_s * t_s / 2.0 == pytest.approx(way_m)
     assert one.leaves_s == pytest.approx((74.0 + SIZE.rear_m) / 10.0)
 
 
