@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from typing import Any, Literal
 
+from ssp_core import console
 from ssp_core.errors import HostError
 from ssp_core.ray_cluster import import_ray, joined
 from ssp_core.terminal import ignore_stop_signals
 
 Engine = Literal["processes", "ray"]
 ENGINES: tuple[Engine, ...] = ("processes", "ray")
+# Workers that the cluster has no room for in this time are done without, once there is one.
+_NOTE_S = 30.0
 
 
 def cluster(engine: Engine, workers: int) -> AbstractContextManager[None]:
@@ -69,6 +72,16 @@ class _Worker:
         return function(*one)
 
 
+def _answered(ray: Any, asked: Sequence[Any]) -> list[Any]:
+    """Return the answers of the actors that the cluster has had room for, of at least one."""
+    there, _ = ray.wait(asked, num_returns=len(asked), timeout=_NOTE_S)
+    while not there:
+        console.note("the Ray cluster has no free processor for a worker yet")
+        there, _ = ray.wait(asked, num_returns=1, timeout=_NOTE_S)
+    found: list[Any] = there
+    return found
+
+
 def _map_on(
     ray: Any,
     workers: int,
@@ -84,13 +97,15 @@ def _map_on(
     actors = [ray.remote(num_cpus=1)(_Worker).remote() for _ in range(count)]
     try:
         ours = software()
-        for theirs in ray.get([actor.do.remote(software) for actor in actors]):
+        asked = {actor.do.remote(software): actor for actor in actors}
+        there = _answered(ray, list(asked))
+        for theirs in ray.get(there):
             if theirs != ours:
                 raise HostError(
                     "a machine of the Ray cluster has another version of this software; install "
                     "the same one on all"
                 )
-        pool = ActorPool(actors)
+        pool = ActorPool([asked[one] for one in there])
         yield from pool.map(lambda actor, one: actor.do.remote(function, one), list(things))
     except ray.exceptions.RayTaskError as error:
         # As in one process; what can't be sent here is the cluster's trouble.
