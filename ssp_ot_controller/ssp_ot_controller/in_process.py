@@ -7,7 +7,6 @@ order, so that the states are the same to the last bit.
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -37,6 +36,7 @@ from ssp_ot_controller.objects.pool import ObjectPool
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Channel
 from ssp_ot_controller.sil.plant import BodyPlant
+from ssp_ot_controller.sil.scene import scene_of
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
 from ssp_ot_controller.sil.world import OVER, TrafficSimulation, World
 
@@ -45,16 +45,6 @@ if TYPE_CHECKING:
 
 # While the world holds it repeats its state so often, on the clock of those who wait.
 HOLD_PERIOD_S = 0.1
-
-
-class NoTraffic:
-    """A scene without anybody but the VUT and the targets: SUMO has nothing to say in it."""
-
-    def step(self, _poses: list[ObjectState]) -> list[ObjectState]:
-        return []
-
-    def traffic(self) -> list[ObjectState]:
-        return []
 
 
 class InProcessPlant:
@@ -239,14 +229,7 @@ def make_plant(
             remedy="run it in processes of their own",
         )
     with ExitStack() as resources:
-        scene: TrafficSimulation = NoTraffic()
-        if run.traffic:
-            from ssp_ot_controller.sil.sumo_world import SumoWorld
-
-            folder = work_dir or Path(
-                resources.enter_context(tempfile.TemporaryDirectory(prefix="ssp-sumo-"))
-            )
-            scene = resources.enter_context(SumoWorld(run, folder))
+        scene = resources.enter_context(scene_of(run, work_dir))
         driven = run.driven
         driver = None if driven is None else make_driver(driven.driver, driven.options, answers)
         if isinstance(driver, SeeingDriver):
@@ -298,7 +281,7 @@ def make_camera(run: RunSpec, server: ServerOfRun | None, on_server: OnServer) -
             value=camera.renderer,
             remedy="name it: --camera carla://HOST:PORT",
         )
-    from ssp_ot_controller.camera.painter import CarlaPainter, Shooting
+    from ssp_ot_controller.camera.carla_painter import CarlaPainter, Shooting
 
     client_library()
     asked = Shooting.of_run(run, camera), server.address, server.map_sha256, on_server

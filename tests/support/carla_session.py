@@ -20,8 +20,9 @@ from ssp_core.carla.acceptance import opendrive_sha256, read_map
 from ssp_core.carla.address import parse_address
 from ssp_core.errors import PeerError
 from ssp_core.world.plant import StepReport
-from ssp_ot_controller.in_process import InProcessPlant, NoTraffic
+from ssp_ot_controller.in_process import InProcessPlant
 from ssp_ot_controller.sil.carla_bodies import CarlaBodies
+from ssp_ot_controller.sil.scene import NoTraffic
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task
 from ssp_scenario_manager.run.in_process import Record, judged

@@ -23,8 +23,8 @@ from ssp_eval.draw.bag import write_drawn
 from ssp_eval.draw.pictures import Pictures
 from ssp_eval.draw.scenes import Recorded, read_recorded, scenes
 from ssp_eval.recordings.states import attached
+from ssp_ot_controller.camera.carla_painter import CarlaPainter
 from ssp_ot_controller.camera.frames import jpeg
-from ssp_ot_controller.camera.painter import CarlaPainter
 from ssp_scenario_manager.compile.task import TASK_FILE, TASK_FOLDER, Task
 
 

@@ -22,8 +22,8 @@ from ssp_core.run_file.road import Road
 from ssp_eval.data.provenance import Participants, Provenance
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.recordings.states import STATE_AGE_S
+from ssp_ot_controller.camera.carla_painter import Shooting
 from ssp_ot_controller.camera.frames import Odometer
-from ssp_ot_controller.camera.painter import Shooting
 from ssp_ot_controller.camera.redraw import Redrawing
 from ssp_ot_controller.camera.renderer.scene import Indicators, Scene
 

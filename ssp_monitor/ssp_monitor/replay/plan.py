@@ -5,15 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ssp_core import names
 from ssp_core.bag.metadata import parse_offered_qos
-from ssp_core.bag.reading.reader import TopicInfo
 from ssp_core.bag.writing.latched import is_static
 from ssp_core.errors import InputError
 from ssp_core.run_file.participation import CAMERA, POSITIONING, body_of
 from ssp_monitor.recorder.topics import CLOCK_TYPE, Pattern
+
+if TYPE_CHECKING:
+    from ssp_core.bag.reading.reader import TopicInfo
 
 # Of the project's own types these are acted on. The others report, whatever their topic is called.
 COMMAND_TYPES = frozenset(

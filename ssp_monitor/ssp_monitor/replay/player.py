@@ -9,14 +9,17 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 from ssp_core.bag.pictures.stamps import LOG_LEAP_S, PAUSE_S
-from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writing.latched import Kept, StaticTransforms, is_static
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_monitor.replay.plan import Plan, PlannedTopic, ReplayOptions
+
+if TYPE_CHECKING:
+    from ssp_core.bag.reading.reader import BagReader
 
 AHEAD_BYTES = 64 << 20
 AHEAD_MESSAGES = 20_000

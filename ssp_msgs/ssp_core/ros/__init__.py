@@ -26,7 +26,6 @@ from std_msgs.msg import String
 
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.clock import NS_PER_S, time_ns
-from ssp_core.console import report_error
 from ssp_core.environment import require_sound
 from ssp_core.errors import InputError, SspError
 from ssp_core.names import NAMESPACE, declared_topic
@@ -237,6 +236,13 @@ def init(
     )
 
 
+def _report(error: SspError) -> None:
+    # Terminal output is slow to import, and a node that has no error prints none.
+    from ssp_core.console import report_error
+
+    report_error(str(error))
+
+
 def run_node(
     make: Callable[[StopRequest], Node],
     shutdown: Callable[[Any], None],
@@ -266,7 +272,7 @@ def run_node(
     try:
         init(args)
     except InputError as error:
-        report_error(str(error))
+        _report(error)
         sys.exit(1)
     catch_stop_signals(lambda number: stop.set(number.name))
     status = 0
@@ -282,7 +288,7 @@ def run_node(
         while stop.reason is None and rclpy.ok():
             executor.spin_once(timeout_sec=0.2)
     except SspError as error:
-        report_error(str(error))
+        _report(error)
         status = 1
     except Exception:
         traceback.print_exc()
@@ -292,7 +298,7 @@ def run_node(
             if node is not None:
                 shutdown(node)
         except SspError as error:
-            report_error(str(error))
+            _report(error)
             status = 1
         except Exception:
             traceback.print_exc()

@@ -289,8 +289,6 @@ Leaf = (
     | ElapsedTime
 )
 Condition = Annotated[Leaf | AllOf | AnyOf, Field(discriminator="type")]
-AllOf.model_rebuild()
-AnyOf.model_rebuild()
 
 
 class Adaptation(Strict):

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator  # type: ignore[import-untyped] # has no types
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import FloatArray, Pose2, wrap_angles
@@ -153,6 +152,8 @@ def fallback_of(
 
 
 def _sampled(trajectory: Trajectory, step_s: float, limits: PlanLimits) -> _Sampled:
+    from scipy.interpolate import PchipInterpolator  # type: ignore[import-untyped]  # slow, no types
+
     t = np.array(trajectory.t_s)
     end_s = min(float(t[-1]), limits.longest_s)
     steps: FloatArray = step_s * np.arange(math.floor(end_s / step_s + 1e-6) + 1, dtype=np.float64)

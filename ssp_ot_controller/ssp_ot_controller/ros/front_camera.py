@@ -30,7 +30,7 @@ from ssp_core.run_file.model import Camera, RunSpec, load_run
 from ssp_core.world.scenery import left_out
 from ssp_msgs.msg import StepDone, WorldTick
 from ssp_ot_controller.camera.frames import Odometer, Schedule, jpeg, steps_per_frame
-from ssp_ot_controller.camera.painter import CarlaPainter, Painter, RasterPainter, Shooting
+from ssp_ot_controller.camera.painter import Painter, RasterPainter
 from ssp_ot_controller.camera.renderer.scene import Indicators, Scene
 from ssp_ot_controller.ros.endpoints import CameraPublishers
 from ssp_ot_controller.ros.parameters import FRONT_CAMERA
@@ -95,6 +95,8 @@ class FrontCamera(Node):
                 value=run.mode,
                 remedy="run it in lockstep",
             )
+        from ssp_ot_controller.camera.carla_painter import CarlaPainter, Shooting
+
         server = ServerOfRun.of_parameters(carla, map_file, "--camera")
         said = self.create_publisher(String, names.CAMERA_RENDERER, LATCHED)
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import faulthandler
 import sys
-import tempfile
 import time
 from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -41,11 +40,10 @@ from ssp_msgs.msg import (
 )
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.ros.parameters import SIL_WORLD
-from ssp_ot_controller.sil.carla_bodies import CarlaBodies
 from ssp_ot_controller.sil.disturbance import Channel, FaultChange
 from ssp_ot_controller.sil.patience import BUSY_LIMIT_S, DriverHold, Patience, idle_s
 from ssp_ot_controller.sil.plant import BodyPlant, OwnBodies
-from ssp_ot_controller.sil.sumo_world import SumoWorld
+from ssp_ot_controller.sil.scene import scene_of
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
 from ssp_ot_controller.sil.world import OVER, StepBarrier, World
 
@@ -77,10 +75,9 @@ class SilWorld(Node):
             )
         # Connecting to a server takes seconds: do it before anybody can see this node.
         self._plant = self._make_plant(given["carla"], given["map_file"])
-        self._work_dir = tempfile.TemporaryDirectory(prefix="ssp-sumo-")
-        self._sumo = SumoWorld(self._run, Path(self._work_dir.name))
-        self._sumo.__enter__()
-        self._world = World(self._run, self._sumo, self._plant)
+        self._surroundings = ExitStack()
+        scene = self._surroundings.enter_context(scene_of(self._run))
+        self._world = World(self._run, scene, self._plant)
         self._lockstep = self._run.mode == "lockstep"
         self._channel = Channel(self._run, names.VUT_ID)
         camera = self._run.camera
@@ -118,6 +115,8 @@ class SilWorld(Node):
         def tell(record: Mapping[str, Any]) -> None:
             said = self.create_publisher(String, names.WORLD_PLANT, ros.LATCHED)
             said.publish(String(data=canonical_json(record).decode()))
+
+        from ssp_ot_controller.sil.carla_bodies import CarlaBodies
 
         return CarlaBodies(self._run, server.address, server.map_sha256, tell)
 
@@ -336,8 +335,7 @@ class SilWorld(Node):
         faulthandler.dump_traceback_later(CLOSE_LIMIT_S, exit=True)
         for line in self._plant.close():
             self.get_logger().error(line)
-        self._sumo.__exit__(None, None, None)
-        self._work_dir.cleanup()
+        self._surroundings.close()
 
 
 def _session_of(message: SessionState) -> SessionPhase:
