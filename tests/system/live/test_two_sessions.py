@@ -22,15 +22,21 @@ from tests.system.recordings import Recordings
 PORT = 21_000
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
-# A simulated session whose nodes take domain and discovery from the environment, as no session of
-# ``ssp run`` does: what is left between it and a live one is the session's token and mode.
-NOT_ISOLATED = """
+# ``ssp``, which waits for the end of another session, since this one doesn't end, no longer than it
+# has to.
+SSP = """
 import sys
 from ssp_core import cli
-from ssp_scenario_manager.run import over_dds
-over_dds.session_environment = lambda *_: over_dds.live_environment(over_dds.HOSTS_PROFILE)
-sys.exit(cli.main())
+from ssp_scenario_manager.run import follow, over_dds
+follow.OTHERS_S = 1.0
 """
+RUN = "sys.exit(cli.main())"
+# A simulated session whose nodes take domain and discovery from the environment, as no session of
+# ``ssp run`` does: what is left between it and a live one is the session's token and mode.
+NOT_ISOLATED = (
+    f"{SSP}over_dds.session_environment = lambda *_: "
+    f"over_dds.live_environment(over_dds.HOSTS_PROFILE)\n{RUN}"
+)
 BEFORE_ARMING = {SessionPhase.IDLE, SessionPhase.LOADED, SessionPhase.CONNECTED}
 
 
@@ -119,7 +125,9 @@ def second_is_refused(stage: Any) -> None:
     for."""
     command = ["run", str(stage.folder / "task"), "--mode", "live", "--start-at-once"]
     command += ["--no-camera", "--odometry", ODOMETRY, "--out", str(stage.folder / "second")]
-    result, status = ended(stage, "second", stage.start("second", ssp_command(*command)))
+    result, status = ended(
+        stage, "second", stage.start("second", [sys.executable, "-c", SSP + RUN, *command])
+    )
     assert (result["verdict"], status) == ("invalid_harness", 1), result
     reason = result["reasons"][0]
     assert reason.startswith("foreign_manager: "), reason
