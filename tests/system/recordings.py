@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.cli import main
-from ssp_core.files import write_text
+from ssp_core.files import make_folder, write_text
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.compile.changes import value_at, with_value
 from ssp_scenario_manager.event_spec.load import load_event
@@ -24,6 +24,8 @@ from tests.support.places import site_of
 
 # Of sessions whose pictures aren't looked at.
 SMALL = {"camera.width_px": 240, "camera.height_px": 136}
+# The smallest that the shipped K* take.
+LEAST_PX = 640, 360
 SAID_FILE = "said.json"
 SESSION_S = 540.0
 HERE = Path(__file__).parent
@@ -69,6 +71,16 @@ def change_on_site(
     write_text(task / "run.yaml", run.model_dump_json(by_alias=True, indent=1) + "\n")
 
 
+def site_with_pictures(folder: Path, name: str, size_px: tuple[int, int] = LEAST_PX) -> Path:
+    """A shipped site in a folder, with pictures of this size."""
+    site = folder / f"{name}.site.yaml"
+    size = "width_px: {}, height_px: {}".format
+    text = (LIBRARY / "sites" / site.name).read_text()
+    assert size(960, 540) in text
+    write_text(site, text.replace(size(960, 540), size(*size_px)))
+    return site
+
+
 def changed_run(
     folder: Path,
     bound: Path,
@@ -76,7 +88,7 @@ def changed_run(
     *,
     logged: bool = True,
     program: str | None = None,
-    size_px: tuple[int, int] = (640, 360),
+    size_px: tuple[int, int] = LEAST_PX,
 ) -> None:
     """A run of the simulation in ``folder/run``, compiled in ``folder/task`` and then changed.
 
@@ -88,11 +100,7 @@ def changed_run(
         program: that runs the command line, and the session's processes; None: in one process.
         size_px: width and height of the pictures, no smaller than K* takes them.
     """
-    task, site = folder / "task", folder / "boulevard.site.yaml"
-    size = "width_px: {}, height_px: {}".format
-    text = (LIBRARY / "sites" / site.name).read_text()
-    assert size(960, 540) in text
-    write_text(site, text.replace(size(960, 540), size(*size_px)))
+    task, site = folder / "task", site_with_pictures(folder, "boulevard", size_px)
     succeed("compile", bound, "--target", "sumo", "--site", site, "--out", task)
     change_on_site(task, changes, logged=logged)
     given = [task, "--seed", 11, "--out", folder / "run"]
@@ -140,23 +148,16 @@ class Recordings:
         return load_event(str(self.k_star(event)))[1]
 
     def get(self, event: str, domain: str) -> Path:
-        """A run's folder; over DDS its bag would be the same (test_in_process)."""
+        """A run's folder, with small pictures; over DDS it would be the same (test_in_process)."""
         bound = self.k_star(event)
         target = self.folder / f"{event}-{domain}"
         with self._once(target.name) as missing:
             if missing and domain == "synthetic":
                 self._import(event, target)
             elif missing:
-                run = (
-                    "run",
-                    bound,
-                    "--site",
-                    site_of(event, domain),
-                    "--seed",
-                    11,
-                    "--out",
-                    target,
-                )
+                sites = make_folder(self.folder / f"{target.name}-site")
+                site = site_with_pictures(sites, site_of(event, domain))
+                run = ("run", bound, "--site", site, "--seed", 11, "--out", target)
                 succeed(*run, "--in-process", "--record")
         return target
 
