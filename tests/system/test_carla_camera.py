@@ -83,7 +83,7 @@ def test_a_session_that_carla_draws(task: Path, tmp_path: Path, start_session: A
 class Watched(Counterpart):
     """A server that tells when it has sent many pictures."""
 
-    many = 90
+    many = 50
 
     def __init__(self, behaviour: Behaviour) -> None:
         super().__init__(behaviour)
