@@ -14,7 +14,7 @@ from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import RunSpec
-from ssp_core.world.driver import Answer, DriveMode, DriveReport, Question, history_of
+from ssp_core.world.driver import Answer, DriveMode, DriveReport, EgoSample, Question, history_of
 from ssp_ot_controller.driving.baselines import BASELINES, lane_plan, make_driver
 from ssp_ot_controller.driving.pilot import Pilot
 from tests.support.runs import cut_in_run
@@ -253,3 +253,19 @@ def test_aeb_brakes_at_its_time_to_collision_and_not_for_what_is_beside_its_lane
     assert not brakes(20.1)
     assert not brakes(15.0, y_m=3.5)
     assert not brakes(15.0, speed_mps=9.9)
+
+
+def test_a_plan_along_a_bend_turns_from_its_beginning_on() -> None:
+    """A lane is given by points 2 m apart, and of a plan little is driven before the next one."""
+    radius_m, speed_mps = 12.0, 5.0
+    bend = tuple(
+        (radius_m * math.sin(s / radius_m), radius_m * (1.0 - math.cos(s / radius_m)))
+        for s in range(0, 40, 2)
+    )
+    sample = EgoSample(0.0, 0.0, 0.0, 0.0, speed_mps, 0.0)
+    plan = lane_plan(Question(1, 0, (sample,), bend)).trajectory
+    assert plan is not None
+    for t_s, x_m, y_m in zip(plan.t_s, plan.x_m, plan.y_m, strict=True):
+        driven_m = speed_mps * t_s
+        assert x_m == pytest.approx(radius_m * math.sin(driven_m / radius_m), abs=1e-3)
+        assert y_m == pytest.approx(radius_m * (1.0 - math.cos(driven_m / radius_m)), abs=1e-3)

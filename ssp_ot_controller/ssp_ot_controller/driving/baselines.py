@@ -42,10 +42,27 @@ def lane_plan(
     speed = max(question.speed_mps if speed_mps is None else speed_mps, 0.0)
     driven_s = np.minimum(t, speed / deceleration_mps2) if deceleration_mps2 > 0.0 else t
     way = speed * driven_s - 0.5 * deceleration_mps2 * driven_s**2
-    lane = Polyline(question.route_m)
-    begin, _ = lane.project_beyond(0.0, 0.0)
-    x, y = lane.places(begin + way)
+    x, y = _along(Polyline(question.route_m), way)
     return Answer(Trajectory(tuple(t.tolist()), tuple(x.tolist()), tuple(y.tolist())))
+
+
+def _along(lane: Polyline, way_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return x and y of a lane after ways from beside the VUT, shape (n,).
+
+    Between the lane's points the curve bends as the lane does. On the straight pieces of the
+    polyline a plan that begins anew with each question would never turn, and a VUT that tracks it
+    would drift outwards.
+    """
+    # Imported here: a driver that isn't asked for a plan along a lane needs none of it.
+    from scipy.interpolate import CubicSpline  # type: ignore[import-untyped]  # no types
+
+    begin_m, _ = lane.project_beyond(0.0, 0.0)
+    stations_m = begin_m + way_m
+    x, y = lane.places(stations_m)
+    if len(lane.points) > 3:
+        bent = (stations_m >= lane.stations_m[0]) & (stations_m <= lane.stations_m[-1])
+        x[bent], y[bent] = CubicSpline(lane.stations_m, lane.points)(stations_m[bent]).T
+    return x, y
 
 
 class _Keeping:

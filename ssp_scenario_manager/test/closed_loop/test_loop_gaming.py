@@ -33,7 +33,7 @@ EVENTS = {
     "oncoming_turn": 2,
     "slow_lead": 1,
     "vru_crossing": 2,
-    "vut_turn": 1,
+    "vut_turn": 4,
 }
 LATENCY = Latency(0.3)
 SCRIPTED = CampaignDriver(driver="scripted")
