@@ -166,14 +166,9 @@ class InProcessPlant:
         """Have the driver of a driven run lead the VUT on from its newest state."""
         if vut_states:
             self._vut_state = vut_states[-1]
-        world, vut = self._world, self._vut_state
-        if self._pilot is None or vut is None:
+        if self._pilot is None or self._vut_state is None:
             return None
-        command, report = self._pilot.step(world.step_index, world.now_ns, vut, truths)
-        self._commands.pop(self._run.vut.id, None)
-        if command is not None:
-            self._commands[self._run.vut.id] = world.step_index, command
-        return report
+        return self._pilot.lead(self._world, self._vut_state, truths, self._commands)
 
     def _driver_lost(self, silence_s: float, words: str = "") -> LimitFact:
         return LimitFact(

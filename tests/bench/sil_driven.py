@@ -14,9 +14,10 @@ from typing import Any
 
 from measure import report
 
+from ssp_core.run_file.driven import NO_RESPONSE
 from ssp_core.run_file.latency import ZERO_LATENCY
 from ssp_core.run_file.model import Camera, RunSpec
-from ssp_core.world.driver import NO_RESPONSE, driver_options
+from ssp_core.world.driver import driver_options
 from ssp_ot_controller.driving.frames import QuestionFrames
 from ssp_scenario_manager.closed_loop.starts.start import Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run

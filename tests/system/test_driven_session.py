@@ -41,6 +41,23 @@ def test_a_driver_leads_the_vut_over_dds_to_the_states_of_one_process(start_sess
     assert counts["/ssp/vut/reference"] > 50
 
 
+@pytest.mark.parametrize(
+    ("driver", "outcome"), [("no_response", "collision"), ("built_in", "avoided")]
+)
+def test_a_vut_that_is_commanded_without_plans_has_the_states_of_one_process(
+    start_session: Any, driver: str, outcome: str
+) -> None:
+    """The world leads it: there is no node that could answer with a plan."""
+    session = start_session("cut_in", "--drive", driver, "--no-camera", name=driver)
+    result = session.finish()
+    assert (result["verdict"], result["reasons"]) == ("valid", []), session.lines
+    assert (result["driven"]["outcome"], result["in_process"]) == (outcome, False), result["driven"]
+    assert result["driven"]["questions"] == 0
+    assert not (session.folder / "logs" / "vut_driver.log").exists()
+    if driver == "no_response":
+        assert result["driven"]["v_i_mps"] == result["driven"]["v_r_mps"]
+
+
 MODEL = """
 import pathlib
 

@@ -29,6 +29,8 @@ from ssp_vla_bridge.egodriver.options import read_options
 MODEL = "model"
 # The key of an entry by which a driver is given the centre line, and the backends that hand it on.
 CENTRE_LINE = "centre_line"
+# The key of an entry whose bridge's node was started by somebody else.
+ATTACHED = "attached"
 _TAKE_CENTRE_LINE = ("python", "http")
 # A policy behind AlpaSim's EgodriverService: what the options of a driver hold instead, and its
 # backend's name. It keeps a session with its server, so that it is no backend of open loop.
@@ -59,15 +61,13 @@ def driver_options(
         entry = _entry(name, models_file)
     else:
         entry = beside_options(given)
+        if ATTACHED in given:
+            raise _attached(name)
     spec = entry_spec(name, entry)
     if spec.backend_name == EGODRIVER:
         return _policy_options(name, entry)
     if spec.attached:
-        raise InputError(
-            "an attached bridge doesn't drive in one process",
-            field=f"driver {name}",
-            remedy="name its backend",
-        )
+        raise _attached(name)
     if CONTROLS.get(spec.backend_name):
         raise InputError(
             "answers from labels, and a driver gets none",
@@ -92,6 +92,21 @@ def driver_options(
         )
     check_bridge(spec)
     return {MODEL: entry}
+
+
+def _attached(name: str) -> InputError:
+    """Return the refusal of a bridge's node that runs already.
+
+    Each run has a fresh driver (METHOD 8.2), and the world waits for what says that it is asked.
+    """
+    return InputError(
+        "a bridge's node that runs already doesn't drive: it would remember the run before, and "
+        "its answers can't be told from those to others",
+        field=f"driver {name}.{ATTACHED}",
+        value=True,
+        remedy='end that node, and name what it is made of: NAME={"backend": …, …options}; each '
+        "run then loads it anew, and a service that it asks may stay",
+    )
 
 
 def _takes_centre_line(backend: str) -> bool:

@@ -11,6 +11,9 @@ from ssp_core.hashing import sha256_json
 from ssp_core.run_file.latency import ZERO_LATENCY, LatencyField
 from ssp_core.run_file.values import NonNegative, Positive, Strict
 
+# They command the VUT without plans: as the twin is led, and as an open-loop session is.
+NO_RESPONSE, BUILT_IN = "no_response", "built_in"
+COMMANDED = (NO_RESPONSE, BUILT_IN)
 # A part of topics, as a model's name is.
 _NAME = r"^[A-Za-z][A-Za-z0-9_]{0,63}$"
 DriverName = Annotated[str, Field(pattern=_NAME)]

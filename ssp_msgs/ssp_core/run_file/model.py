@@ -19,7 +19,7 @@ from pydantic import (
 
 from ssp_core.files import load_model
 from ssp_core.hashing import sha256_json
-from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.driven import COMMANDED, Driven
 from ssp_core.run_file.participants import (
     Driver,
     ParticipantSpec,
@@ -415,8 +415,12 @@ class RunSpec(Strict):
 
     @property
     def has_driver_node(self) -> bool:
-        """Tell whether another node drives the VUT of a session of several processes."""
-        return self.driver.external or self.driven is not None
+        """Tell whether another node drives the VUT of a session of several processes.
+
+        The world itself leads a VUT that is commanded without plans.
+        """
+        is_asked = self.driven is not None and self.driven.driver not in COMMANDED
+        return self.driver.external or is_asked
 
     @property
     def driven_hash(self) -> str:

@@ -27,9 +27,6 @@ from ssp_core.value_class import value_class
 # imports the other.
 BASELINE_MODULE = "ssp_ot_controller.driving.baselines"
 BRIDGE_MODULE = "ssp_eval.evaluate.driving"
-# They command the VUT without plans: as the twin is led, and as an open-loop session is.
-NO_RESPONSE, BUILT_IN = "no_response", "built_in"
-COMMANDED = (NO_RESPONSE, BUILT_IN)
 _NOWHERE = Pose2(0.0, 0.0, 0.0)
 
 
@@ -363,11 +360,6 @@ def sees_frames(name: str) -> bool:
     """Tell whether a driver's questions hold frames: those of all models do."""
     known: bool = importlib.import_module(BASELINE_MODULE).is_known(name)
     return not known
-
-
-def drives_as_node(name: str) -> bool:
-    """Tell whether a driver may lead the VUT of a session of several processes, by its plans."""
-    return name not in COMMANDED
 
 
 def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:

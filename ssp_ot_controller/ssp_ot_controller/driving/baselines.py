@@ -18,9 +18,10 @@ from ssp_core.geometry import FloatArray, Polyline
 from ssp_core.motion.encounter import corridor_half_m
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.trajectory import Trajectory
+from ssp_core.run_file.driven import COMMANDED
 from ssp_core.run_file.values import Positive, Strict
 from ssp_core.vocabulary import Role
-from ssp_core.world.driver import COMMANDED, Answer, PlanDriver, Question
+from ssp_core.world.driver import Answer, PlanDriver, Question
 from ssp_ot_controller.bodies.dynamics import LIMITS
 
 HORIZON_S = 5.0

@@ -20,10 +20,9 @@ from ssp_core.geometry import Point, Polyline
 from ssp_core.motion.approach import approach_points
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.driven import BUILT_IN, Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import (
-    BUILT_IN,
     Answered,
     DriveMode,
     DriveReport,
@@ -36,6 +35,7 @@ from ssp_ot_controller.driving.frames import QuestionFrames
 from ssp_ot_controller.driving.plan import MapPlan, fallback_of
 from ssp_ot_controller.driving.questions import Questions
 from ssp_ot_controller.sil.vut_driver import steer
+from ssp_ot_controller.sil.world import World
 
 ROUTE_M = 80.0
 _ROUTE_STEP_M = 2.0
@@ -161,6 +161,27 @@ class Pilot:
         command, _ = self._tracker.track(vut, reference, now_ns)
         ended, ends_with = questions.ended, questions.ends_with
         return command, DriveReport(mode, answered, fresh, asked, given, ended, ends_with)
+
+    def lead(
+        self,
+        world: World,
+        vut: ObjectState,
+        truths: Sequence[ObjectState],
+        commands: dict[str, tuple[int, Command]],
+    ) -> DriveReport:
+        """Lead the VUT until the next step, from where it reported to be.
+
+        Args:
+            world: in its present state.
+            vut: its newest reported state.
+            truths: true states of everything.
+            commands: takes the VUT's; the built-in driver leads where it has none.
+        """
+        command, report = self.step(world.step_index, world.now_ns, vut, truths)
+        commands.pop(vut.object_id, None)
+        if command is not None:
+            commands[vut.object_id] = world.step_index, command
+        return report
 
     def _take_due(self, questions: Questions, now_ns: int) -> Answered | None:
         """Take the open answer if it is effective now, and its plan."""

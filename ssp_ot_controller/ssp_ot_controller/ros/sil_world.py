@@ -39,8 +39,9 @@ from ssp_msgs.msg import (
     WorldTick,
 )
 from ssp_ot_controller.bodies.dynamics import Command
+from ssp_ot_controller.driving.commanded import WorldsVut
 from ssp_ot_controller.ros.parameters import SIL_WORLD
-from ssp_ot_controller.sil.disturbance import Channel, FaultChange
+from ssp_ot_controller.sil.disturbance import FaultChange
 from ssp_ot_controller.sil.patience import BUSY_LIMIT_S, DriverHold, Patience, idle_s
 from ssp_ot_controller.sil.plant import BodyPlant, OwnBodies
 from ssp_ot_controller.sil.scene import scene_of
@@ -79,7 +80,7 @@ class SilWorld(Node):
         scene = self._surroundings.enter_context(scene_of(self._run))
         self._world = World(self._run, scene, self._plant)
         self._lockstep = self._run.mode == "lockstep"
-        self._channel = Channel(self._run, names.VUT_ID)
+        self._vut = WorldsVut(self._run)
         camera = self._run.camera
         external = (names.VUT_DRIVER,) if self._run.has_driver_node else ()
         self._barrier = StepBarrier(
@@ -197,6 +198,7 @@ class SilWorld(Node):
         manager_lost = self._manager_lost()
         drive_vut = self._session is SessionPhase.RUNNING and not manager_lost
         before_ns = self._world.now_ns
+        self._vut.lead(self._world, self._commands)
         self._world.advance(self._commands, drive_vut)
         self._patience.begin(time.monotonic_ns())
         self._report_driver(before_ns)
@@ -240,10 +242,10 @@ class SilWorld(Node):
 
     def _report_vut(self, running: bool) -> int:
         """Send what the VUT reports of itself; return the number of states that arrive now."""
-        now_ns, channel = self._world.now_ns, self._channel
-        armed = self._session is SessionPhase.ARMED
-        self._publish_faults(channel.begin(now_ns, running=running, armed=armed), now_ns)
-        arrived = channel.up(channel.measure(self._world.vut(), now_ns), now_ns)
+        now_ns, armed = self._world.now_ns, self._session is SessionPhase.ARMED
+        changes = self._vut.channel.begin(now_ns, running=running, armed=armed)
+        self._publish_faults(changes, now_ns)
+        arrived = self._vut.report(self._world)
         for state in arrived:
             self._pub_vut.publish(encode_state(state))
         return len(arrived)

@@ -28,11 +28,7 @@ from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
-from ssp_core.world.driver import (
-    COMMANDED,
-    SeeingDriver,
-    make_driver,
-)
+from ssp_core.world.driver import SeeingDriver, make_driver
 from ssp_core.world.driver_answers import NODE_ANSWERS_FILE, answers_in_event
 from ssp_core.world.event_messages import encode_limit
 from ssp_core.world.plant import LimitFact
@@ -68,7 +64,7 @@ class VutDriver(Node):
         given = ros.declare(self, VUT_DRIVER)
         run = load_run(given["run_file"])
         driven = run.driven
-        if driven is None or driven.driver in COMMANDED:
+        if driven is None or not run.has_driver_node:
             raise InputError(
                 "names no driver that answers with plans",
                 file=given["run_file"],

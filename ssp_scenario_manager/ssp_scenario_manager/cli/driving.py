@@ -10,7 +10,7 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.processes import beside_measuring, measuring_alone
 from ssp_core.run_file.model import RunSpec
-from ssp_core.world.driver import drives_as_node, sees_frames, try_driver
+from ssp_core.world.driver import sees_frames, try_driver
 from ssp_scenario_manager.closed_loop.single_run.single import Drive, parse_drive
 from ssp_scenario_manager.compile.targets.folder import Mode
 from ssp_scenario_manager.run import faults
@@ -22,7 +22,6 @@ def asked_driver(
     models_file: Path | None,
     mode: Mode,
     *,
-    in_process: bool,
     swept: bool,
     insecure: bool,
 ) -> Drive | None:
@@ -47,11 +46,6 @@ def asked_driver(
     if swept:
         raise click.UsageError("--drive goes with one run")
     drive = parse_drive(text, latency or "zero", models_file, insecure=insecure)
-    if not in_process and not drives_as_node(drive.driver):
-        raise click.UsageError(
-            f"--drive {drive.driver} needs --in-process: a driver that leads the VUT without plans "
-            "drives in one process only"
-        )
     measures = drive.latency.measured and sees_frames(drive.driver)
     alone = measuring_alone if measures else beside_measuring
     click.get_current_context().with_resource(alone(console.note))
@@ -59,10 +53,8 @@ def asked_driver(
     return drive
 
 
-def check_driven(
-    spec: RunSpec, what: str, seed: int | None, *, in_process: bool, swept: bool
-) -> None:
-    """Refuse a driven session's folder where no driver would lead its VUT, or its start differs."""
+def check_driven(spec: RunSpec, what: str, seed: int | None, *, swept: bool) -> None:
+    """Refuse a driven session's folder for many runs, or with another start."""
     driven = spec.driven
     if driven is not None and seed is not None:
         raise InputError(
@@ -71,13 +63,13 @@ def check_driven(
             value=seed,
             remedy="leave it out, or name the event instead of the folder",
         )
-    if driven is not None and (swept or not (in_process or drives_as_node(driven.driver))):
+    if driven is not None and swept:
         raise InputError(
-            "its VUT is led by a driver, in one process only",
+            "its VUT is led by a driver, in one run",
             file=what,
             field="driven",
             value=driven.driver,
-            remedy="give --in-process, without --runs and --vary",
+            remedy="leave out --runs and --vary; `ssp loop` drives many",
         )
 
 

@@ -241,7 +241,6 @@ def run(
         latency,
         models_file,
         mode,
-        in_process=in_process,
         swept=bool(runs or vary),
         insecure=drive_insecure,
     )
@@ -287,7 +286,7 @@ def run(
         if faults_file is not None:
             spec = with_faults(spec, load_faults(faults_file), faults_file)
         check_live(spec)
-        check_driven(spec, what, seed, in_process=in_process, swept=swept)
+        check_driven(spec, what, seed, swept=swept)
         await_measured(spec, drive)
         if live is not None:
             live.check(spec)

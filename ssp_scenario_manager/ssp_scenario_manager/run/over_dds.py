@@ -293,7 +293,7 @@ def _simulated(spec: RunSpec, run_file: Path, bag: Path) -> dict[str, dict[str, 
         names.SIL_WORLD: {"run_file": run_file},
         names.OBJECT_TARGET: {"run_file": run_file},
     }
-    if spec.driven is not None:
+    if spec.driven is not None and spec.has_driver_node:
         found[names.VUT_DRIVER] = {"run_file": run_file}
     if spec.camera is not None:
         found[names.FRONT_CAMERA] = {"run_file": run_file}

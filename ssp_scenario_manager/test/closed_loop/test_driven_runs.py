@@ -537,7 +537,6 @@ def test_an_operators_abort_is_the_last_fact_of_a_recorded_session(
     [
         (["--mode", "live"], "no model drives hardware"),
         (["--mode", "realtime"], "goes with no realtime session"),
-        (["--drive", "built_in"], "needs --in-process"),
         (["--in-process", "--runs", "2"], "goes with one run"),
         (["--in-process", "--latency", "fast"], "give zero, or fixed:S"),
         (["--in-process", "--latency", "fixed:nan"], "give zero, or fixed:S"),

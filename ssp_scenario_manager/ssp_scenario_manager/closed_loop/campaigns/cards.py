@@ -23,9 +23,10 @@ from ssp_core.compiled import core_in_use
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_json
+from ssp_core.run_file.driven import COMMANDED
 from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import RunSpec
-from ssp_core.world.driver import COMMANDED, GivenAnswer, model_facts, sees_frames
+from ssp_core.world.driver import GivenAnswer, model_facts, sees_frames
 from ssp_scenario_manager.closed_loop.answers import load_answers, row_file
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver, LoopPlan
 from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL, CAREFUL_DRIVER

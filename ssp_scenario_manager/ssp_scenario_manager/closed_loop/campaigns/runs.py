@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.files import make_folder
-from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.driven import BUILT_IN, COMMANDED, Driven
 from ssp_core.run_file.latency import ZERO_LATENCY, Latency
 from ssp_core.run_file.model import RunSpec
-from ssp_core.world.driver import BUILT_IN, COMMANDED, RecordedAnswer
+from ssp_core.world.driver import RecordedAnswer
 from ssp_scenario_manager.closed_loop.answers import (
     KeptAnswers,
     Question,

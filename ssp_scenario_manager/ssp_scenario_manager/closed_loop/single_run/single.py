@@ -10,11 +10,10 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
-from ssp_core.run_file.driven import Driven, is_driver_name
+from ssp_core.run_file.driven import BUILT_IN, Driven, is_driver_name
 from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import (
-    BUILT_IN,
     RecordedAnswer,
     driver_options,
     history_s_of,

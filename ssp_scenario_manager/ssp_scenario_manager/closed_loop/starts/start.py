@@ -13,12 +13,12 @@ from ssp_core.files import parse_model
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.driven import Driven
+from ssp_core.run_file.driven import BUILT_IN, NO_RESPONSE, Driven
 from ssp_core.run_file.latency import ZERO_LATENCY, Latency
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.run_file.participants import ElapsedTime, Hold, ParticipantSpec, TriggerSpec
 from ssp_core.vocabulary import Phase
-from ssp_core.world.driver import BUILT_IN, NO_RESPONSE, sees_frames
+from ssp_core.world.driver import sees_frames
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.closed_loop.contact import Contact, first_contact
 from ssp_scenario_manager.closed_loop.starts.box import drawn_run, gap_draw
