@@ -353,7 +353,7 @@ class World(Struck):
         self.node._session = SessionPhase.RUNNING
 
     def close(self) -> None:
-        self.node._sumo.__exit__(None, None, None)
+        self.node._surroundings.close()
         super().close()
 
 
