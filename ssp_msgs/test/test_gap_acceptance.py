@@ -20,6 +20,7 @@ from ssp_core.world.gap_acceptance import (
     HYSTERESIS_S,
     Coming,
     PriorityWatch,
+    Word,
     coming_along,
     decide,
     places_of,
@@ -40,10 +41,10 @@ DRIVER = Driver(cruise_mps=8.0, gives_way=[PLACE])
 LEAST_S = PLACE.critical_gap_s
 
 
-def at_line(arrives_s: float, leaves_s: float = 99.0, before: str = "approach") -> str:
-    """What a driver who stands at the line does."""
+def at_line(arrives_s: float, leaves_s: float = 99.0, before: Word = "approach") -> Word:
+    """Decides for a driver who stands at the line."""
     one = Coming("ot1", arrives_s, leaves_s)
-    return decide(PLACE, 28.0, 0.0, [one], DRIVER, before).word  # type: ignore[arg-type]
+    return decide(PLACE, 28.0, 0.0, [one], DRIVER, before).word
 
 
 def test_at_the_line_it_goes_into_a_gap_of_the_critical_length_and_no_shorter_one() -> None:
@@ -187,10 +188,10 @@ def test_a_driver_who_does_not_react_gives_nobody_way() -> None:
     st.sampled_from(["approach", "go", "yield", "wait"]),
 )
 def test_one_who_decides_to_go_meets_no_object_in_the_zone(
-    to_line_m: float, speed_mps: float, times: list[tuple[float, float]], before: str
+    to_line_m: float, speed_mps: float, times: list[tuple[float, float]], before: Word
 ) -> None:
     coming = [Coming(str(k), a, a + d) for k, (a, d) in enumerate(times)]
-    made = decide(PLACE, 28.0 - to_line_m, speed_mps, coming, DRIVER, before)  # type: ignore[arg-type]
+    made = decide(PLACE, 28.0 - to_line_m, speed_mps, coming, DRIVER, before)
     assert made.heeded == {c.object_id for c in coming}
     assert not math.isnan(made.most_mps2)
     if made.word == "go" and before != "go":

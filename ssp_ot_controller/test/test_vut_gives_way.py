@@ -39,7 +39,7 @@ class Drive:
 
     @property
     def slowest_mps(self) -> float:
-        """Of the VUT before the turn's end, once it is at cruise speed."""
+        """Least speed of the VUT before the turn's end, once it is at cruise speed."""
         return min(s.speed_mps for s in self.states[round(6.0 / DT) :] if s.y_m < 20.0)
 
 

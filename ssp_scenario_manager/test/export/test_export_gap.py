@@ -78,7 +78,7 @@ def test_a_walker_is_where_the_session_that_adapts_its_speed_has_it(tmp_path: Pa
 
 
 def most_apart_m(task: Task, block: Block, who: str, folder: Path) -> float:
-    """How far a player's object is from the session's until the scenario's end."""
+    """Distances of a player's object from the session's until the scenario's end."""
     files = export_openscenario(task, block, None, folder)
     track = play(files[0].read_bytes(), files[2].read_bytes(), block.line)[who]
     states = driven(task.run)[1].truths(who)

@@ -11,6 +11,7 @@ import pytest
 from ssp_core.geometry import Polyline
 from ssp_core.motion.encounter import corridor_half_m, swept_on_way
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import TimeToArrival
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.gap_acceptance import PriorityWatch
 from ssp_ot_controller.sil.vut_driver import VutDriver
@@ -74,8 +75,9 @@ def test_a_vut_that_does_not_react_hits_it() -> None:
 def shifted(run: RunSpec, shift_s: float) -> RunSpec:
     """The run with a vehicle that drives off so much later, and no order that is to be kept."""
     (trigger,) = run.triggers
-    later = {"below_s": trigger.condition.below_s - shift_s}  # type: ignore[union-attr]
-    condition = trigger.condition.model_copy(update=later)
+    condition = trigger.condition
+    assert isinstance(condition, TimeToArrival)
+    condition = condition.model_copy(update={"below_s": condition.below_s - shift_s})
     moved = trigger.model_copy(update={"condition": condition, "not_before_s": 0.0})
     return run.model_copy(update={"triggers": [moved], "passing": None})
 
