@@ -13,6 +13,7 @@ import pytest
 
 from ssp_core import names
 from ssp_core.bag.reading.reader import BagReader
+from ssp_core.compiled import core_in_use
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import Camera
 from ssp_core.world.driver import driver_options
@@ -53,6 +54,7 @@ def test_a_vut_that_is_commanded_without_plans_has_the_states_of_one_process(
     assert (result["verdict"], result["reasons"]) == ("valid", []), session.lines
     assert (result["driven"]["outcome"], result["in_process"]) == (outcome, False), result["driven"]
     assert result["driven"]["questions"] == 0
+    assert result["compiled_core"] == core_in_use()
     assert not (session.folder / "logs" / "vut_driver.log").exists()
     if driver == "no_response":
         assert result["driven"]["v_i_mps"] == result["driven"]["v_r_mps"]
