@@ -20,7 +20,7 @@ from builtin_interfaces.msg import Time
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from ssp_core import names, ros
 from ssp_core.bag.operations.check import check_bag
@@ -48,6 +48,12 @@ from tests.support.waiting import DEADLINE_S
 pytestmark = pytest.mark.ros
 STEP_NS = 10_000_000
 STATES = ("vut/state", "ot1/state", "walker/state")
+CAMERA = (names.CAMERA_IMAGE, names.CAMERA_INFO)
+KINDS = {
+    names.WORLD_TICK: WorldTick,
+    names.CAMERA_IMAGE: CompressedImage,
+    names.CAMERA_INFO: CameraInfo,
+}
 
 
 class Session:
@@ -82,6 +88,7 @@ class Session:
             (ObjectState, "walker/state", ros.STATE),
             (SessionState, names.SESSION_STATE, ros.LATCHED),
             (CompressedImage, names.CAMERA_IMAGE, ros.SENSOR),
+            (CameraInfo, names.CAMERA_INFO, ros.SENSOR),
         )
 
     def step(self, k: int) -> None:
@@ -110,12 +117,12 @@ class Session:
         for topic in topics:
             publisher = self.publishers[topic]
             self.spin_until(lambda p=publisher: p.get_subscription_count() > 0, f"reader: {topic}")
-            kind = WorldTick if topic == names.WORLD_TICK else ObjectState
-            self._send(topic, kind(), ros.stamp_from_ns(0))
+            self._send(topic, KINDS.get(topic, ObjectState)(), ros.stamp_from_ns(0))
             self.spoken.append(topic)
 
     def wait_ready(self) -> None:
-        self.speak(*(one for one in (names.WORLD_TICK, *STATES) if one not in self.spoken))
+        early = (names.WORLD_TICK, *STATES, *CAMERA)
+        self.speak(*(one for one in early if one not in self.spoken))
         self.spin_until(lambda: bool(self.status) and self.status[-1].ready, "readiness")
 
     def close(self) -> None:
@@ -185,7 +192,7 @@ def test_an_ordinary_stop_leaves_a_complete_bag(session, monitor, run_file, tmp_
         for topic in ("/ssp/world/tick", "/ssp/vut/state", "/ssp/walker/state"):
             assert counts[topic] == steps + 1
         assert counts["/ssp/session_state"] == 1
-        assert counts["/ssp/vut/front_camera/image/compressed"] == steps // 10
+        assert counts["/ssp/vut/front_camera/image/compressed"] == steps // 10 + 1
         assert counts["/ssp/recorder_status"] > 0
         before, *states = bag.messages(["/ssp/ot1/state"])
         assert before.log_time_ns == 0
@@ -218,7 +225,7 @@ def test_a_kill_leaves_everything_up_to_the_last_flush(session, monitor, tmp_pat
     assert read_verdict(tmp_path / "bag") is None
     report = recover(tmp_path / "bag", tmp_path / "recovered")
     assert report.messages["/ssp/ot1/state"] == steps + 1
-    assert report.messages["/ssp/vut/front_camera/image/compressed"] == 5
+    assert report.messages["/ssp/vut/front_camera/image/compressed"] == 6
     assert report.attachments == ("run.yaml",)
     assert check_bag(tmp_path / "recovered").ok
 
@@ -308,6 +315,7 @@ def test_it_is_ready_only_when_every_required_topic_is_heard(session, monitor):
         "/ssp/session_state",
         "/ssp/trigger_event",
         "/ssp/vut/front_camera/image/compressed",
+        "/ssp/vut/front_camera/camera_info",
     ]
 
     def await_missing(*topics: str) -> None:
@@ -324,6 +332,9 @@ def test_it_is_ready_only_when_every_required_topic_is_heard(session, monitor):
     for topic in (names.SESSION_STATE, names.TRIGGER_EVENT):
         session.node.destroy_publisher(session.publishers[topic])
     session.offer_all()
+    # A camera may not know the recorder yet either: its picture of the start would be lost.
+    session.speak(names.WORLD_TICK, *STATES)
+    await_missing(*expected[-2:])
     session.wait_ready()
     assert list(session.status[-1].missing_topics) == []
     assert session.status[-1].bag == "bag"
@@ -391,7 +402,7 @@ def test_a_disk_with_too_little_room_keeps_a_run_from_beginning_and_ends_one(
     process = start(run_file, tmp_path / "bag", "reserve_mb:=10000000")
     try:
         session.offer_all()
-        session.speak(names.WORLD_TICK, *STATES)
+        session.speak(names.WORLD_TICK, *STATES, *CAMERA)
         session.spin_until(
             lambda: bool(session.status) and not session.status[-1].missing_topics, "topics"
         )

@@ -310,6 +310,7 @@ def test_a_bag_holds_every_topic_of_every_object(run_mapping):
         "/ssp/walker/state",
         "/ssp/session_state",
         "/ssp/vut/front_camera/image/compressed",
+        "/ssp/vut/front_camera/camera_info",
     }
     assert all(t.msgtype in typestore().types for t in topics.values())
 
@@ -331,6 +332,8 @@ def test_a_live_session_has_no_world(run_mapping):
     assert "/ssp/world/tick" not in topics
     assert topics["/ssp/vut/state"].required
     assert topics["/ssp/ot1/state"].required
+    assert topics["/ssp/vut/front_camera/image/compressed"].speaks_early
+    assert not topics["/ssp/vut/front_camera/camera_info"].required
     # An object that doesn't speak ISO 22133 has no frames, and nobody waits for them.
     assert not topics["/ssp/ot1/iso_frames"].required
     assert stamp_at(topics["/ssp/ot1/iso_frames"].msgtype) == START

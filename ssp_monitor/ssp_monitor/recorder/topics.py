@@ -80,7 +80,7 @@ class TopicSpec:
     @property
     def speaks_early(self) -> bool:
         """Tell whether its publisher sends before a run, so that a first message can be awaited."""
-        return self.required and self.profile is Profile.STATE
+        return self.required and self.profile in (Profile.STATE, Profile.SENSOR)
 
 
 def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
@@ -141,7 +141,9 @@ def bag_topics(run: RunSpec) -> tuple[TopicSpec, ...]:
         add(names.ack_topic(run.vut.id), "ReferenceAck", command)
     if run.camera is not None:
         add(names.CAMERA_IMAGE, "sensor_msgs/msg/CompressedImage", Profile.SENSOR, required=True)
-        add(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", Profile.SENSOR)
+        # A camera of a proving ground may know no such numbers.
+        ours = run.mode != "live"
+        add(names.CAMERA_INFO, "sensor_msgs/msg/CameraInfo", Profile.SENSOR, required=ours)
         add(names.CAMERA_MOUNT, "geometry_msgs/msg/TransformStamped", latched)
         if run.camera.renderer == "carla":
             add(names.CAMERA_RENDERER, TEXT_TYPE, latched, required=True, session=False)

@@ -88,8 +88,9 @@ class Peer:
         (frame,) = frames_of(data)
         return _message(frame)
 
-    def says(self, **changes: Any) -> None:
-        now = to_gps(time.time_ns())[1]
+    def says(self, at_ns: int | None = None, **changes: Any) -> None:
+        """Report; ``at_ns`` by the clock of this host, None: now."""
+        now = to_gps(time.time_ns() if at_ns is None else at_ns)[1]
         data = encode(monr(time_of_week_ns=now, **changes))
         self._udp.sendto(data, self._address)
 
@@ -242,7 +243,8 @@ def test_only_objects_that_say_something_new_are_stepped_between_the_steps() -> 
         assert stepped(now_ns + step_ns) == []
         # Nor with the step itself: their reports are awaited.
         assert live.tick(now_ns + step_ns).objects == ()
-        peers[1].says(state=ControlState.DISARMED.value)
+        # Of a moment before the step, however long the test was kept waiting.
+        peers[1].says(now_ns + step_ns // 4, state=ControlState.DISARMED.value)
         until(lambda: came(3), "another MONR")
         assert stepped(now_ns + step_ns // 2) == []
         assert stepped(now_ns + step_ns) == ["ot2"]
