@@ -23,6 +23,7 @@ from ssp_core.processes import (
     remove_stale_shared_memory,
     session_environment,
 )
+from tests.support.processes import is_alive
 from tests.support.waiting import DEADLINE_S, until
 
 # A stand-in for a node: says that it is up, and does what the first word of its name says.
@@ -46,13 +47,6 @@ def wait_until(condition: Callable[[], bool], what: str) -> None:
         if time.monotonic() > deadline:
             pytest.fail(f"{what} did not happen in {DEADLINE_S:g} s")
         time.sleep(0.01)
-
-
-def alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 @pytest.fixture
@@ -97,7 +91,7 @@ def test_a_node_is_in_a_session_of_its_own(group: ProcessGroup) -> None:
 def test_stop_ends_the_willing_with_sigterm(group: ProcessGroup) -> None:
     pids = [start(group, name) for name in ("good_1", "good_2")]
     assert group.stop(timeout_s=DEADLINE_S) == []
-    assert not any(alive(pid) for pid in pids)
+    assert not any(is_alive(pid) for pid in pids)
     assert group.processes["good_1"].describe_exit() == "killed by SIGTERM"
     assert group.ended() == []  # it was asked to
     assert group.stop() == []
@@ -115,8 +109,8 @@ def test_stop_kills_the_stubborn_and_names_it(group: ProcessGroup) -> None:
     started = time.monotonic()
     assert group.stop(timeout_s=0.5) == ["stubborn"]
     assert time.monotonic() - started >= 0.5
-    assert not alive(pid)
-    assert not alive(good)
+    assert not is_alive(pid)
+    assert not is_alive(good)
     # Its log says where it hung.
     assert "Aborted" in group.processes["stubborn"].log.read_text()
     assert "ssp_fake_node.py" in group.processes["stubborn"].log.read_text()
@@ -160,11 +154,11 @@ def test_a_node_dies_with_its_killed_parent(environment: dict[str, str], tmp_pat
     try:
         assert parent.stdout is not None
         child = int(parent.stdout.readline())
-        assert alive(child)
+        assert is_alive(child)
     finally:
         parent.kill()
         parent.communicate(timeout=600)
-    wait_until(lambda: not alive(child), "the node's end")
+    wait_until(lambda: not is_alive(child), "the node's end")
 
 
 # -- environment ----------------------------------------------------------------------------------

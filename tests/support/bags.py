@@ -43,6 +43,12 @@ def messages(bag: Path, topic: str) -> list[Any]:
         return [reader.deserialize(raw, c.msgtype) for c, _, raw in found]
 
 
+def last_speeds(bag: Path) -> dict[str, float]:
+    """Speed of the VUT and of each target in the last recorded ground truth, m/s."""
+    last = messages(bag, "/ssp/world/tick")[-1]
+    return {o.object_id: o.speed for o in last.objects if o.role in (1, 2)}
+
+
 def without_index(bag: Path, target: Path) -> Path:
     """A bag of one file as rosbag2 writes it with ``fastwrite``: no chunks, so no index."""
     target.mkdir()

@@ -1,8 +1,9 @@
-"""Ends what a test started."""
+"""Processes that a test started, or that these did."""
 
 from __future__ import annotations
 
 import subprocess
+from pathlib import Path
 
 _ORDERLY_S = 10.0
 
@@ -21,3 +22,11 @@ def end(process: subprocess.Popen[str]) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.communicate()
+
+
+def is_alive(pid: int) -> bool:
+    """Tells whether a process is there, and not just waited for by its parent."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False

@@ -9,13 +9,12 @@ import json
 import os
 import signal
 import time
-from pathlib import Path
 from typing import Any
 
 import pytest
 from rosbags.highlevel import AnyReader
 
-from tests.support.bags import messages
+from tests.support.bags import last_speeds, messages
 from tests.support.waiting import until
 from tests.system.conftest import END_DEADLINE_S
 
@@ -28,12 +27,6 @@ DEATHS = [
 ]
 FLUSHED_BYTES = 50_000
 BUSY = ("participant_lost: scenario_manager", "overrun: scenario_manager")
-
-
-def last_speeds(bag: Path) -> dict[str, float]:
-    """Speed of each object in the last recorded ground truth."""
-    last = messages(bag, "/ssp/world/tick")[-1]
-    return {o.object_id: o.speed for o in last.objects if o.role in (1, 2)}
 
 
 @pytest.mark.parametrize(("node", "primary"), DEATHS)
