@@ -11,7 +11,7 @@ from rich.progress import Progress
 from rich.table import Table as Shown
 
 from ssp_core import console
-from ssp_core.files import make_folder, taken_folder
+from ssp_core.files import taken_folder
 from ssp_core.options import WholeNumber
 from ssp_eval.ablation.campaign import Plan, Realisation, run_ablation
 from ssp_eval.ablation.figure import figures
@@ -80,7 +80,6 @@ def ablate(
     plan = Plan(event, sites, maps, source, realisations, seed)
     if not plan.places:
         raise click.UsageError("give places with --sites and --maps")
-    make_folder(out)
     with taken_folder(out):
         with console.progress("realisations", None, estimated=True) as bar:
             found = run_ablation(plan, out, jobs, _counted(bar))

@@ -13,7 +13,7 @@ import click
 from rich.progress import Progress
 
 from ssp_core import console
-from ssp_core.files import make_folder, taken_folder
+from ssp_core.files import taken_folder
 from ssp_core.options import WholeNumber
 from ssp_core.processes import beside_measuring, measuring_alone
 from ssp_scenario_manager.closed_loop.answers import repeated
@@ -126,7 +126,6 @@ def loop(
     alone = measuring_alone if plan.is_measured else beside_measuring
     click.get_current_context().with_resource(alone(console.note))
     try_drivers(plan)
-    make_folder(out)
     with taken_folder(out):
         with console.progress("runs", None, estimated=True) as bar:
             rates, refused = run_campaign(plan, out, jobs, _counted(bar), console.note, engine)
@@ -170,7 +169,6 @@ def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
     check_sources(campaign)
     again = run_of_row(campaign, row)
     folder = out or campaign / AGAIN_FOLDER / str(row)
-    make_folder(folder)
     with taken_folder(folder, empty=True):
         shutil.copytree(again.task, folder / TASK_FOLDER)
         spec = for_one_process(again.run.model_copy(update={"run_id": folder.name}), camera=True)

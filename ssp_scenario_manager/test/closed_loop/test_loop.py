@@ -10,6 +10,7 @@ import random
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -25,7 +26,7 @@ from click.testing import CliRunner
 
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder
-from ssp_core.ray_cluster import import_ray
+from ssp_core.ray_cluster import ADDRESS, import_ray
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import load_run
 from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
@@ -549,6 +550,22 @@ def test_a_measured_latency_is_of_this_machine(tmp_path: Path) -> None:
     plan = plan_of(latencies=["measured"])
     with pytest.raises(InputError, match=r"--engine.*hardware on the driver's card"):
         run(plan, tmp_path / "out", engine="ray")
+
+
+@pytest.mark.programs
+def test_a_cluster_that_does_not_answer_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, out = tmp_path / "plan.yaml", tmp_path / "campaign"
+    plan.write_text(yaml.safe_dump(PLAN))
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{silent.getsockname()[1]}"
+        monkeypatch.setenv(ADDRESS, address)
+        said = CliRunner().invoke(loop, [str(plan), "--out", str(out), "--engine", "ray"])
+    assert isinstance(said.exception, HostError), said.output
+    assert f"no Ray cluster answers at {address}" in str(said.exception)
+    assert not out.exists()
 
 
 @pytest.fixture(scope="module")
