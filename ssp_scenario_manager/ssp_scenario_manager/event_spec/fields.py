@@ -249,7 +249,8 @@ _CLIP = Span(0.0, LONGEST_CLIP_S)
 RULES: dict[str, Rule] = {
     "source.rate": Rule("frequency", "exact", Span(1.0, 240.0)),
     "topology.lane_width.*": Rule("length", "range", Span(2.5, 5.0)),
-    "topology.curvature.*": Rule("curvature", "range", Span(0.0, 0.1)),
+    # A turn at a junction in a town has a radius of 7 m and more.
+    "topology.curvature.*": Rule("curvature", "range", Span(0.0, 0.15)),
     "participants.*.region.gap": Rule("length", "range", Span(0.0, 200.0)),
     "events.clip.*": Rule("time", "exact", _CLIP),
     "events.*.start": Rule("time", "range", _CLIP),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from ssp_core.geometry import Polyline
 from ssp_core.motion.encounter import corridor_half_m, swept_on_way
@@ -20,6 +22,7 @@ from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.site import find_shipped
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from tests.support.junctions import LEFT_TURN, STRAIGHT, ground, made, site_without_junction
@@ -147,6 +150,29 @@ def test_what_does_not_fit_is_refused_with_what_misses(
 ) -> None:
     with pytest.raises(CannotPlace, match=re.escape(words)):
         made(wanted, ground(site), name)
+
+
+def tee_with_a_turn_of(radius_m: float, folder: Path) -> str:
+    """A site file like tee, whose left turn from the west is straight before and after a bend."""
+    value = yaml.safe_load(find_shipped("tee", "site").read_text())
+    (turn,) = (block for block in value["blocks"] if block["id"] == "west_north")
+    # It ends in the lane 1.75 m to the right of the middle of the arm, which is at x = 0.
+    side_m, bent_1pm = 1.75 - turn["origin"]["x_m"] - radius_m, 1.0 / radius_m
+    arc = {"start_curvature_1pm": bent_1pm, "end_curvature_1pm": bent_1pm}
+    turn["pieces"] = [
+        {"length_m": side_m},
+        {"length_m": 0.5 * math.pi * radius_m} | arc,
+        {"length_m": side_m},
+    ]
+    path = folder / "town.site.yaml"
+    path.write_text(yaml.safe_dump(value))
+    return str(path)
+
+
+def test_it_compiles_on_a_turn_as_tight_as_those_of_towns(tmp_path: Path) -> None:
+    """The left turns of esmini's and CARLA's towns have radii of 7.6 to 10 m."""
+    site = tee_with_a_turn_of(7.6, tmp_path)
+    assert compile_task(Request(event="vut_turn", target="sumo", site=site)).task.block.id == TEE
 
 
 def test_without_the_junction_nothing_compiles(tmp_path: Path) -> None:
