@@ -188,9 +188,15 @@ class _Carriageway:
         return max([0.0, *depths])
 
 
+# The outline of a connecting road leaves its true edges by less than this.
+_EDGE_ERROR_M = 0.01
+# What connecting roads enclose is paved, unless a circle of this radius has room in it: an island.
+_ISLAND_M = 1.5
+
+
 @dataclass(frozen=True, slots=True)
 class _Surface:
-    """The junction between its mouths, beside the lane of a route that turns.
+    """The junction's own surface, for a route that turns: the union of its connecting roads.
 
     Such a route has its own lane alone, and a body's corners swing out of it.
     """
@@ -202,14 +208,19 @@ class _Surface:
         import shapely  # type: ignore[import-untyped]  # slow to import, no types
 
         turns = len(road.lanes) == 1
-        inside = [one for one in road.junction if turns and one.junction_at == "both"]
-        mouths = [
-            ReferenceLine.of_road(one).to_map(s_m, l_m)
-            for one in inside
-            for s_m in (0.0, one.length_m)
-            for l_m in (one.right_edge_m, one.left_edge_m)
-        ]
-        return cls(shapely.MultiPoint(mouths).convex_hull)
+        strips = []
+        for one in road.junction if turns else ():
+            if one.junction_at == "both":
+                right_m, left_m = one.right_edge_m, one.left_edge_m
+                line = ReferenceLine.of_road(one)
+                middle = line.path(0.0, one.length_m, 0.5 * (right_m + left_m), _EDGE_ERROR_M)
+                half_m = 0.5 * (left_m - right_m) + _EDGE_ERROR_M
+                strips.append(shapely.LineString(middle).buffer(half_m, cap_style="flat"))
+        union = shapely.union_all(strips)
+        rings = [ring for part in shapely.get_parts(union) for ring in part.interiors]
+        holes = [shapely.Polygon(ring) for ring in rings]
+        paved = [hole for hole in holes if hole.buffer(-_ISLAND_M).is_empty]
+        return cls(shapely.union_all([union, *paved]))
 
     def holds(self, vut: ObjectState, way: _Carriageway, offsets: Sequence[float]) -> bool:
         """Tell whether all corners that are beside the carriageway are in the junction."""
@@ -234,6 +245,7 @@ def left_road(run: RunSpec, led: Sequence[StepReport]) -> Fact | None:
     start = run.vut.start
     way = _Carriageway.of(run.road, line.to_local(start.x_m, start.y_m)[1])
     path = path_of(run)
+    surface: _Surface | None = None
     first_m: float | None = None
     wrong_since_s: float | None = None
     for at_s, vut in _states(led, run.vut.id):
@@ -242,8 +254,10 @@ def left_road(run: RunSpec, led: Sequence[StepReport]) -> Fact | None:
         except NotOneToOne:
             return at_s, "left_road", "the VUT is where the road has no coordinates"
         outside_m = max(way.right_m - min(offsets), max(offsets) - way.left_m)
-        if outside_m > 1e-9 and not _Surface.of(run.road).holds(vut, way, offsets):
-            return at_s, "left_road", f"a corner {outside_m:.2f} m beside the carriageway"
+        if outside_m > 1e-9:
+            surface = surface or _Surface.of(run.road)
+            if not surface.holds(vut, way, offsets):
+                return at_s, "left_road", f"a corner {outside_m:.2f} m beside the carriageway"
         depth_m = max(way.depth_m(offset) for offset in offsets)
         if depth_m > LIMITS.opposite_m:
             wrong_since_s = at_s if wrong_since_s is None else wrong_since_s
