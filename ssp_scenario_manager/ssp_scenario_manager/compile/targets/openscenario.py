@@ -17,7 +17,7 @@ from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships 
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_bytes
-from ssp_core.geometry import Polyline
+from ssp_core.geometry import Polyline, wrap_angle
 from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Look, RunSpec
@@ -66,6 +66,7 @@ from ssp_scenario_manager.compile.targets.ramps import (
 )
 from ssp_scenario_manager.compile.task import Task
 from ssp_scenario_manager.maps.block import Block
+from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
 
 MINOR_VERSION = 0
 # What an eye can tell from fog, by Koschmieder's law: contrast 5 %.
@@ -76,6 +77,8 @@ _CLEAR_M = 100000.0
 ACT_DELAY_S = 0.2
 # A speed that compensates the way of a lane change is reached, and left, in this time.
 _RAISED_OVER_S = 0.5
+# (t in s, x, y)
+_TimedPoint: TypeAlias = tuple[float, float, float]
 _Start: TypeAlias = "xosc.EntityTrigger | xosc.ValueTrigger"
 _Action: TypeAlias = (
     "xosc.AbsoluteSpeedAction | xosc.RelativeLaneChangeAction | xosc.FollowTrajectoryAction"
@@ -190,7 +193,7 @@ def _storyboard(run: RunSpec, chart: MapFile, seen: Foreseen, external: bool) ->
     def stop(name: str) -> xosc.Trigger:
         return stop_at(name, journey(route).braking_from_m, run.end.at_latest_s, over_s)
 
-    groups = [] if external else [_vut_drive(seen)]
+    groups = [] if external else [_vut_drive(run, seen, heights)]
     groups += [_approach(who, run, seen) for who in run.targets if who.approach is not None]
     acts = []
     if groups:
@@ -256,14 +259,56 @@ def _event(name: str, start: _Start, *actions: _Action) -> xosc.Event:
     return event
 
 
-def _vut_drive(seen: Foreseen) -> xosc.ManeuverGroup:
-    """Return the VUT's speeds as the SIL's driver drives, leg by leg."""
+def _vut_drive(run: RunSpec, seen: Foreseen, heights: Heights) -> xosc.ManeuverGroup:
+    """Return the VUT's speeds as the SIL's driver drives, leg by leg.
+
+    A VUT that turns at a junction follows its way of the session. A player would go straight on
+    over a map's junction, and it doesn't cut a turn as the driver does, which shifts the conflict
+    zone.
+    """
     found = matched(legs(seen.speeds), seen.speeds, seen.driven_m)
+    first: list[_Action] = [_follow("vut_way", _way(seen), heights)] if _turns(run) else []
     events = [
-        _event(f"vut_{i}", _at(f"vut_{i}_starts", leg.start_s), _speed(leg.change))
+        _event(
+            f"vut_{i}",
+            _at(f"vut_{i}_starts", leg.start_s),
+            *(first if i == 0 else ()),
+            _speed(leg.change),
+        )
         for i, leg in enumerate(found)
     ]
     return _group(VUT_ID, "vut_drive", events)
+
+
+def _turns(run: RunSpec) -> bool:
+    """Tell whether the VUT's route turns at a junction."""
+    path = Polyline(_path_of(run.vut).path)
+    first, last = (path.pose(s).yaw_rad for s in (0.0, path.length_m))
+    return run.road.junction is not None and abs(wrap_angle(last - first)) >= STRAIGHT_ON_RAD
+
+
+# Places of the VUT's way are so far apart.
+_WAY_STEP_M = 1.0
+
+
+def _way(seen: Foreseen) -> list[_TimedPoint]:
+    """Return the VUT's places in the session, as (t in s, x, y)."""
+    rows = seen.tracks[VUT_ID]
+    driven_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rows[:, 1:3], axis=0).T))])
+    stations = np.arange(0.0, driven_m[-1], _WAY_STEP_M)
+    at = np.unique(np.searchsorted(driven_m, stations))
+    return [(float(t), float(x), float(y)) for t, x, y in rows[at, :3]]
+
+
+def _follow(
+    name: str, points: Sequence[_TimedPoint], heights: Heights
+) -> xosc.FollowTrajectoryAction:
+    """Return the action that leads an entity along points, at the speed that others give it."""
+    trajectory = xosc.Trajectory(name, False)
+    trajectory.add_shape(
+        xosc.Polyline([t for t, _, _ in points], [position((x, y), heights) for _, x, y in points])
+    )
+    return xosc.FollowTrajectoryAction(trajectory, xosc.FollowingMode.position)
 
 
 def _at(name: str, time_s: float) -> xosc.ValueTrigger:
@@ -386,13 +431,8 @@ def _walk(
         faster: its speed from standstill on.
         heights: of the map.
     """
-    points = times_along(motion)
-    trajectory = xosc.Trajectory(f"{name}_path", False)
-    trajectory.add_shape(
-        xosc.Polyline([t for t, _, _ in points], [position((x, y), heights) for _, x, y in points])
-    )
     trip = journey(motion)
-    follow = xosc.FollowTrajectoryAction(trajectory, xosc.FollowingMode.position)
+    follow = _follow(f"{name}_path", times_along(motion), heights)
     stop_name = f"{name}_stop"
     stop = driven(f"{stop_name}_starts", who.id, trip.braking_from_m)
     return [
