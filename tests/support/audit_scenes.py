@@ -361,6 +361,28 @@ def vut_turn(start_s: float = 3.0, y_m: float = 3.5, **more: Any) -> Scene:
     return as_turn(scene(vut, way, **given))
 
 
+def crossed_from_the_left() -> Scene:
+    """A car comes down the road on the left, beside the VUT's exit, across the VUT's turn."""
+
+    def way(t_s: float) -> tuple[float, float]:
+        faster_s = min(max(0.0, t_s - 4.0), 3.0)
+        return _TURNS_M + _LEFT_M - 3.5, 30.0 - faster_s**2 - 6.0 * max(0.0, t_s - 7.0)
+
+    vut = turning_left(36.0, 5.0, 5.0, 0.5, 8.0)
+    return as_turn(scene(vut, way, thresholds=BOTH, length_s=18.0, road=turn_road()))
+
+
+def turning_right(x_m: float, speed: float, at_s: float, slow: float, until_s: float) -> Motion:
+    """The mirror image of ``turning_left``."""
+    left = turning_left(x_m, speed, at_s, slow, until_s)
+
+    def motion(t_s: float) -> tuple[float, float]:
+        x, y = left(t_s)
+        return x, -y
+
+    return motion
+
+
 def as_turn(made: Scene) -> Scene:
     """Judged by the rules of an event in which the VUT turns."""
     return replace(made, rules=replace(made.rules, vut_turns=True))

@@ -31,6 +31,7 @@ from support.audit_scenes import (
     TTC_ONLY,
     as_turn,
     braking,
+    crossed_from_the_left,
     crossing,
     crossing_car,
     crossing_road,
@@ -47,6 +48,7 @@ from support.audit_scenes import (
     slow_lead,
     turn_road,
     turning_left,
+    turning_right,
     vut_turn,
 )
 
@@ -284,6 +286,17 @@ def test_what_is_no_merge_is_refused_with_what_differs(made: Scene, code: str) -
             vut_turn(6.0, vut=turning_left(36.0, 5.0, 60.0, 0.5, 80.0)),
             "order_differs",
             id="the VUT is first",
+        ),
+        pytest.param(
+            vut_turn(vut=turning_left(36.0, 5.0, 60.0, 0.5, 80.0)),
+            "order_differs",
+            id="it gets no priority",
+        ),
+        pytest.param(crossed_from_the_left(), "motion_differs", id="from the road on the left"),
+        pytest.param(
+            vut_turn(vut=turning_right(36.0, 5.0, 5.0, 0.5, 8.0)),
+            "roles_differ",
+            id="the VUT turns right",
         ),
         pytest.param(
             vut_turn(vut=braking(36.0, 5.0, 60.0, 2.0)), "roles_differ", id="the VUT goes on"

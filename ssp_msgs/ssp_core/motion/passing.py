@@ -166,11 +166,11 @@ class _Seen:
         """Compute the zone that both swept corridors share.
 
         It counts from before the entry to after the exit. An object that turns is at its entry
-        mostly beside the corridor still.
+        mostly beside the corridor still. Beside a bend its swept corridor, laid along the path at
+        its reference point, may cover nothing while its body does: then the body's part counts.
         """
-        start_m, end_m = self._extents[entry].s_min_m, self._extents[entry].s_max_m
-        if turns:
-            start_m, end_m = math.inf, -math.inf
+        own = self._extents[entry]
+        start_m, end_m = (math.inf, -math.inf) if turns else (own.s_min_m, own.s_max_m)
         for way in (range(entry, len(self._instants)), range(entry - 1, -1, -1)):
             for i in way:
                 other = self._instants[i].other
@@ -178,7 +178,7 @@ class _Seen:
                 if span is None:
                     break
                 start_m, end_m = min(start_m, span[0]), max(end_m, span[1])
-        return Zone(start_m, end_m)
+        return Zone(start_m, end_m) if start_m <= end_m else Zone(own.s_min_m, own.s_max_m)
 
     def _reached_s(self, station_m: float) -> float | None:
         """Find when the observer's front reaches a station, between instants.
