@@ -41,12 +41,13 @@ from ssp_scenario_manager.closed_loop.campaigns.plan_file import (
     LoopPlan,
     load_plan,
 )
-from ssp_scenario_manager.closed_loop.campaigns.runs import Done, Job, jobs_of, rows_of
+from ssp_scenario_manager.closed_loop.campaigns.runs import jobs_of, rows_of
 from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts
 from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.outcomes.rates import RunRow, rates_of, refused_for, rising
-from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, read_row
+from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, read_row, rows_there
 from ssp_scenario_manager.run.ordered_map import Engine, cluster, ordered_map
+from tests.support.killed_campaigns import Moment, RecordedRows, kill_campaign
 
 PLAN = {
     "schema": "ssp.loop/1",
@@ -133,46 +134,32 @@ def test_starts_are_sealed_before_a_driver_runs(done: Path) -> None:
 def test_a_campaign_that_was_killed_goes_on_to_the_same_table(
     done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At 15 moments, cut off anywhere in a row; and once before the starts were sealed."""
-    kept = [list(one.values()) for one in rows(done)]
-    again: list[str] = []
-
-    def known(job: Job) -> Done:
-        again.append(job.driver.shown)
-        found = [row for row in kept if row[4] == job.driver.shown]
-        return Done(found, [() for _ in found])
-
-    monkeypatch.setattr(campaign, "rows_of", known)
-    whole = (done / "runs.csv").read_bytes()
+    """At 15 moments, and every second time its newest row is cut off anywhere."""
+    for file in ("plan.json", "starts.json"):
+        shutil.copy(done / file, tmp_path / file)
+    kept = rows_there(done / "runs.csv")
     chosen = random.Random(8)
-    for moment in range(15):
-        folder = tmp_path / str(moment)
-        shutil.copytree(done, folder)
-        (folder / "table.csv").unlink()
-        (folder / "runs.csv").write_bytes(whole[: chosen.randrange(len(whole))])
-        again.clear()
-        run(plan_of(), folder)
-        assert again
-        for name in FILES:
-            assert (folder / name).read_bytes() == (done / name).read_bytes(), (moment, name)
-    folder = tmp_path / "anew"
-    again.clear()
-    run(plan_of(), folder)
-    assert again == list(BASELINES)
-    assert (folder / "starts.json").read_bytes() == (done / "starts.json").read_bytes()
+    moments = [
+        Moment(least, chosen.randint(1, 80), k % 2 * chosen.randrange(1, 60))
+        for k, least in enumerate(sorted(chosen.choices(range(len(kept) + 1), k=15)))
+    ]
+    assert kill_campaign(plan_of(), tmp_path, done, moments) == [-signal.SIGKILL] * len(moments)
+    monkeypatch.setattr(campaign, "rows_of", RecordedRows(kept))
+    run(plan_of(), tmp_path)
+    for name in FILES:
+        assert (tmp_path / name).read_bytes() == (done / name).read_bytes(), name
 
 
 def test_a_killed_command_leaves_what_the_next_one_goes_on_from_to_the_same_files(
     done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One is killed while it draws starts, two at moments while runs are driven."""
+    """One is killed while it draws starts, one while runs are driven."""
     plan, folder = tmp_path / "plan.yaml", tmp_path / "killed"
     plan.write_text(yaml.safe_dump(PLAN))
     command = [sys.executable, "-m", "ssp_core.cli", "loop", str(plan), "--out", str(folder)]
-    kept = [list(one.values()) for one in rows(done)]
     most = (done / "runs.csv").stat().st_size // 3
     written = folder / "runs.csv"
-    for least in (None, *sorted(random.Random(3).sample(range(most), 2))):
+    for least in (None, random.Random(3).randrange(most)):
         with (tmp_path / "said").open("w+") as said:
             process = subprocess.Popen(
                 [*command, "--bags", "none"], stdout=said, stderr=said, start_new_session=True
@@ -187,12 +174,8 @@ def test_a_killed_command_leaves_what_the_next_one_goes_on_from_to_the_same_file
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
 
-    def known(job: Job) -> Done:
-        found = [row for row in kept if row[4] == job.driver.shown]
-        return Done(found, [() for _ in found])
-
     # What is left is what the same campaign had without a kill.
-    monkeypatch.setattr(campaign, "rows_of", known)
+    monkeypatch.setattr(campaign, "rows_of", RecordedRows(rows_there(done / "runs.csv")))
     run(plan_of(), folder)
     for name in FILES:
         assert (folder / name).read_bytes() == (done / name).read_bytes(), name
