@@ -9,6 +9,7 @@ from ssp_scenario_manager.scenarios.kinds import KINDS
 _OPEN_ROAD = {"simulation": "boulevard", "physical": "north_track"}
 _CROSSROADS = {"simulation": "crossroads", "physical": "cross_track"}
 _TEE = {"simulation": "tee", "physical": "tee_track"}
+_RING = {"simulation": "ring", "physical": "ring_track"}
 _ENTRY = {"simulation": "entry", "physical": "entry_track"}
 
 
@@ -18,4 +19,6 @@ def site_of(event: str, domain: Literal["simulation", "physical"] = "simulation"
         return _ENTRY[domain]
     if event == "vut_turn":
         return _TEE[domain]
+    if event == "roundabout":
+        return _RING[domain]
     return (_CROSSROADS if KINDS[event].at_junction else _OPEN_ROAD)[domain]

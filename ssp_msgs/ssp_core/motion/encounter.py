@@ -128,7 +128,7 @@ def _covered(
 
 
 def swept_on_way(
-    way: Iterable[Pose2], size: Size, path: Polyline, half_m: float
+    way: Iterable[Pose2], size: Size, path: Polyline, half_m: float, across_rad: float = ALONG_RAD
 ) -> tuple[float, float] | None:
     """Return the part of a corridor that an object covers on its way, except along the path.
 
@@ -137,11 +137,12 @@ def swept_on_way(
         size: the object's.
         path: middle of the other corridor, frame map.
         half_m: half the width of the other corridor.
+        across_rad: angle to the path from which on it counts; 0: along the path too.
     """
     covered: list[float] = []
     for pose in way:
         station, _ = path.project_beyond(pose.x_m, pose.y_m)
-        if abs(wrap_angle(pose.yaw_rad - path.pose(station).yaw_rad)) > ALONG_RAD:
+        if abs(wrap_angle(pose.yaw_rad - path.pose(station).yaw_rad)) > across_rad:
             covered += _covered(pose, size, path, half_m, 0.0) or ()
     return (min(covered), max(covered)) if covered else None
 

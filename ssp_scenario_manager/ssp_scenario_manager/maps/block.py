@@ -54,7 +54,8 @@ class Conflict:
 
     Args:
         route: block_id of the other one.
-        kind: ``merge`` where both go on in one lane.
+        kind: ``merge`` where both go on in one lane, up to the end; of two that join and part
+            again, as in a roundabout, one crosses the other.
         s_m: arc length, along this route, of the crossing of the centre lines, or of the place from
             which they are one.
         other_s_m: the same place along the other route.

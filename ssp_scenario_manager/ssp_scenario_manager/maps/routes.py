@@ -275,6 +275,10 @@ def _meeting(one: Block, other: Block, a: _Track, b: _Track) -> tuple[Conflict, 
         at = float(a.s_m[i]), float(b.s_m[int(far[i].argmin())])
     elif (crossing := _crossing(a, b)) is not None:
         at = crossing
+    elif one.exits != other.exits and joined.any():
+        # In a ring one joins the other, and they part again.
+        i = int(np.argmax(joined.any(axis=1)))
+        at = float(a.s_m[i]), float(b.s_m[int(far[i].argmin())])
     else:
         return None
     angle = wrap_angle(other.line.pose(at[1]).yaw_rad - one.line.pose(at[0]).yaw_rad)

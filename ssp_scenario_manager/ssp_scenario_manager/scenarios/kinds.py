@@ -10,6 +10,7 @@ from ssp_scenario_manager.scenarios.cut_out import CUT_OUT
 from ssp_scenario_manager.scenarios.lead_braking import LEAD_BRAKING
 from ssp_scenario_manager.scenarios.merge import MERGE
 from ssp_scenario_manager.scenarios.oncoming_turn import ONCOMING_TURN
+from ssp_scenario_manager.scenarios.roundabout import ROUNDABOUT
 from ssp_scenario_manager.scenarios.slow_lead import SLOW_LEAD
 from ssp_scenario_manager.scenarios.vut_turn import VUT_TURN
 
@@ -23,6 +24,7 @@ KINDS: dict[str, Kind] = {
         MERGE,
         OCCLUDED_CROSSING,
         ONCOMING_TURN,
+        ROUNDABOUT,
         SLOW_LEAD,
         VRU_CROSSING,
         VUT_TURN,

@@ -15,7 +15,13 @@ from typing import Literal
 import numpy as np
 
 from ssp_core.geometry import Polyline, wrap_angle
-from ssp_core.motion.encounter import AGAINST_RAD, corridor_half_m, is_crossing, swept_on_way
+from ssp_core.motion.encounter import (
+    AGAINST_RAD,
+    ALONG_RAD,
+    corridor_half_m,
+    is_crossing,
+    swept_on_way,
+)
 from ssp_core.motion.state import Size
 from ssp_core.run_file.participants import GiveWay
 from ssp_scenario_manager.event_spec.model import Event, Interval
@@ -303,13 +309,15 @@ def _gives_way(
     """
     if critical_gap_s is None:
         return None
-    event, block, (_, other, _) = setting.event, setting.block, crossing
+    event, block, (conflict, other, _) = setting.event, setting.block, crossing
     near_s, far_s = _zone(setting, crossing)
     zone = tuple(round(station_of(block, start.s_m, s, 0.0), 3) for s in (near_s, far_s))
     path = other.line.path(0.0, other.length_m, 0.0)
     vut, vehicle = (size_of(event, who) for who in (event.vut_id, event.interaction.initiator))
     way = map(block.line.pose, np.arange(start.s_m, block.length_m, 0.25 * _STEP_M).tolist())
-    swept = swept_on_way(way, vut, Polyline(path), corridor_half_m(vehicle.width_m))
+    swept = swept_on_way(
+        way, vut, Polyline(path), corridor_half_m(vehicle.width_m), _across_rad(conflict)
+    )
     if swept is None:
         raise CannotPlace("the VUT's way doesn't cross the vehicle's corridor")
     return GiveWay(
@@ -440,6 +448,11 @@ def _plans_over(setting: Setting, crossing: Crossing, route_motion: RouteMotion)
         yield replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m), gap_s=gap_s)
 
 
+def _across_rad(conflict: Conflict) -> float:
+    """Return the angle from which on vehicle and VUT are in each other's way; 0 in one lane."""
+    return ALONG_RAD if abs(conflict.angle_rad) > ALONG_RAD else 0.0
+
+
 def _zone(setting: Setting, crossing: Crossing) -> tuple[float, float]:
     """Return the arc lengths between which both swept corridors cross (METHOD 1)."""
     event, block, (conflict, other, passage) = setting.event, setting.block, crossing
@@ -452,7 +465,9 @@ def _zone(setting: Setting, crossing: Crossing) -> tuple[float, float]:
     last = min(passage.end_s_m + _BEYOND_M, other.length_m)
     stations = np.arange(passage.start_s_m, last, 0.25 * _STEP_M)
     path = Polyline(block.line.path(0.0, block.length_m, 0.0))
-    swept = swept_on_way(map(other.line.pose, stations.tolist()), size, path, half)
+    swept = swept_on_way(
+        map(other.line.pose, stations.tolist()), size, path, half, _across_rad(conflict)
+    )
     if swept is None:
         raise CannotPlace("the vehicle's way doesn't cross the VUT's corridor")
     near, far = (ahead_of(block, 0.0, station, 0.0) for station in swept)

@@ -24,6 +24,7 @@ _OF_BRAKING = {"end_speed": "to_mps", "deceleration": "deceleration_mps2"}
 _OF_PATH = {
     "walking_speed": "cruise_mps",
     "merging_speed": "cruise_mps",
+    "circulating_speed": "cruise_mps",
     "acceleration": "acceleration_mps2",
 }
 _OF_KIND = {
