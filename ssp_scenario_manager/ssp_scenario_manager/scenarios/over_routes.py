@@ -68,8 +68,6 @@ _VUT_BRAKING_MPS2 = 3.0
 # The vehicle's way goes on so far beyond the junction, and is sampled at this step.
 _BEYOND_M = 40.0
 _STEP_M = 1.0
-# The VUT's front waits so far before the conflict zone.
-_BEFORE_ZONE_M = 1.0
 _BELOW = "constraints.trigger.below"
 # Where routes cross, the other route, and its part in the junction.
 Crossing = tuple[Conflict, Block, Passage]
@@ -85,12 +83,14 @@ class RouteMotion:
         beyond_m: its way ends so far beyond the junction, at the latest.
         has_priority: the VUT gives way to it, by ``constraints.manoeuvre.critical_gap``, and it
             keeps no time gap by itself.
+        before_zone_m: the VUT's front waits so far before the conflict zone.
     """
 
     ahead_s: float
     speed: str = "crossing_speed"
     beyond_m: float = _BEYOND_M
     has_priority: bool = False
+    before_zone_m: float = 1.0
 
 
 def side_of(event: Event) -> str:
@@ -279,7 +279,9 @@ def _draft(
             end_of(block, vut),
             rate,
             _VUT_BRAKING_MPS2,
-            gives_way=_gives_way(setting, crossing, start, values.get("critical_gap")),
+            gives_way=_gives_way(
+                setting, crossing, route_motion, start, values.get("critical_gap")
+            ),
         ),
         targets={name: waits},
         trigger=Trigger(
@@ -300,7 +302,11 @@ def _draft(
 
 
 def _gives_way(
-    setting: Setting, crossing: Crossing, start: BlockPoint, critical_gap_s: float | None
+    setting: Setting,
+    crossing: Crossing,
+    route_motion: RouteMotion,
+    start: BlockPoint,
+    critical_gap_s: float | None,
 ) -> GiveWay | None:
     """Return the place at which the VUT lets the vehicle pass; None where nothing is said of it.
 
@@ -321,7 +327,7 @@ def _gives_way(
     if swept is None:
         raise CannotPlace("the VUT's way doesn't cross the vehicle's corridor")
     return GiveWay(
-        line_m=round(zone[0] - _BEFORE_ZONE_M, 3),
+        line_m=round(zone[0] - route_motion.before_zone_m, 3),
         zone_m=(zone[0], zone[1]),
         priority_path=path,
         priority_zone_m=(round(swept[0], 3), round(swept[1], 3)),

@@ -24,7 +24,10 @@ from ssp_scenario_manager.scenarios.over_routes import (
 )
 
 # So long before a VUT that keeps its speed is there the vehicle comes into its corridor.
-_ROUTE_MOTION = RouteMotion(ahead_s=0.9, speed="circulating_speed", has_priority=True)
+# The VUT waits before the place that the vehicle's rear sweeps while it comes around the bend.
+_ROUTE_MOTION = RouteMotion(
+    ahead_s=0.9, speed="circulating_speed", has_priority=True, before_zone_m=3.0
+)
 # In a ring both routes are one lane, this near to each other, for at least so long.
 _ONE_LANE_M, _TOGETHER_M = 0.5, 5.0
 
