@@ -60,6 +60,7 @@ _DRAWN = {
     "merge": ("cutting_in_from_right", "car"),
     "cut_out": ("stationary", "car"),
     "vut_turn": ("crossing_from_right", "car"),
+    "roundabout": ("crossing_from_left", "car"),
 }
 
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from ssp_core.clock import seconds_to_ns
-from ssp_core.geometry import wrap_angle
+from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
+from ssp_core.run_file.road import CurvePiece
 from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.reference_line import ReferenceLine
 
 # Exact for polynomials up to degree 31; the integrand of Steered is as smooth as one.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -189,3 +192,56 @@ class Turning:
             yaw_rate_radps=speed / math.copysign(self.radius_m, self.turn_rad) if turns else 0.0,
             size=DEFAULT_SIZES[self.object_class],
         )
+
+
+@dataclass(frozen=True)
+class Winding:
+    """A participant that drives along a line of straights and arcs.
+
+    Args:
+        distance: along the line, from its begin.
+        start: where the line begins.
+        bends: length and curvature (+ left) of each part of it, m and 1/m.
+    """
+
+    object_id: str
+    object_class: ObjectClass
+    role: Role
+    distance: Line
+    start: Pose2
+    bends: tuple[tuple[float, float], ...]
+
+    @cached_property
+    def line(self) -> ReferenceLine:
+        """The line that it drives along."""
+        return ReferenceLine(self.start, curve_pieces(self.bends))
+
+    def state(self, t_s: float) -> ObjectState:
+        driven, speed = self.distance.position(t_s), self.distance.speed(t_s)
+        pose = self.line.pose(driven)
+        end_m, bend_1pm = 0.0, 0.0
+        for length_m, bend_1pm in self.bends:
+            end_m += length_m
+            if driven <= end_m:
+                break
+        return ObjectState(
+            object_id=self.object_id,
+            object_class=self.object_class,
+            role=self.role,
+            stamp_ns=seconds_to_ns(t_s),
+            x_m=pose.x_m,
+            y_m=pose.y_m,
+            yaw_rad=wrap_angle(pose.yaw_rad),
+            speed_mps=speed,
+            acceleration_mps2=self.distance.acceleration(t_s),
+            yaw_rate_radps=speed * bend_1pm,
+            size=DEFAULT_SIZES[self.object_class],
+        )
+
+
+def curve_pieces(bends: tuple[tuple[float, float], ...]) -> list[CurvePiece]:
+    """Return the pieces of a line from lengths and curvatures (+ left) of its parts, m and 1/m."""
+    return [
+        CurvePiece(length_m=length_m, start_curvature_1pm=bend, end_curvature_1pm=bend)
+        for length_m, bend in bends
+    ]

@@ -14,13 +14,23 @@ from typing import Literal
 import numpy as np
 
 from ssp_core.errors import InputError
+from ssp_core.geometry import Pose2
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Camera, Look
 from ssp_core.run_file.road import CurvePiece, JunctionRoad, Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_ot_controller.camera.actors import Actor, Line, Ramp, Steered, Turning
+from ssp_ot_controller.camera.actors import (
+    Actor,
+    Line,
+    Ramp,
+    Steered,
+    Turning,
+    Winding,
+    curve_pieces,
+)
+from ssp_ot_controller.camera.ring import BEFORE_ARM, FIRST_ARM, SECOND_ARM, VUT_ARM, Ring
 
 LANE_M = 3.4
 VUT_START_M = 10.0
@@ -28,7 +38,9 @@ KERB_M = -LANE_M / 2  # where the right sidewalk begins, from the VUT's path
 CAR, TRUCK, PEDESTRIAN = (
     DEFAULT_SIZES[c] for c in (ObjectClass.CAR, ObjectClass.TRUCK, ObjectClass.PEDESTRIAN)
 )
-Cast = tuple[Actor | Turning, tuple[Actor | Turning, ...]]  # the VUT, and who else is there
+Cast = tuple[
+    Actor | Turning | Winding, tuple[Actor | Turning | Winding, ...]
+]  # the VUT, and who else is there
 
 
 @dataclass(frozen=True)
@@ -402,6 +414,32 @@ def cut_out(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     return vut, (standing, leaving, *_oncoming(lanes, 165.0, 9.5))
 
 
+def roundabout(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
+    """Cast a car that enters a ring and passes the VUT's entry, and a VUT that gives way to it."""
+    speed = float(rng.uniform(4.9, 5.1))
+    step_s = float(rng.uniform(2.2, 2.5))
+    fast = float(rng.uniform(5.0, 5.2))
+    before_m = 1.0 + CAR.front_m  # of the ring
+    way = Line(0.0, 0.0, (Ramp(step_s, 2.2, fast),))
+    bends = _RING.way(BEFORE_ARM, FIRST_ARM, before_m, _ARM_M)
+    car = Winding(
+        "ot1", ObjectClass.CAR, Role.OT, way, _RING.inward(BEFORE_ARM, before_m), bends
+    )
+    # It comes nearly to a standstill at the ring, and goes on when the car has passed.
+    brake_s, braking_s, slow = step_s + 4.85, 2.4, 0.5
+    on_s = brake_s + braking_s + 0.4
+    ramps = Ramp(brake_s, braking_s, slow - speed), Ramp(on_s, 2.2, speed - slow)
+    driven = Line(0.0, speed, ramps).position(brake_s + braking_s)
+    start_m = _RING.mouth_m - CAR.front_m - driven
+    bends = _RING.way(VUT_ARM, SECOND_ARM, _RING.mouth_m, _ARM_M)
+    along = Line(start_m, speed, ramps)
+    return Winding(VUT_ID, ObjectClass.CAR, Role.VUT, along, Pose2(0.0, 0.0, 0.0), bends), (car,)
+
+
+# The roundabout of the clip.
+_RING = Ring(mouth_m=50.0, lane_m=LANE_M)
+
+
 # New ones at the end: a scenario's number is part of its seed.
 _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "cut_in": cut_in,
@@ -414,12 +452,14 @@ _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
     "merge": merge,
     "cut_out": cut_out,
     "vut_turn": vut_turn,
+    "roundabout": roundabout,
 }
 # Where a road crosses the clip's, by the lane of it that one of the two takes: m to its right.
 _AT_JUNCTION = {"crossing_car": LANE_M / 2, "oncoming_turn": -LANE_M / 2, "vut_turn": LANE_M / 2}
 INTERACTIONS = tuple(_PLAYS)
 FPS = 24.0
 DURATION_S = 9.0
+_LONGER_S = {"roundabout": 11.0}
 MOST_LANES = 4
 _PATH_STEP_M = 0.5
 
@@ -435,12 +475,15 @@ class Storyboard:
     look: Look
     fps: float
     duration_s: float
-    vut: Actor | Turning
-    others: tuple[Actor | Turning, ...]
+    vut: Actor | Turning | Winding
+    others: tuple[Actor | Turning | Winding, ...]
 
     @property
     def vut_path(self) -> list[tuple[float, float]]:
-        """The path of the VUT: along the road, or its turn and on to the end of the arm."""
+        """The path of the VUT: along the road, or its turns and on to the end of the arm."""
+        if isinstance(self.vut, Winding):
+            line = self.vut.line
+            return line.path(0.0, line.length_m, 0.0)
         if isinstance(self.vut, Actor):
             return [(0.0, 0.0), (self.road.length_m, 0.0)]
         on_m = self.vut.straight_m + self.vut.arc_m
@@ -459,6 +502,8 @@ class Storyboard:
 
 def usual_lanes(scenario: str) -> LaneCounts:
     """Return the lanes of a scenario's road: two each way, and one where roads cross."""
+    if scenario == "roundabout":
+        return LaneCounts(1, 0)
     return LaneCounts(1, 1) if scenario in {*_AT_JUNCTION, "merge"} else LaneCounts()
 
 
@@ -501,4 +546,9 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
         road = road.model_copy(update={"junction": roads})
     if scenario == "merge":
         road = road.model_copy(update={"junction": clip_ramp(lanes, _JOINS_M)})
-    return Storyboard(scenario, seed, road, CLIP_CAMERA, look, FPS, DURATION_S, vut, others)
+    if isinstance(vut, Winding):
+        # The road is the VUT's way, and bends with it.
+        bent = {"pieces": curve_pieces(vut.bends), "length_m": sum(m for m, _ in vut.bends)}
+        road = road.model_copy(update={**bent, "junction": _RING.roads(_ARM_M)})
+    duration_s = _LONGER_S.get(scenario, DURATION_S)
+    return Storyboard(scenario, seed, road, CLIP_CAMERA, look, FPS, duration_s, vut, others)
