@@ -24,7 +24,15 @@ from tests.support.junctions import ground
 from tests.support.places import site_of
 
 # The demonstration has cut_in and vru_crossing in all three domains.
-KINDS = ("crossing_car", "cut_out", "merge", "oncoming_turn", "slow_lead", "vut_turn")
+KINDS = (
+    "crossing_car",
+    "cut_out",
+    "merge",
+    "oncoming_turn",
+    "roundabout",
+    "slow_lead",
+    "vut_turn",
+)
 # Steps of a session from one frame to the next.
 STEP = 5
 

@@ -14,8 +14,11 @@ from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.run_file.road import CurvePiece, JunctionRoad, Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.world.reference_line import ReferenceLine
 from ssp_eval.audit.measure import RoadFacts, Scene
 from ssp_eval.recordings.event import NO_RULES
+from ssp_ot_controller.camera.actors import curve_pieces
+from ssp_ot_controller.camera.ring import BEFORE_ARM, FIRST_ARM, SECOND_ARM, VUT_ARM, Bends, Ring
 
 STEP_S = 0.05
 TTC_ONLY = ConflictThresholds(ttc_s=3.0, arrival_gap_s=None)
@@ -386,3 +389,36 @@ def turning_right(x_m: float, speed: float, at_s: float, slow: float, until_s: f
 def as_turn(made: Scene) -> Scene:
     """Judged by the rules of an event in which the VUT turns."""
     return replace(made, rules=replace(made.rules, vut_turns=True))
+
+
+_RING = Ring(mouth_m=70.0, lane_m=3.5)
+_ROUND = _RING.way(VUT_ARM, SECOND_ARM, 70.0, 60.0)
+
+
+def ring_road(*, junction: bool = True) -> RoadFacts:
+    """The VUT's route into a ring and around it, one lane."""
+    return road(
+        lanes=[Lane(y_m=0.0, width_m=3.5, direction="forward")],
+        pieces=curve_pieces(_ROUND),
+        length_m=sum(length_m for length_m, _ in _ROUND),
+        junction=_RING.roads(60.0) if junction else [],
+    )
+
+
+def winding(start: Pose2, bends: Bends, driven: Motion) -> Motion:
+    """A way along straights and arcs, by the distance that is driven on it."""
+    line = ReferenceLine(start, curve_pieces(bends))
+    return lambda t_s: line.to_map(driven(t_s)[0], 0.0)
+
+
+def roundabout(start_s: float = 3.0, leaves: float = FIRST_ARM, **more: Any) -> Scene:
+    """A car enters a ring with 2 m/s² up to 5 m/s and passes the VUT's entry; the VUT is slow."""
+
+    def driven(t_s: float) -> tuple[float, float]:
+        faster_s = min(max(0.0, t_s - start_s), 2.5)
+        return faster_s**2 + 5.0 * max(0.0, t_s - start_s - 2.5), 0.0
+
+    vut = winding(ORIGIN, _ROUND, more.pop("vut", braking(23.0, 5.0, 7.5, 2.0, 0.5)))
+    bends = _RING.way(BEFORE_ARM, leaves, 5.0, 60.0)
+    given = {"length_s": 20.0, "road": ring_road()} | more
+    return scene(vut, winding(_RING.inward(BEFORE_ARM, 5.0), bends, driven), **given)

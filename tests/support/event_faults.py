@@ -306,6 +306,12 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         "participants.vut.intent",
     ),
     (
+        "initiator_comes_from_there",
+        "roundabout",
+        {"participants.ot1.region.place": "right_road"},
+        "participants.ot1.region.place",
+    ),
+    (
         "path_meets_the_corridor",
         "oncoming_turn",
         {f"{OT1}.trigger.position": "front_right"},

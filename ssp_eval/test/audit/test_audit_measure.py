@@ -23,6 +23,7 @@ from ssp_eval.audit.paths import Lanes
 from ssp_eval.audit.reasons import explain
 from ssp_eval.data.audit import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY, Property, is_equal
 from ssp_eval.recordings.sight import Moment, Optics, object_sight
+from ssp_ot_controller.camera.ring import VUT_ARM
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from support.audit_scenes import (
@@ -42,7 +43,9 @@ from support.audit_scenes import (
     merge,
     oncoming_turn,
     ramp_road,
+    ring_road,
     road,
+    roundabout,
     scene,
     shift,
     slow_lead,
@@ -57,6 +60,26 @@ def words(found: Measured, field: str, part: str) -> tuple[str, ...]:
     value = found.properties[field].words
     assert value is not None
     return value[part]
+
+
+@pytest.mark.parametrize(
+    ("made", "code"),
+    [
+        pytest.param(roundabout(cls=ObjectClass.PEDESTRIAN), "roles_differ", id="a pedestrian"),
+        pytest.param(roundabout(cls=ObjectClass.TRUCK), "roles_differ", id="a truck"),
+        pytest.param(roundabout(start_s=60.0), "no_manoeuvre", id="it waits"),
+        pytest.param(roundabout(leaves=VUT_ARM), "no_manoeuvre", id="it leaves before the VUT"),
+        pytest.param(
+            roundabout(8.0, vut=braking(23.0, 5.0, 60.0, 2.0)), "order_differs", id="the VUT first"
+        ),
+        pytest.param(
+            roundabout(road=ring_road(junction=False)), "topology_differs", id="no junction"
+        ),
+        pytest.param(crossing_car(), "wrong_side", id="from the right, straight on"),
+    ],
+)
+def test_what_is_no_roundabout_is_refused_with_what_differs(made: Scene, code: str) -> None:
+    assert codes("roundabout", measure(made))[:1] == [code]
 
 
 def fixed(event: Event, properties: Mapping[str, Property]) -> dict[str, Property]:
@@ -85,6 +108,7 @@ def codes(name: str, found: Measured) -> list[str]:
         ("oncoming_turn", oncoming_turn, "crossing", "oncoming"),
         ("merge", merge, "merge", "cutting_in_from_right"),
         ("vut_turn", vut_turn, "crossing", "crossing_from_right"),
+        ("roundabout", roundabout, "crossing", "crossing_from_left"),
     ],
 )
 def test_an_event_is_what_its_specification_says(

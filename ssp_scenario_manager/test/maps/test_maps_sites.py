@@ -32,6 +32,8 @@ SHIPPED = (
     "entry",
     "entry_track",
     "north_track",
+    "ring",
+    "ring_track",
     "south_loop",
     "tee",
     "tee_track",
@@ -64,7 +66,7 @@ def test_shipped_sites_hold_together(name: str) -> None:
         if block.junction is not None:
             assert [lane.forward for lane in block.lanes] == [True]
             continue
-        crossed = name.startswith(("cross", "tee"))
+        crossed = name.startswith(("cross", "ring", "tee"))
         narrow = crossed or name.startswith("entry")
         assert len(block.forward_lanes) >= (1 if narrow else 2)
         assert block.backward_lanes or block.block_id == "ramp_in"
