@@ -29,7 +29,7 @@ _ROUTE_MOTION = RouteMotion(
     ahead_s=0.9, speed="circulating_speed", has_priority=True, before_zone_m=3.0
 )
 # In a ring both routes are one lane, this near to each other, for at least so long.
-_ONE_LANE_M, _TOGETHER_M = 0.5, 5.0
+_ONE_LANE_M, _TOGETHER_M = 0.5, 3.0
 
 
 def _manoeuvres(_event: Event) -> frozenset[str]:
@@ -90,5 +90,5 @@ ROUNDABOUT = Kind(
     plans=_plans,
     at_junction=True,
     # The VUT's way into the ring is measured from what it drove.
-    after_resolution_s=8.0,
+    after_resolution_s=6.0,
 )

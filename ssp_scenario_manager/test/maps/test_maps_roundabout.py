@@ -1,0 +1,162 @@
+"""The event roundabout: over which roads it leads, what it needs, and what decides wait or go."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ssp_core.geometry import Polyline
+from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import TimeToArrival
+from ssp_core.vocabulary import Verdict
+from ssp_scenario_manager.compile.choose import NotChosen
+from ssp_scenario_manager.compile.compiler import Request, compile_task
+from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.run.in_process import run_in_process
+from ssp_scenario_manager.scenarios.base import CannotPlace
+from tests.support.junctions import LEFT_TURN, ground, made, route, site_without_junction
+
+AROUND = (
+    "junction ring: south_in > south_entry lanes[0] > ring_east lanes[0] > north_exit lanes[0] > "
+    "north_out"
+)
+PRIORITY = (
+    "junction ring: west_in > west_entry lanes[0] > ring_south lanes[0] > east_exit lanes[0] > "
+    "east_out"
+)
+
+
+def event(**constraints: Any) -> Event:
+    """The shipped event with parts of C changed."""
+    value = load_event("roundabout")[0].model_dump(mode="json", by_alias=True)
+    if constraints:
+        value["participants"]["ot1"]["region"]["gap"] = {"min": 5, "max": 200, "unit": "m"}
+    for name, given in constraints.items():
+        value["constraints"][name] |= given
+    return Event.model_validate(value)
+
+
+def run_on(site: str) -> RunSpec:
+    return made(event(), ground(site), AROUND).task.run.model_copy(update={"camera": None})
+
+
+def test_two_routes_that_join_in_a_ring_and_part_again_conflict() -> None:
+    area = ground("ring")
+    own, other = route(area, AROUND), route(area, PRIORITY)
+    assert own.passage is not None
+    assert other.passage is not None
+    (mine,) = (c for c in own.passage.conflicts if c.route == PRIORITY)
+    (its,) = (c for c in other.passage.conflicts if c.route == AROUND)
+    assert (mine.kind, mine.comes_from, its.comes_from) == ("crossing", "left", "right")
+    assert (mine.s_m, mine.other_s_m) == (its.other_s_m, its.s_m)
+    apart = np.subtract(own.line.to_map(mine.s_m, 0.0), other.line.to_map(mine.other_s_m, 0.0))
+    assert np.hypot(*apart) < 0.35
+    # From there both are one lane up to the exit by which the other one leaves.
+    stations = other.passage.end_s_m + np.array([-18.0, 0.0])
+    offsets = own.line.to_local_many(other.line.to_map_many(stations, 0.0))[:, 1]
+    assert abs(offsets[0]) < 0.1
+    assert offsets[1] < -4.0
+    # Another one of the same arm goes on with the VUT, and merges.
+    kinds = {c.route.rpartition(" ")[2]: c.kind for c in own.passage.conflicts if "west_in" in c.route}
+    assert kinds == {"east_out": "crossing", "north_out": "merge"}
+
+
+@pytest.mark.parametrize("site", ["ring", "ring_track"])
+def test_it_runs_valid_and_the_vut_enters_the_ring_behind_the_vehicle(site: str) -> None:
+    run = run_on(site)
+    result, record = run_in_process(run)
+    assert result.verdict is Verdict.VALID, result.reasons
+    assert (result.passing.relation, result.passing.other_first) == ("crossing", True)
+    blocks = {block.block_id: block for block in ground(site).library.blocks}
+    for who, names in (("ot1", ("west_entry", "ring_south", "east_exit")), ("vut", ("south_entry",))):
+        track = np.array([(s.x_m, s.y_m) for s in record.truths(who)])
+        for name in names:
+            local = blocks[name].line.to_local_many(track)
+            there = (local[:, 0] > 0.0) & (local[:, 0] < blocks[name].length_m)
+            there &= np.abs(local[:, 1]) < 2.0
+            assert there.sum() > 10
+            assert np.abs(local[there, 1]).min() < 0.1
+
+
+def test_a_vut_that_does_not_react_hits_it() -> None:
+    run = run_on("ring")
+    steady = run.driver.model_copy(update={"reacts": False})
+    result, _ = run_in_process(run.model_copy(update={"driver": steady}))
+    assert any("collision: ot1" in reason for reason in result.reasons)
+
+
+def shifted(run: RunSpec, shift_s: float) -> RunSpec:
+    """The run with a vehicle that drives off so much later, and no order that is to be kept."""
+    (trigger,) = run.triggers
+    condition = trigger.condition
+    assert isinstance(condition, TimeToArrival)
+    condition = condition.model_copy(update={"below_s": condition.below_s - shift_s})
+    moved = trigger.model_copy(update={"condition": condition, "not_before_s": 0.0})
+    return run.model_copy(update={"triggers": [moved], "passing": None})
+
+
+@pytest.mark.parametrize(
+    ("shift_s", "stops", "other_first"), [(-2.0, False, True), (0.0, True, True), (6.0, False, False)]
+)
+def test_a_shift_of_the_vehicle_changes_what_the_vut_does(
+    shift_s: float, stops: bool, other_first: bool
+) -> None:
+    """Two seconds earlier it needn't stop for it; six seconds later it goes in front of it."""
+    run = shifted(run_on("ring"), shift_s)
+    result, record = run_in_process(run)
+    assert result.verdict is Verdict.VALID, result.reasons
+    assert result.passing.other_first is other_first
+    assert result.min_distance_m > 0.5
+    assert run.vut.approach is not None
+    path, (place,) = Polyline(run.vut.approach.path), run.driver.gives_way
+    before = [
+        state.speed_mps
+        for state in record.truths("vut")
+        if -15.0 < path.project(state.x_m, state.y_m)[0] + state.size.front_m - place.line_m < 1.0
+    ]
+    assert (min(before) < 0.5) is stops
+
+
+@pytest.mark.parametrize(
+    ("wanted", "site", "name", "words"),
+    [
+        (event(), "crossroads", LEFT_TURN, "0 routes of its junction come from the left, share"),
+        (event(), "ring", PRIORITY, "the VUT turns left, which is at least 30 deg"),
+        (event(), "ring", "south_in", "it leads over no connecting road of a junction"),
+        (
+            event(trigger={"below": {"min": 1.0, "max": 2.0, "unit": "s"}}),
+            "ring",
+            AROUND,
+            "wouldn't reach the conflict point first",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_what_misses(
+    wanted: Event, site: str, name: str, words: str
+) -> None:
+    with pytest.raises(CannotPlace, match=re.escape(words)):
+        made(wanted, ground(site), name)
+
+
+def test_without_the_junction_nothing_compiles(tmp_path: Path) -> None:
+    site = site_without_junction("ring", tmp_path)
+    with pytest.raises(NotChosen, match="segment straight, needs junction"):
+        compile_task(Request(event="roundabout", target="sumo", site=str(site)))
+
+
+@pytest.mark.parametrize("site", ["ring", "ring_track"])
+def test_openscenario_plays_it(site: str, tmp_path: Path) -> None:
+    """The export plays itself: the gap to the vehicle is the session's to 0.3 m, else it refuses.
+
+    No other route of the site is one that the event can take.
+    """
+    task = compile_task(Request(event="roundabout", target="openscenario", site=site)).task
+    assert task.block.id == AROUND
+    export_openscenario(task, route(ground(site), AROUND), None, tmp_path)
+    assert "<FollowTrajectoryAction>" in (tmp_path / "roundabout.xosc").read_text()
