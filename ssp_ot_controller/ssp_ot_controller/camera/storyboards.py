@@ -418,7 +418,7 @@ def roundabout(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     """Cast a car that enters a ring and passes the VUT's entry, and a VUT that gives way to it."""
     speed = float(rng.uniform(4.9, 5.1))
     step_s = float(rng.uniform(2.2, 2.5))
-    fast = float(rng.uniform(5.0, 5.2))
+    fast = float(rng.uniform(4.9, 5.1))
     before_m = 1.0 + CAR.front_m  # of the ring
     way = Line(0.0, 0.0, (Ramp(step_s, 2.2, fast),))
     bends = _RING.way(BEFORE_ARM, FIRST_ARM, before_m, _ARM_M)
@@ -459,7 +459,6 @@ _AT_JUNCTION = {"crossing_car": LANE_M / 2, "oncoming_turn": -LANE_M / 2, "vut_t
 INTERACTIONS = tuple(_PLAYS)
 FPS = 24.0
 DURATION_S = 9.0
-_LONGER_S = {"roundabout": 11.0}
 MOST_LANES = 4
 _PATH_STEP_M = 0.5
 
@@ -550,5 +549,4 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
         # The road is the VUT's way, and bends with it.
         bent = {"pieces": curve_pieces(vut.bends), "length_m": sum(m for m, _ in vut.bends)}
         road = road.model_copy(update={**bent, "junction": _RING.roads(_ARM_M)})
-    duration_s = _LONGER_S.get(scenario, DURATION_S)
-    return Storyboard(scenario, seed, road, CLIP_CAMERA, look, FPS, duration_s, vut, others)
+    return Storyboard(scenario, seed, road, CLIP_CAMERA, look, FPS, DURATION_S, vut, others)

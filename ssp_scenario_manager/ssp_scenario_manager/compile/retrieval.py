@@ -225,8 +225,10 @@ def _met_from(event: Event, block: Block, place: str) -> bool:
 
 
 def turn(event: Event, block: Block) -> list[Met]:
-    """Score a route's turn in its junction, where the VUT means to turn; nothing else is scored."""
+    """Score a route's turn in its junction, where the VUT turns; nothing else is scored."""
     intent = event.participants[event.vut_id].intent
+    if KINDS[event.interaction.type].turns_left:
+        intent = "turn_left"
     side = {"turn_left": 1.0, "turn_right": -1.0}.get(str(intent))
     if side is None or block.passage is None:
         return []

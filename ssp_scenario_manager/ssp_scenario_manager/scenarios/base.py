@@ -171,6 +171,7 @@ class Kind:
         turn: headings of its initiator, in words of part M, before and after it turns; None: it
             doesn't.
         vut_intents: what the VUT may mean to do.
+        turns_left: the VUT's route turns left, though the VUT keeps its lane around a ring.
         after_resolution_s: time for which a session goes on after its resolution.
     """
 
@@ -193,4 +194,5 @@ class Kind:
     occluder_leaves: bool = False
     turn: tuple[str, str] | None = None
     vut_intents: frozenset[str] = frozenset({"keep_lane"})
+    turns_left: bool = False
     after_resolution_s: float = EndCondition().after_resolution_s

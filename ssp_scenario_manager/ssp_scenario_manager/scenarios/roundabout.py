@@ -89,6 +89,7 @@ ROUNDABOUT = Kind(
     manoeuvres=_manoeuvres,
     plans=_plans,
     at_junction=True,
+    turns_left=True,
     # The VUT's way into the ring is measured from what it drove.
     after_resolution_s=6.0,
 )

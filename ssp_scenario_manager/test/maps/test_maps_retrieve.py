@@ -139,8 +139,11 @@ def lanes(forward: int, backward: int, width_m: float = 3.5) -> tuple[BlockLane,
 def test_a_block_that_suits_scores_one(name: str) -> None:
     block = made_block()
     if KINDS[name].at_junction:
-        crossed = Conflict("other", KINDS[name].relation, 150.0, 80.0, math.pi / 2, 146.0, 154.0)
-        turn_rad = math.pi / 2 if "turn_left" in KINDS[name].vut_intents else 0.0
+        side = -1.0 if name == "roundabout" else 1.0
+        angle = side * math.pi / 2
+        crossed = Conflict("other", KINDS[name].relation, 150.0, 80.0, angle, 146.0, 154.0)
+        turns = KINDS[name].turns_left or "turn_left" in KINDS[name].vut_intents
+        turn_rad = math.pi / 2 if turns else 0.0
         passage = Passage(("inside",), 140.0, 160.0, turn_rad, (crossed,))
         block = replace(block, segment="junction", junction="j", passage=passage)
     (score,) = score_blocks(event(name), library(block))

@@ -30,8 +30,10 @@ _LINE_M, _INSET_M, _CENTRE_GAP_M = 0.14, 0.2, 0.14
 _DASH_M, _PERIOD_M = 3.0, 9.0
 _STOP_M, _STOP_BEFORE_M, _STOP_INSET_M = 0.4, 0.6, 0.15
 _KERB_FACE_M, _KERB_TOP_M = 0.08, 0.24
-# An arm whose direction differs from the road's by less is the road's own, and has no stop line.
+# An arm whose direction differs from the road's by less is the road's own. It has a stop line only if
+# each way on from it bends by more than this somewhere, as into a ring.
 _OWN_ARM_RAD = math.radians(30.0)
+_ONE_PLACE_M = 0.5
 
 # Channels: blue, green and red, then how much of the ground is the junction's, and its texture.
 BLUE, GREEN, RED, SHARE, GRAIN, PAVING = range(6)
@@ -70,7 +72,8 @@ def build_junction(road: Road, palette: Palette) -> JunctionGround:
     centre = np.zeros(canvas.shape, dtype=np.uint8)
     for one in road.junction:
         if one.junction_at != "both":
-            _mark(canvas, marks, centre, one, palette.centre_line == "solid")
+            stops = not (is_own_arm(canvas.line, one) and _goes_on(road, one))
+            _mark(canvas, marks, centre, one, palette.centre_line == "solid", stops)
     # Markings of an arm end where the connecting roads begin.
     for mask, colour in ((marks, palette.marking), (centre, palette.centre_marking)):
         table[(mask > 0) & (inside == 0), :SHARE] = colour
@@ -154,7 +157,29 @@ def is_own_arm(line: ReferenceLine, arm: JunctionRoad) -> bool:
     return min(turn, math.pi - turn) < _OWN_ARM_RAD
 
 
-def _mark(canvas: _Canvas, marks: Array, centre: Array, arm: JunctionRoad, solid: bool) -> None:
+def _goes_on(road: Road, arm: JunctionRoad) -> bool:
+    """Tell whether a way leads straight on from an arm."""
+    line, at_end = ReferenceLine.of_road(arm), arm.junction_at == "end"
+    station = arm.length_m if at_end else 0.0
+    ends = [
+        line.to_map(station, lane.y_m)
+        for lane in arm.lanes
+        if (lane.direction == "forward") == at_end
+    ]
+    for one in road.junction:
+        way = ReferenceLine.of_road(one)
+        start = (way.origin.x_m, way.origin.y_m)
+        if one.junction_at == "both" and any(math.dist(start, e) < _ONE_PLACE_M for e in ends):
+            stations = np.linspace(0.0, one.length_m, 20).tolist()
+            turns = [wrap_angle(way.pose(s).yaw_rad - way.origin.yaw_rad) for s in stations]
+            if max(map(abs, turns)) < _OWN_ARM_RAD:
+                return True
+    return not ends
+
+
+def _mark(
+    canvas: _Canvas, marks: Array, centre: Array, arm: JunctionRoad, solid: bool, stops: bool
+) -> None:
     """Paint the markings of an arm: its edges, the borders of its lanes, and its stop lines."""
     line, length = ReferenceLine.of_road(arm), arm.length_m
     lanes = sorted(arm.lanes, key=lambda lane: lane.y_m)
@@ -175,7 +200,7 @@ def _mark(canvas: _Canvas, marks: Array, centre: Array, arm: JunctionRoad, solid
             for side in (-1, 1):
                 stripe(centre, (0.0, length), border + side * (_CENTRE_GAP_M + _LINE_M) / 2)
     at_end = arm.junction_at == "end"
-    if is_own_arm(canvas.line, arm):
+    if not stops:
         return
     near = length - _STOP_BEFORE_M if at_end else _STOP_BEFORE_M
     far = near - _STOP_M if at_end else near + _STOP_M
