@@ -12,7 +12,9 @@ from tests.system.live.scored import admitted_and_scored
 from tests.system.recordings import Recordings, ssp
 
 
-@pytest.mark.parametrize("event", ["crossing_car", "merge", "oncoming_turn", "roundabout", "vut_turn"])
+@pytest.mark.parametrize(
+    "event", ["crossing_car", "merge", "oncoming_turn", "roundabout", "vut_turn"]
+)
 def test_it_is_admitted_in_all_domains_and_scored_alike(
     recordings: Recordings, event: str, tmp_path: Path
 ) -> None:

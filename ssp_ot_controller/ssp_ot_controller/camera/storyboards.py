@@ -422,9 +422,7 @@ def roundabout(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     before_m = 1.0 + CAR.front_m  # of the ring
     way = Line(0.0, 0.0, (Ramp(step_s, 2.2, fast),))
     bends = _RING.way(BEFORE_ARM, FIRST_ARM, before_m, _ARM_M)
-    car = Winding(
-        "ot1", ObjectClass.CAR, Role.OT, way, _RING.inward(BEFORE_ARM, before_m), bends
-    )
+    car = Winding("ot1", ObjectClass.CAR, Role.OT, way, _RING.inward(BEFORE_ARM, before_m), bends)
     # It comes nearly to a standstill at the ring, and goes on when the car has passed.
     brake_s, braking_s, slow = step_s + 4.85, 2.4, 0.5
     on_s = brake_s + braking_s + 0.4

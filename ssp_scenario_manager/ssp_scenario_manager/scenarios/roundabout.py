@@ -46,6 +46,8 @@ def _run_together(block: Block, other: Block, conflict: Conflict) -> bool:
 def circulating(event: Event, block: Block, routes: Mapping[str, Block]) -> list[Crossing]:
     """Return where routes that a route joins in a ring, and that leave it first, meet it.
 
+    That of the nearest arm before the VUT's is the first.
+
     Raises:
         CannotPlace: there is none.
     """
@@ -59,7 +61,7 @@ def circulating(event: Event, block: Block, routes: Mapping[str, Block]) -> list
             f"0 routes of its junction come from the {side}, share a ring with it, and leave it "
             "before it does; needs 1"
         )
-    return found
+    return sorted(found, key=lambda crossing: len(crossing[2].via))
 
 
 def _plans(setting: Setting) -> Iterator[Plan]:

@@ -31,6 +31,7 @@ EVENTS = {
     "lead_braking": 1,
     "merge": 1,
     "oncoming_turn": 2,
+    "roundabout": 1,
     "slow_lead": 1,
     "vru_crossing": 2,
     "vut_turn": 4,
@@ -128,6 +129,7 @@ WAYS = (
     ("merge", brake_and_speed_up, "brakes by"),
     ("merge", say_nothing, "falls back"),
     ("vut_turn", brake_and_speed_up, "brakes by"),
+    ("roundabout", brake_and_speed_up, "brakes by"),
     ("vru_crossing", hang_at_the_right_moment, ""),
 )
 

@@ -63,7 +63,9 @@ def test_two_routes_that_join_in_a_ring_and_part_again_conflict() -> None:
     assert abs(offsets[0]) < 0.1
     assert offsets[1] < -4.0
     # Another one of the same arm goes on with the VUT, and merges.
-    kinds = {c.route.rpartition(" ")[2]: c.kind for c in own.passage.conflicts if "west_in" in c.route}
+    kinds = {
+        c.route.rpartition(" ")[2]: c.kind for c in own.passage.conflicts if "west_in" in c.route
+    }
     assert kinds == {"east_out": "crossing", "north_out": "merge"}
 
 
@@ -74,7 +76,10 @@ def test_it_runs_valid_and_the_vut_enters_the_ring_behind_the_vehicle(site: str)
     assert result.verdict is Verdict.VALID, result.reasons
     assert (result.passing.relation, result.passing.other_first) == ("crossing", True)
     blocks = {block.block_id: block for block in ground(site).library.blocks}
-    for who, names in (("ot1", ("west_entry", "ring_south", "east_exit")), ("vut", ("south_entry",))):
+    for who, names in (
+        ("ot1", ("west_entry", "ring_south", "east_exit")),
+        ("vut", ("south_entry",)),
+    ):
         track = np.array([(s.x_m, s.y_m) for s in record.truths(who)])
         for name in names:
             local = blocks[name].line.to_local_many(track)
@@ -102,7 +107,8 @@ def shifted(run: RunSpec, shift_s: float) -> RunSpec:
 
 
 @pytest.mark.parametrize(
-    ("shift_s", "stops", "other_first"), [(-2.0, False, True), (0.0, True, True), (6.0, False, False)]
+    ("shift_s", "stops", "other_first"),
+    [(-2.0, False, True), (0.0, True, True), (6.0, False, False)],
 )
 def test_a_shift_of_the_vehicle_changes_what_the_vut_does(
     shift_s: float, stops: bool, other_first: bool
