@@ -219,11 +219,8 @@ class Winding:
     def state(self, t_s: float) -> ObjectState:
         driven, speed = self.distance.position(t_s), self.distance.speed(t_s)
         pose = self.line.pose(driven)
-        end_m, bend_1pm = 0.0, 0.0
-        for length_m, bend_1pm in self.bends:
-            end_m += length_m
-            if driven <= end_m:
-                break
+        ends = np.cumsum([length_m for length_m, _ in self.bends])
+        part = min(int(np.searchsorted(ends, driven)), len(ends) - 1)
         return ObjectState(
             object_id=self.object_id,
             object_class=self.object_class,
@@ -234,7 +231,7 @@ class Winding:
             yaw_rad=wrap_angle(pose.yaw_rad),
             speed_mps=speed,
             acceleration_mps2=self.distance.acceleration(t_s),
-            yaw_rate_radps=speed * bend_1pm,
+            yaw_rate_radps=speed * self.bends[part][1],
             size=DEFAULT_SIZES[self.object_class],
         )
 

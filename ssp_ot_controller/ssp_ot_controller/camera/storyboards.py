@@ -414,7 +414,7 @@ def cut_out(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     return vut, (standing, leaving, *_oncoming(lanes, 165.0, 9.5))
 
 
-def roundabout(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
+def roundabout(rng: np.random.Generator, _lanes: LaneCounts) -> Cast:
     """Cast a car that enters a ring and passes the VUT's entry, and a VUT that gives way to it."""
     speed = float(rng.uniform(4.9, 5.1))
     step_s = float(rng.uniform(2.2, 2.5))

@@ -30,8 +30,8 @@ _LINE_M, _INSET_M, _CENTRE_GAP_M = 0.14, 0.2, 0.14
 _DASH_M, _PERIOD_M = 3.0, 9.0
 _STOP_M, _STOP_BEFORE_M, _STOP_INSET_M = 0.4, 0.6, 0.15
 _KERB_FACE_M, _KERB_TOP_M = 0.08, 0.24
-# An arm whose direction differs from the road's by less is the road's own. It has a stop line only if
-# each way on from it bends by more than this somewhere, as into a ring.
+# An arm whose direction differs from the road's by less is the road's own. It has a stop line only
+# if each way on from it bends by more than this somewhere, as into a ring.
 _OWN_ARM_RAD = math.radians(30.0)
 _ONE_PLACE_M = 0.5
 
