@@ -416,7 +416,7 @@ def cut_out(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
 
 def roundabout(rng: np.random.Generator, _lanes: LaneCounts) -> Cast:
     """Cast a car that enters a ring and passes the VUT's entry, and a VUT that gives way to it."""
-    speed = float(rng.uniform(4.9, 5.1))
+    speed = float(rng.uniform(4.75, 4.9))
     step_s = float(rng.uniform(2.2, 2.5))
     fast = float(rng.uniform(4.9, 5.1))
     before_m = 1.0 + CAR.front_m  # of the ring
@@ -424,7 +424,7 @@ def roundabout(rng: np.random.Generator, _lanes: LaneCounts) -> Cast:
     bends = _RING.way(BEFORE_ARM, FIRST_ARM, before_m, _ARM_M)
     car = Winding("ot1", ObjectClass.CAR, Role.OT, way, _RING.inward(BEFORE_ARM, before_m), bends)
     # It comes nearly to a standstill at the ring, and goes on when the car has passed.
-    brake_s, braking_s, slow = step_s + 4.85, 2.4, 0.5
+    brake_s, braking_s, slow = step_s + 5.0, 2.4, 0.5
     on_s = brake_s + braking_s + 0.4
     ramps = Ramp(brake_s, braking_s, slow - speed), Ramp(on_s, 2.2, speed - slow)
     driven = Line(0.0, speed, ramps).position(brake_s + braking_s)
