@@ -456,7 +456,9 @@ _PLAYS: dict[str, Callable[[np.random.Generator, LaneCounts], Cast]] = {
 _AT_JUNCTION = {"crossing_car": LANE_M / 2, "oncoming_turn": -LANE_M / 2, "vut_turn": LANE_M / 2}
 INTERACTIONS = tuple(_PLAYS)
 FPS = 24.0
-DURATION_S = 9.0
+_DURATION_S = 9.0
+# A clip whose VUT enters a ring is longer: its way there is what METHOD 1 measures along.
+_LONGER_S = {"roundabout": 14.0}
 MOST_LANES = 4
 _PATH_STEP_M = 0.5
 
@@ -535,7 +537,7 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
     road, look = clip_road(lanes), clip_look(rng)
     if scenario in _AT_JUNCTION:
         crosser = next(actor for actor in others if actor.object_id == "ot1")
-        lane_m = crosser.state(DURATION_S).x_m
+        lane_m = crosser.state(_DURATION_S).x_m
         turning = crosser if isinstance(crosser, Turning) else None
         if isinstance(vut, Turning):
             turning, lane_m = vut, vut.place(vut.straight_m + vut.arc_m)[0]
@@ -547,4 +549,5 @@ def storyboard(scenario: str, seed: int, lanes: LaneCounts | None = None) -> Sto
         # The road is the VUT's way, and bends with it.
         bent = {"pieces": curve_pieces(vut.bends), "length_m": sum(m for m, _ in vut.bends)}
         road = road.model_copy(update={**bent, "junction": _RING.roads(_ARM_M)})
-    return Storyboard(scenario, seed, road, CLIP_CAMERA, look, FPS, DURATION_S, vut, others)
+    duration_s = _LONGER_S.get(scenario, _DURATION_S)
+    return Storyboard(scenario, seed, road, CLIP_CAMERA, look, FPS, duration_s, vut, others)
