@@ -208,8 +208,9 @@ def test_no_mutant_that_changes_the_meaning_survives(name: str) -> None:
     shipped = read_event_file(name)[0]
     original = _version(shipped)
     silent, astray, missed = [], [], []
-    changed = ruled = 0
+    made = changed = ruled = 0
     for mutant in mutants(shipped, thorough=name == "cut_in"):
+        made += 1
         if SAMPLED and crc32(mutant.label.encode()) % len(NAMES) != NAMES.index(name):
             continue
         failures = check_event(mutant.value)
@@ -227,8 +228,11 @@ def test_no_mutant_that_changes_the_meaning_survives(name: str) -> None:
     # Who says nothing must be the same K*, by its version.
     assert [mutant.label for mutant in silent if _version(mutant.value) != original] == []
     assert astray == []
-    assert changed > (3000 / len(NAMES) if SAMPLED else 2000)
-    assert len(silent) < (0.025 if SAMPLED else 0.02) * changed
+    assert made > 3000
+    # Shares are equal but for what the hash makes of the labels.
+    assert changed > 0.8 * (made / len(NAMES) if SAMPLED else made)
+    # A sample's number strays by its root, as that of any rare thing.
+    assert len(silent) < 0.02 * changed + (2.0 * math.sqrt(0.02 * changed) if SAMPLED else 0.0)
     assert 1.0 - len(missed) / ruled >= FLOOR - (0.02 if SAMPLED else 0.0), missed
 
 
