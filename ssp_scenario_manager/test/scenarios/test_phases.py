@@ -226,6 +226,43 @@ def test_an_oncoming_one_that_turns_across(state: StateMaker, frame: Pose2) -> N
         assert passing_of(in_it, corridor, None).relation == relation
 
 
+@pytest.mark.parametrize("frame", FRAMES)
+def test_one_that_comes_around_a_ring(state: StateMaker, frame: Pose2) -> None:
+    """An OT on a circle of 16 m, heading across at y = 9 m, goes at 5 m/s from 2.0 s on.
+
+    After t s it has turned left by a = 0.3125 t, and goes on straight from a = 1.2 on. The VUT
+    keeps 5 m/s. TTC is (12.2 + 16 (1 - cos a - a) - 0.9 (sin a + cos a)) / (5 - 5 sin a), under
+    2 s from 2.887 s to 4.344 s. Its first corner comes into the corridor, 9 - 16 sin a
+    - 3.6 cos a - 0.9 sin a under 1.2, at 2.827 s, and its last one leaves it at 4.559 s: it is no
+    conflict any more while it is still in it, since it goes along with the VUT.
+    """
+
+    def vut(t: float) -> tuple[float, float]:
+        return 5.0 * t, 5.0
+
+    def target(t: float) -> tuple[float, float, float, float]:
+        driven = 5.0 * max(t - 2.0, 0.0)
+        a = min(driven / 16.0, 1.2)
+        on, speed = driven - 16.0 * a, 5.0 if t >= 2.0 else 0.0
+        x = 25.8 + 16.0 * (1.0 - math.cos(a)) + on * math.sin(a)
+        y = 9.0 - 16.0 * math.sin(a) - on * math.cos(a)
+        # One that stands heads across.
+        return x, y, speed * math.sin(a), -max(speed, 1e-9) * math.cos(a)
+
+    pairs = drive(state, 9.0, vut, target)
+    thresholds = ConflictThresholds(ttc_s=2.0, arrival_gap_s=None)
+    assert play(pairs, frame, thresholds=thresholds) == [
+        (Phase.TRIGGER, 2000),
+        (Phase.CONFLICT, 2900),
+        (Phase.RESOLUTION, 4360),
+    ]
+    instants = [Instant(own.stamp_ns / 1e9, own, other) for own, other in pairs]
+    met = passing_of(instants, Corridor.of([own for own, _ in pairs]), None)
+    # It comes in at 75 deg.
+    assert (met.relation, met.other_first) == ("crossing", True)
+    assert met.other_arrival_s == pytest.approx(2.84)
+
+
 @pytest.mark.parametrize(("lateral_mps", "seen"), [(0.19, False), (0.21, True)])
 def test_the_trigger_needs_lateral_speed(state: StateMaker, lateral_mps: float, seen: bool) -> None:
     pairs = drive(
