@@ -51,7 +51,7 @@ class Ring:
 
     @property
     def _reach_m(self) -> float:
-        """From the middle to where the arms end."""
+        """Distance from the middle to where the arms end, m."""
         return (self.radius_m + self.corner_m) * math.sin(self.corner_rad)
 
     def _place(self, arm_rad: float, ahead_m: float, beside_m: float, turned_rad: float) -> Pose2:
