@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +11,19 @@ import numpy as np
 import pytest
 
 from ssp_core.geometry import Polyline
+from ssp_core.motion.corridor import Corridor
+from ssp_core.motion.encounter import corridor_half_m
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import TimeToArrival
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.compile.choose import NotChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task
-from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
-from tests.support.junctions import LEFT_TURN, ground, made, route, site_without_junction
+from tests.support.junctions import LEFT_TURN, ground, made, route, site_without_junction, way_of
+from tests.support.played import shown
 
 AROUND = (
     "junction ring: south_in > south_entry lanes[0] > ring_east lanes[0] > north_exit lanes[0] > "
@@ -158,11 +161,25 @@ def test_without_the_junction_nothing_compiles(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("site", ["ring", "ring_track"])
 def test_openscenario_plays_it(site: str, tmp_path: Path) -> None:
-    """The export plays itself: the gap to the vehicle is the session's to 0.3 m, else it refuses.
+    """The car follows its way of the session, whose cuts of the bends move when it is out.
 
     No other route of the site is one that the event can take.
     """
     task = compile_task(Request(event="roundabout", target="openscenario", site=site)).task
     assert task.block.id == AROUND
-    export_openscenario(task, route(ground(site), AROUND), None, tmp_path)
-    assert "<FollowTrajectoryAction>" in (tmp_path / "roundabout.xosc").read_text()
+    export = shown(task, route(ground(site), AROUND), tmp_path)
+    assert export.apart_m() < 0.3
+    assert task.run.vut.approach is not None
+    planned = Corridor(
+        Polyline(task.run.vut.approach.path), corridor_half_m(task.run.vut.size.width_m)
+    )
+    assert export.gap_differs_s(lambda _: planned) == pytest.approx(0.0, abs=0.05)
+    # Also where the user drives the VUT, and the event lasts longer, it has a way up to its end.
+    for name in ("roundabout.xosc", "roundabout_external.xosc"):
+        way = ".//Trajectory[@name='ot1_time_to_arrival_path']//WorldPosition"
+        places = [at.attrib for at in ET.parse(tmp_path / name).iterfind(way)]
+        there = [(float(at["x"]), float(at["y"])) for at in places]
+        steps = np.hypot(*np.diff(there, axis=0).T)
+        assert there[-1] == pytest.approx(way_of(task.run)[-1], abs=0.01)
+        assert steps.min() > 0.3
+        assert steps.max() < 2.1

@@ -5,21 +5,15 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import yaml
 
-from ssp_core.clock import ns_to_seconds
-from ssp_core.geometry import FloatArray, Polyline, wrap_angle
+from ssp_core.geometry import Polyline
 from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import corridor_half_m, swept_on_way
-from ssp_core.motion.passing import passing_since
-from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import TimeToArrival
 from ssp_core.vocabulary import Verdict
@@ -28,15 +22,13 @@ from ssp_ot_controller.sil.vut_driver import VutDriver
 from ssp_scenario_manager.compile.choose import NotChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
-from ssp_scenario_manager.compile.targets.player import play
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.site import find_shipped
-from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.run.in_process import run_in_process
-from ssp_scenario_manager.run.result import instants
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from tests.support.junctions import LEFT_TURN, STRAIGHT, ground, made, site_without_junction
+from tests.support.played import shown
 
 TEE = "junction tee: west_in > west_north lanes[0] > north_out"
 
@@ -194,25 +186,6 @@ def test_without_the_junction_nothing_compiles(tmp_path: Path) -> None:
     assert all("needs junction" in " ".join(score.reasons) for score in scores)
 
 
-def time_gap_s(vut: Sequence[ObjectState], other: Sequence[ObjectState], since_s: float) -> float:
-    """The time gap of METHOD 1 along the VUT's driven way."""
-    found = passing_since(instants(vut, other), Corridor.of(vut), since_s).time_gap_s
-    assert found is not None
-    return found
-
-
-def played_as(states: Sequence[ObjectState], track: FloatArray) -> list[ObjectState]:
-    """A session's states, at the places at which a player has the object."""
-    times = [ns_to_seconds(state.stamp_ns) for state in states]
-    yaws = np.unwrap(track[:, 3])
-    columns = (np.interp(times, track[:, 0], c).tolist() for c in (track[:, 1], track[:, 2], yaws))
-    return [
-        replace(state, x_m=x, y_m=y, yaw_rad=wrap_angle(yaw))
-        for state, x, y, yaw in zip(states, *columns, strict=True)
-        if ns_to_seconds(state.stamp_ns) <= track[-1, 0]
-    ]
-
-
 @pytest.mark.parametrize("site", ["tee", "tee_track"])
 def test_openscenario_plays_it(site: str, tmp_path: Path) -> None:
     """The VUT follows its way of the session, whose cut of the turn moves the conflict zone.
@@ -222,16 +195,9 @@ def test_openscenario_plays_it(site: str, tmp_path: Path) -> None:
     task = compile_task(Request(event="vut_turn", target="openscenario", site=site)).task
     assert task.block.id == TEE
     found = made(event(), ground(site), TEE)
-    files = export_openscenario(task, found.block, None, tmp_path)
-    played = play(files[0].read_bytes(), files[2].read_bytes(), found.block.line)
-    result, record = driven(task.run)
-    sessions = [record.truths(who) for who in ("vut", "ot1")]
-    players = [played_as(record.truths(who), played[who]) for who in ("vut", "ot1")]
-    for states, shown in zip(sessions, players, strict=True):
-        pairs = zip(states[: len(shown)], shown, strict=True)
-        assert max(math.dist((a.x_m, a.y_m), (b.x_m, b.y_m)) for a, b in pairs) < 0.3
-    since_s = ns_to_seconds(result.triggers[0].crossing_ns)
-    assert time_gap_s(*players, since_s) == pytest.approx(time_gap_s(*sessions, since_s), abs=0.05)
+    export = shown(task, found.block, tmp_path)
+    assert export.apart_m() < 0.3
+    assert export.gap_differs_s(Corridor.of) == pytest.approx(0.0, abs=0.05)
 
 
 def test_an_export_leads_the_vut_over_its_turn(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships 
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_bytes
-from ssp_core.geometry import Polyline, wrap_angle
+from ssp_core.geometry import FloatArray, Polyline, wrap_angle
 from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Look, RunSpec
@@ -267,7 +267,8 @@ def _vut_drive(run: RunSpec, seen: Foreseen, heights: Heights) -> xosc.ManeuverG
     zone.
     """
     found = matched(legs(seen.speeds), seen.speeds, seen.driven_m)
-    first: list[_Action] = [_follow("vut_way", _way(seen), heights)] if _turns(run) else []
+    way = _way(seen.tracks[VUT_ID])
+    first: list[_Action] = [_follow("vut_way", way, heights)] if _turns(run) else []
     events = [
         _event(
             f"vut_{i}",
@@ -287,13 +288,12 @@ def _turns(run: RunSpec) -> bool:
     return run.road.junction is not None and abs(wrap_angle(last - first)) >= STRAIGHT_ON_RAD
 
 
-# Places of the VUT's way are so far apart.
+# Places of a way of the session are so far apart.
 _WAY_STEP_M = 1.0
 
 
-def _way(seen: Foreseen) -> list[_TimedPoint]:
-    """Return the VUT's places in the session, as (t in s, x, y)."""
-    rows = seen.tracks[VUT_ID]
+def _way(rows: FloatArray) -> list[_TimedPoint]:
+    """Return the places of a track of the session, as (t in s, x, y)."""
     driven_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rows[:, 1:3], axis=0).T))])
     stations = np.arange(0.0, driven_m[-1], _WAY_STEP_M)
     at = np.unique(np.searchsorted(driven_m, stations))
@@ -338,7 +338,8 @@ def _manoeuvre(
     start = firing(run, trigger, delay_s, seen, chart.heights)
     if isinstance(manoeuvre, FollowPath):
         faster = _first_ramp(manoeuvre.motion, delay_s + FIRING_LAG_S, seen)
-        walk = _walk(who, name, manoeuvre.motion, start, faster, chart.heights)
+        points = _led_along(who, manoeuvre.motion, seen)
+        walk = _walk(who, name, manoeuvre.motion, points, start, faster, chart.heights)
         return _group(who.id, name, walk)
     cruise, starts_s = _path_of(who).cruise_mps, delay_s + FIRING_LAG_S
     to_mps = manoeuvre.to_mps if isinstance(manoeuvre, Brake) else manoeuvre.cruise_mps
@@ -413,10 +414,37 @@ def _first_ramp(motion: Motion, starts_s: float, seen: Foreseen) -> Ramp:
     return seen.act(0.0, kept, starts_s)
 
 
+def _led_along(who: ParticipantSpec, motion: Motion, seen: Foreseen) -> list[_TimedPoint]:
+    """Return the points of a path of its own, as (t in s, x, y).
+
+    A vehicle cuts the bends of its path in a session. If they lead to both sides, as through a
+    ring, the angle at which it leaves the VUT's corridor is so flat that this moves the time by
+    0.1 s: it follows its way of the session, and from where that ends on the path.
+    """
+    planned, path = times_along(motion), Polyline(motion.path)
+    if who.id not in seen.tracks or not _bends_both_ways(motion):
+        return planned
+    way = _way(seen.tracks[who.id])
+    last_s, *last = way[-1]
+    done_m, _ = path.project(*last)
+    late_s = last_s - float(np.interp(done_m, path.stations_m, [t for t, _, _ in planned]))
+    rest = np.searchsorted(path.stations_m, done_m + _WAY_STEP_M)
+    return [*way, *((t + late_s, x, y) for t, x, y in planned[rest:])]
+
+
+def _bends_both_ways(motion: Motion) -> bool:
+    """Tell whether a path bends to either side by as much as a turn at a junction."""
+    yaws = np.unwrap(np.arctan2(*np.diff(motion.path, axis=0).T[::-1]))
+    turns = np.diff(yaws)
+    left, right = turns[turns > 0.0].sum(), -turns[turns < 0.0].sum()
+    return bool(min(left, right) >= STRAIGHT_ON_RAD)
+
+
 def _walk(
     who: ParticipantSpec,
     name: str,
     motion: Motion,
+    points: Sequence[_TimedPoint],
     start: _Start,
     faster: Ramp,
     heights: Heights,
@@ -427,12 +455,13 @@ def _walk(
         who: whose path it is.
         name: that the events' names begin with.
         motion: along its path.
+        points: that it is led along, (t in s, x, y).
         start: the condition that starts it.
         faster: its speed from standstill on.
         heights: of the map.
     """
     trip = journey(motion)
-    follow = _follow(f"{name}_path", times_along(motion), heights)
+    follow = _follow(f"{name}_path", points, heights)
     stop_name = f"{name}_stop"
     stop = driven(f"{stop_name}_starts", who.id, trip.braking_from_m)
     return [
