@@ -117,6 +117,15 @@ def test_lanes_that_cant_be_told_are_refused(lanes: Any, words: str, block_of: A
         opendrive_map(block_of(lanes=lanes), "here", {})
 
 
+def test_a_piece_that_bends_by_rounding_alone_is_a_line(block_of: Any) -> None:
+    bends = [
+        CurvePiece(length_m=5.0, start_curvature_1pm=k, end_curvature_1pm=k)
+        for k in (2.5e-8, 2.5e-3, -2.5e-8)
+    ]
+    shapes = road_of(block_of(bends, crossings=())).iterfind("planView/geometry")
+    assert [one[0].tag for one in shapes] == ["line", "arc", "line"]
+
+
 def test_the_crossing_spans_the_carriageway(block_of: Any) -> None:
     block = block_of()
     crossing = need(road_of(block), "objects/object")

@@ -31,6 +31,8 @@ def to_bytes(root: ET.Element) -> bytes:
 
 # Lanes closer than this touch.
 _TOUCH_M = 1e-6
+# Rounding in a route's pieces bends them by less.
+_FLAT_1PM = 1e-6
 _CROSSING_WIDTH_M = 4.0
 _MARK_M = 0.12
 # A verge has no end; a map's has, and whoever waits on it needs ground.
@@ -176,10 +178,17 @@ def _lane_mark(block: Block, strip: _Strip) -> xodr.RoadMark:
 
 
 def _geometry(piece: CurvePiece) -> xodr.Line | xodr.Arc | xodr.Spiral:
+    """Return a piece's shape.
+
+    An arc that bends by rounding alone is a line: CARLA finds places from an arc's centre, in
+    single precision, and if that is far away they are metres off.
+    """
     k0, k1 = piece.start_curvature_1pm, piece.end_curvature_1pm
     if k0 != k1:
         return xodr.Spiral(k0, k1, length=piece.length_m)
-    return xodr.Arc(k0, length=piece.length_m) if k0 else xodr.Line(piece.length_m)
+    if abs(k0) < _FLAT_1PM and 0.5 * abs(k0) * piece.length_m**2 < _TOUCH_M:
+        return xodr.Line(piece.length_m)
+    return xodr.Arc(k0, length=piece.length_m)
 
 
 def _crossing(number: int, s_m: float, right: float, left: float) -> ET.Element:
