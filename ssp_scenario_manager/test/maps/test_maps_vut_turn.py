@@ -21,6 +21,7 @@ from ssp_core.world.gap_acceptance import PriorityWatch
 from ssp_ot_controller.sil.vut_driver import VutDriver
 from ssp_scenario_manager.compile.choose import NotChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task
+from ssp_scenario_manager.compile.targets.carla import export_carla
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
@@ -220,3 +221,16 @@ def test_an_export_leads_the_vut_over_its_turn(tmp_path: Path) -> None:
     assert along_m[0] < block.passage.start_s_m < block.passage.end_s_m < along_m[-1]
     # The user drives it in the other file.
     assert ways[1] == []
+
+
+@pytest.mark.carla
+@pytest.mark.parametrize("site", ["tee", "tee_track"])
+def test_carla_finds_the_lane_that_the_vehicle_leaves_by(site: str, tmp_path: Path) -> None:
+    """The check against CARLA's own reading of the map passes, else the export is refused."""
+    found = compile_task(Request(event="vut_turn", target="carla", site=site))
+    block, plan = found.realisation.block, found.realisation.plan
+    files = export_carla(found.task, block, plan, None, tmp_path)
+    names = {road.attrib["name"] for road in ET.parse(files[1]).iterfind("road")}
+    # The route, the three connecting roads off it, and the arms.
+    assert len(names) == 7
+    assert {"tee 6", "tee 7", "tee 8"} <= names

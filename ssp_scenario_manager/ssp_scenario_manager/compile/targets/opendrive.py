@@ -273,7 +273,9 @@ def _off_block(block: Block, roads: Sequence[JunctionRoad]) -> Iterator[Block]:
         if turns:
             lanes = [x for x in lanes if not any(_is_on(block, line, road.length_m, x.y_m))]
         middle_m = 0.5 * (road.left_edge_m + road.right_edge_m)
-        if not lanes or all(_is_on(block, line, road.length_m, middle_m)):
+        # Its middle may be the block's very edge, where other lanes than the block's remain.
+        same = not turns and all(_is_on(block, line, road.length_m, middle_m))
+        if same or not lanes:
             continue
         made = [
             BlockLane(lane.y_m, lane.width_m, lane.direction == "forward", f"lane {i}")
