@@ -19,7 +19,7 @@ from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.liveness import signs_of_life
 from ssp_core.safety.object_rules import HeardRules, rules_of
-from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase, Verdict
+from ssp_core.vocabulary import ControlState, ObjectClass, Phase, Role, SessionPhase, Verdict
 from ssp_monitor.page.snapshot import (
     COMMANDS,
     MOST_POINTS,
@@ -70,7 +70,8 @@ def ready_board(run: RunSpec) -> Board:
     board.camera = Heard("", at_ns)
     board.hear_session(SessionFact(5 * S, SessionPhase.CONNECTED), at_ns)
     board.hear_states([state("vut", Role.VUT)], at_ns)
-    board.hear_states([state("ot1", x_m=30.0, y_m=6.0), state("walker", x_m=60.0, y_m=6.0)], at_ns)
+    walker = state("walker", object_class=ObjectClass.PEDESTRIAN, x_m=60.0, y_m=6.0)
+    board.hear_states([state("ot1", x_m=30.0, y_m=6.0), walker], at_ns)
     board.hear_links({i: LinkFact(0.0, 0.001, 0.01, 10, 0) for i in ("ot1", "walker")}, at_ns)
     board.hear_recorder(RecorderFact(ready=True), at_ns)
     for target in run.targets:

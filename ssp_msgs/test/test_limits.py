@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -109,6 +110,39 @@ def test_no_number_in_a_state(field: str, value: float) -> None:
     assert found.code is SafetyCode.STATE_NOT_FINITE
 
 
+@pytest.mark.parametrize("field", ["front_m", "rear_m", "width_m", "height_m"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
+def test_no_number_in_an_extent(field: str, value: float) -> None:
+    """Such a box would be inside every fence, and far from everybody."""
+    found = judge.state_not_finite(replace(STATE, size=replace(STATE.size, **{field: value})))
+    assert found is not None
+    assert found.code is SafetyCode.STATE_NOT_FINITE
+
+
+@pytest.mark.parametrize(
+    ("extents", "says"),
+    [
+        ((3.6, 0.9, 1.8, 1.5), ""),
+        ((2.25, 0.0, 0.9, 0.0), ""),
+        ((2.24, 0.0, 1.8, 1.5), "an extent of 2.24 × 1.8 m, the least for a car is 2.25 × 0.9 m"),
+        ((3.6, 0.9, 0.8, 1.5), "an extent of 4.5 × 0.8 m, the least for a car is 2.25 × 0.9 m"),
+        ((0.0, 0.0, 0.0, 0.0), "an extent of 0 × 0 m, the least for a car is 2.25 × 0.9 m"),
+        ((12.0, 4.0, 3.0, 4.0), ""),
+    ],
+)
+def test_a_body_that_is_too_small_for_its_class(
+    extents: tuple[float, float, float, float], says: str
+) -> None:
+    assert judge.other_body(replace(STATE, size=Size(*extents)), ObjectClass.CAR) == says
+
+
+def test_a_body_of_another_class() -> None:
+    says = judge.other_body(replace(STATE, object_class=ObjectClass.TRUCK), ObjectClass.CAR)
+    assert says == "that it is a truck, and run.yaml that it is a car"
+    unknown = replace(STATE, object_class=ObjectClass.UNKNOWN)
+    assert judge.other_body(unknown, ObjectClass.CAR) == ""
+
+
 @pytest.mark.parametrize(
     ("place", "excess_m"),
     [
@@ -135,7 +169,7 @@ def test_the_whole_box_stays_in_the_fence(place: dict[str, float], excess_m: flo
 # -- jumps and positions that stand ---------------------------------------------------------------
 
 
-def later(seconds: float, **changes: float) -> ObjectState:
+def later(seconds: float, **changes: Any) -> ObjectState:
     return replace(STATE, stamp_ns=STATE.stamp_ns + round(seconds * S), **changes)
 
 
@@ -178,6 +212,16 @@ def told(states: list[ObjectState]) -> list[tuple[int, str]]:
 def test_a_jump_is_told_once_and_the_new_place_believed() -> None:
     row = [later(0.02 * i, x_m=50.0 + 0.2 * i + (2.0 if i >= 3 else 0.0)) for i in range(8)]
     assert told(row) == [(3, "POSITION_JUMP")]
+
+
+def test_a_body_changes_neither_its_extent_nor_its_class() -> None:
+    small = Size(0.1, 0.0, 0.1, 0.1)
+    row = [later(0.02 * i, size=small if i == 2 else STATE.size) for i in range(5)]
+    assert told(row) == [(2, "STATE_CONTRADICTS"), (3, "STATE_CONTRADICTS")]
+    _, (found,) = follow(Continuity(row[1], None), row[2], LIMITS)
+    assert found.words == "states a car of 0.1 × 0.1 m, and stated a car of 4.5 × 1.8 m"
+    other = replace(row[1], object_class=ObjectClass.BUS)
+    assert told([row[0], other]) == [(1, "STATE_CONTRADICTS")]
 
 
 @pytest.mark.parametrize("lost", [0, 1, 5, 14])

@@ -164,12 +164,6 @@ def attached(bag: BagReader, name: str, model: type[Model]) -> Model | None:
     return parse_model(model, parse_mapping(data, place), place)
 
 
-def _is_usable(state: ObjectState) -> bool:
-    """Return False where a value is not finite: such a state counts as lost."""
-    size = state.size
-    return state.is_finite and math.isfinite(size.length_m + size.width_m + size.height_m)
-
-
 def _world_states(bag: BagReader, zero_ns: int, sightings: Packed[Sighting]) -> StateSeries:
     """Return the world's states; each is added to the sightings."""
     series = StateSeries()
@@ -177,7 +171,7 @@ def _world_states(bag: BagReader, zero_ns: int, sightings: Packed[Sighting]) -> 
         tick = bag.decode(message)
         t_s = ns_to_seconds(stamp_ns(tick.header.stamp) - zero_ns)
         if tick.running and t_s >= 0.0:
-            objects = [state for o in tick.objects if _is_usable(state := object_state(o))]
+            objects = [state for o in tick.objects if (state := object_state(o)).is_finite]
             series.append(t_s, objects)
             for state in objects:
                 sightings.append(_sighting(t_s, WORLD, state, 0))
@@ -201,7 +195,7 @@ def _reported(states: Packed[ObjectState], zero_ns: int, is_session: bool) -> _R
         # Before a session's start its states repeat.
         begun = t_s > 0.0 if is_session else t_s >= 0.0
         is_off = names_states and state.control_state is ControlState.OFF
-        if begun and not is_off and _is_usable(state):
+        if begun and not is_off and state.is_finite:
             times_s.append(t_s)
             found.append(state)
     return times_s, found

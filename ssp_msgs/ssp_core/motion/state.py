@@ -10,7 +10,7 @@ from ssp_core.geometry import Box, Pose2, reach_m, wrap_angle
 from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ControlState, ObjectClass, Role
 
-# No coordinate, speed or angle of a vehicle comes near this, in SI units.
+# No coordinate, speed, angle or extent of a vehicle comes near this, in SI units.
 _UNBELIEVABLE = 1e9
 
 
@@ -78,7 +78,8 @@ class ObjectState:
     @property
     def is_finite(self) -> bool:
         """Each number is one, and none is so large that it can't be reckoned with."""
-        # One sum instead of six questions: it is asked dozens of times a step.
+        # One sum instead of ten questions: it is asked dozens of times a step.
+        size = self.size
         return (
             abs(self.x_m)
             + abs(self.y_m)
@@ -86,6 +87,10 @@ class ObjectState:
             + abs(self.speed_mps)
             + abs(self.acceleration_mps2)
             + abs(self.yaw_rate_radps)
+            + abs(size.front_m)
+            + abs(size.rear_m)
+            + abs(size.width_m)
+            + abs(size.height_m)
         ) < _UNBELIEVABLE
 
     def point_at(self, stamp_ns: int) -> tuple[float, float]:

@@ -65,6 +65,7 @@ class Need(Enum):
     LINK = "the link to {who} takes {measured:.3f} s there and back, limit {limit:g} s"
     CONTROL = "{who} is {detail}"
     FINITE = "{who} has a state with a value that is no number"
+    BODY_STATED = "{who} states {detail}"
     YOUNG = "the state of {who} is {measured:.2f} s old, limit {limit:g} s"
     NOT_AHEAD = "the state of {who} is stamped {measured:.3f} s ahead of time, limit {limit:g} s"
     LOCALISED = "the position of {who} is uncertain by {measured:.2f} m, limit {limit:g} m"
@@ -392,6 +393,8 @@ def _at_its_start(
     at: Situation, participant: ParticipantSpec, state: ObjectState
 ) -> Iterator[Obstacle]:
     who, limits, start = participant.id, at.spec.limits, participant.start
+    if stated := judge.other_body(state, participant.cls):
+        yield Obstacle(Need.BODY_STATED, who, detail=stated)
     yield from _passed(Need.LOCALISED, who, judge.localisation(state, limits))
     away_m = math.hypot(state.x_m - start.x_m, state.y_m - start.y_m)
     if not away_m <= limits.start_region_m:

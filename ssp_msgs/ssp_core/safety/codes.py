@@ -141,7 +141,8 @@ _MEANT: dict[SafetyCode, tuple[str, str]] = {
     ),
     SafetyCode.STATE_CONTRADICTS: (
         "s",
-        "Stated speed, direction or yaw contradicts the places, on end for this long.",
+        "Stated speed, direction or yaw contradicts the places, on end for this long; or class or "
+        "extent isn't that of the state before.",
     ),
 }
 MEANINGS = {code: SafetyMeaning(code.name.lower(), *meant) for code, meant in _MEANT.items()}

@@ -13,17 +13,20 @@ from dataclasses import dataclass
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import box_distance
-from ssp_core.motion.state import ObjectState
+from ssp_core.motion.state import DEFAULT_SIZES, ObjectState, Size
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.consistency import ConsistencyWatch
 from ssp_core.safety.contradiction import HOLDS_S
 from ssp_core.value_class import value_class
+from ssp_core.vocabulary import ObjectClass
 
 # What is slower stands.
 STANDSTILL_MPS = 0.05
 # Far more than the rounding of map coordinates.
 _ROUNDING_M = 1e-6
+# No length or width of a real body is a smaller share of the typical one of its class.
+_LEAST_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +62,41 @@ def state_stale(age_s: float, limits: Limits) -> LimitViolation | None:
 def state_not_finite(state: ObjectState) -> LimitViolation | None:
     """Check a state for values that are no numbers: they don't say where the object is."""
     return None if state.is_finite else LimitViolation(SafetyCode.STATE_NOT_FINITE, math.nan, 0.0)
+
+
+def other_body(state: ObjectState, cls: ObjectClass) -> str:
+    """Say what an object states that a body of its class isn't; empty: nothing.
+
+    Fence and separation are judged by the stated extent: one that is too small is never too near.
+
+    Args:
+        state: with finite values.
+        cls: that the run file gives it; a state without a class may belong to any.
+    """
+    if state.object_class not in (cls, ObjectClass.UNKNOWN):
+        return f"that it is a {state.object_class.word}, and run.yaml that it is a {cls.word}"
+    stated, typical = state.size, DEFAULT_SIZES[cls]
+    least_length_m, least_width_m = (_LEAST_SHARE * m for m in (typical.length_m, typical.width_m))
+    if stated.length_m < least_length_m or stated.width_m < least_width_m:
+        least = f"{least_length_m:g} × {least_width_m:g} m"
+        return f"an extent of {_extent(stated)}, the least for a {cls.word} is {least}"
+    return ""
+
+
+def body_changed(before: ObjectState, state: ObjectState) -> LimitViolation | None:
+    """Find another class or extent than an object had in the state before."""
+    if state.size == before.size and state.object_class is before.object_class:
+        return None
+    words = (
+        f"states a {state.object_class.word} of {_extent(state.size)}, and stated a "
+        f"{before.object_class.word} of {_extent(before.size)}"
+    )
+    gone_s = ns_to_seconds(state.stamp_ns - before.stamp_ns)
+    return LimitViolation(SafetyCode.STATE_CONTRADICTS, gone_s, 0.0, words)
+
+
+def _extent(size: Size) -> str:
+    return f"{size.length_m:g} × {size.width_m:g} m"
 
 
 def outside_geofence(excess_m: float) -> LimitViolation | None:
@@ -316,6 +354,8 @@ def follow(
     found = []
     if before is not None and (jumped := position_jump(before, state, limits)) is not None:
         found.append(jumped)
+    if before is not None and (changed := body_changed(before, state)) is not None:
+        found.append(changed)
     stood_at = _stood_at(memory, state, asked_mps)
     if stood_at is not None and stood_at is not state:
         stood_s = ns_to_seconds(state.stamp_ns - stood_at.stamp_ns)

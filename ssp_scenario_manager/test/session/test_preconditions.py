@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 
 from ssp_core import names
-from ssp_core.motion.state import ObjectState
+from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.arming import Facts, Gate, obstacles
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.safety.object_rules import RulesCheck
-from ssp_core.vocabulary import ControlState
+from ssp_core.vocabulary import ControlState, ObjectClass
 from ssp_scenario_manager.session.preconditions import moving, stands
 
 S = 1_000_000_000
@@ -187,6 +187,18 @@ def test_each_link_is_measured_and_good(ask: Ask, link: LinkEstimate, says: list
             ["the state of ot1 is stamped 0.051 s ahead of time, limit 0.05 s"],
         ),
         ({"x_m": math.nan}, ["ot1 has a state with a value that is no number"]),
+        (
+            {"size": Size(3.6, math.nan, 1.8, 1.5)},
+            ["ot1 has a state with a value that is no number"],
+        ),
+        (
+            {"size": Size(0.0, 0.0, 0.0, 0.0)},
+            ["ot1 states an extent of 0 × 0 m, the least for a car is 2.25 × 0.9 m"],
+        ),
+        (
+            {"object_class": ObjectClass.PEDESTRIAN},
+            ["ot1 states that it is a pedestrian, and run.yaml that it is a car"],
+        ),
     ],
 )
 def test_each_target_in_place(ask: Ask, changed: Changes, says: list[str]) -> None:
