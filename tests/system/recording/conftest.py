@@ -25,7 +25,7 @@ from ssp_core.processes import (
 from tests.support.waiting import DEADLINE_S
 
 from .disks import Disk
-from .load import LoadTopic, Sent, read_log, write_spec
+from .load import LoadTopic, Sent, heard_file, read_log, write_spec
 
 # For thousands of topics on a busy machine.
 MOST_S = 120.0
@@ -55,6 +55,12 @@ class Load:
 
     def count(self) -> int:
         return len(self.sent())
+
+    def wait_until_heard(self) -> None:
+        """Waits until all of its publishers have a subscription and 100 more messages were sent."""
+        wait_for(heard_file(self.log).exists, "a subscription to each topic of the load")
+        before = self.count()
+        wait_for(lambda: self.count() > before + 100, "100 messages more")
 
     def stop(self) -> list[Sent]:
         """Ends it and returns all that it sent."""

@@ -91,6 +91,11 @@ def read_log(path: Path, topics: tuple[LoadTopic, ...]) -> list[Sent]:
     ]
 
 
+def heard_file(log: Path) -> Path:
+    """The file that is there as soon as each of a load's publishers has a subscription."""
+    return log.with_suffix(".heard")
+
+
 def write_spec(path: Path, topics: tuple[LoadTopic, ...], log: Path) -> None:
     spec = {"log": str(log), "topics": [asdict(topic) for topic in topics]}
     path.write_text(json.dumps(spec))
@@ -128,10 +133,14 @@ def main(spec_file: str) -> None:
     ]
     began_ns = time.monotonic_ns()
     sent = [0] * len(topics)
+    is_heard = False
     with open(spec["log"], "ab", buffering=0) as log:
         print("load: started", flush=True)
         while not select.select([sys.stdin], [], [], 0.001)[0]:
             run_s = (time.monotonic_ns() - began_ns) / NS_PER_S
+            if not is_heard and all(one.get_subscription_count() for one in publishers):
+                heard_file(Path(spec["log"])).touch()
+                is_heard = True
             for index, topic in enumerate(topics):
                 due = 1 + int(run_s * topic.rate_hz)
                 if topic.count is not None:
