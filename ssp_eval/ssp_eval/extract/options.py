@@ -31,10 +31,11 @@ _OF_NUMBER = frozenset("-−0123456789")  # its first sign
 _CLEAR = 0.2  # by which the largest share leads
 _NAME = r"(?:[^\W\d_]|[^\W\d][\w /-]{0,28}\w)"
 _SHARE = r"[-−]?\d+(?:\.\d+)?\s*%?"
+_SIGN = "[✓✔☑✅✗✘☒❌]"
 _WORD_VALUE = (
     r"(?:(?:true|false|yes|no|on|off|none|null|present|absent|positive|negative|"
     + "|".join((*_CHOSEN, *_REFUSED))
-    + r")\b|[✓✔☑✅✗✘☒❌]"
+    + rf")\b|{_SIGN}"
     r"|(?-i:[TFYN])\b)"
 )
 # Behind a sign, or two blanks, may stand the next field.
@@ -64,9 +65,13 @@ _FIELD = re.compile(
     rf"|(?P<before>{_NAME})\s*[(\[](?P<beside>{_SHARE}|{_WORD_VALUE})[)\]]"
     rf"|(?P<first>\d+(?:\.\d+)?\s*%)\s+(?:for\s+|to\s+)?(?P<behind>{_NAME}){_FIELD_END}"
     # brake 80 %, keep 20 %
-    rf"|(?P<ahead>{_NAME})\s+(?P<follows>\d+(?:\.\d+)?\s*%){_FIELD_END}",
+    rf"|(?P<ahead>{_NAME})\s+(?P<follows>\d+(?:\.\d+)?\s*%){_FIELD_END}"
+    # brake ✗, keep ✓
+    rf"|(?P<ticked>{_NAME})[ \t]+(?P<sign>{_SIGN}){_FIELD_END}",
     re.IGNORECASE,
 )
+# A line whose signs stand before the names: "✅ brake ❌ keep".
+_SIGN_FIRST = re.compile(rf"[^\w\n✓✔☑✅✗✘☒❌]*{_SIGN}")
 _PARTS = (
     ("key", "value"),
     ("key", "word"),
@@ -78,6 +83,7 @@ _PARTS = (
     ("before", "beside"),
     ("behind", "first"),
     ("ahead", "follows"),
+    ("ticked", "sign"),
 )
 # Of the last four forms one alone is a remark: "I brake (80 %)".
 _NEVER_ALONE = frozenset({"label", "before", "behind", "ahead"})
@@ -104,7 +110,7 @@ _KEYED_MARK = re.compile(
     r"(?<=[{,\n])\s*(?P<quote>[\"'])(?P<mark>[A-H0-9])(?P=quote)(?P<close>\s*:)\s*[\"'](?=\S)"
 )
 _PICK = re.compile(
-    r"(?:\b(?:answer|choice|option|selection|selected|decision|chosen|choose|pick|select|go with"
+    r"(?:\b(?:answer|choice|option|selection|selected|decision|chosen|choose|pick|select|go (?:with|for)"
     r"|best)\b"
     r"(?:\s+(?:is|would be|option|answer|number|action|plan))*[\"']?\s*(?:[:=]|→|[=-]>)?"
     r"\s*(?:is\s+)?(?:option\s+)?"
@@ -198,7 +204,7 @@ _MOST_WORDS = 6  # of an option that isn't called one
 
 _MAY_HOLD_FIELD = re.compile(
     rf"(?:[:=>|→?]|[-–—]\s)[\s\"'*_]{{0,4}}(?:{_WORD_VALUE}|{_SHARE}[\"'*]*(?:[\s,;}}\])|<]|$))"
-    rf"|[(\[](?:{_SHARE}|{_WORD_VALUE})[)\]]|%[\s,;.]|=[\"']",
+    rf"|[(\[](?:{_SHARE}|{_WORD_VALUE})[)\]]|%[\s,;.]|=[\"']|\w[ \t]+{_SIGN}",
     re.IGNORECASE,
 )
 # Behind a field that says no more than its name.
@@ -254,6 +260,8 @@ def _fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
         slots = frozenset(_SIDES.get(key) or values_of(key))
         words = len(key.split())
         if said in _NO_ACTION and (words > _FEW_WORDS or slots - _ACTIONS):
+            continue
+        if name == "ticked" and _SIGN_FIRST.match(text, text.rfind("\n", 0, match.start()) + 1):
             continue
         # "Brake? Yes." is a field, and a question of several words is none.
         if value == "reply" and (words > 2 or slots - _ACTIONS):
@@ -509,7 +517,7 @@ def _option_spans(text: str, values_of: Values) -> Iterator[tuple[int, int]]:
         if not picked and not _are_options(text, options, values_of):
             continue
         called = _CALLED.search(text, max(0, options[0].start - 40), options[0].start)
-        if picked and called and "{" in called.group():  # it would make a quotation of the chosen
+        if picked and called:  # it would make a quotation of the chosen
             yield called.span()
         end = options[-1].end
         if picks:

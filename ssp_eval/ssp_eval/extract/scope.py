@@ -31,6 +31,7 @@ _SUBJECTS = frozenset({"user", "pronoun", "ego", "scene"})
 _NOT_OF_THINGS = Scope.REJECTED | Scope.PLANNED | Scope.FUTURE | Scope.LATER | Scope.INTENDED
 _OPTIONS = frozenset({"options", "alternatives", "candidates", "choices"})
 _ITEMS = frozenset({"(", "a", "b", "c", "d", "i", "ii", "iii", "1", "2", "3", "4", ")"})
+_WORDS_TOO = frozenset({"a", "i"})  # of these marks
 _COUNTS = frozenset({"a", "an", "one", "two", "three", "four", "five", "six", "several", "many"})
 _HEADING = 4  # words of a heading
 _FRAMES = frozenset({"frame", "frames", "image", "picture"})
@@ -236,6 +237,14 @@ class _Sentence:
             self._end(index)
 
 
+def _opens_item(words: list[str], first: int) -> bool:
+    """Tell whether an item of a list begins at a word or right before it; "I brake" is none."""
+    for at in (first, max(first - 1, 0)):
+        if words[at] in _ITEMS:
+            return words[at] not in _WORDS_TOO or words[at + 1 : at + 2] in ([")"], ["."], [":"])
+    return False
+
+
 def _echoes(
     words: list[str], hits: list[Hit], flags: list[Scope], ranges: list[tuple[int, int]]
 ) -> None:
@@ -249,7 +258,7 @@ def _echoes(
         options = any(
             hit.kind == "cue" and words[hit.first] in _OPTIONS for hit in hits[start:stop]
         )
-        item = words[hits[start].first] in _ITEMS or words[max(hits[start].first - 1, 0)] in _ITEMS
+        item = _opens_item(words, hits[start].first)
         if listing and item and not options:
             for index in range(start, stop):
                 flags[index] |= Scope.QUOTED
