@@ -25,7 +25,7 @@ _IN_TAG = (
 # are marks in them.
 _MARK = re.compile(
     rf"(?P<begin>(?:<|&lt;)\s?{_IN_TAG}(?:\s[^<>]{{0,80}})?(?:>|&gt;)|\[think(?:ing)?\]"
-    rf"|<\|(?:begin_of_|start_|begin_)?(?:{_REASONING})(?:_start|_begin)?\|>|◁think▷|<unused94>"
+    rf"|<\|(?:begin_of_|start_|begin_)?(?:{_REASONING})(?:_start|_begin)?\|>|◁think▷|<unused94>|<\|inner_prefix\|>"
     # Granite and Apriel; gpt-oss where its marks were taken out, but not its channels' names.
     r"|(?P<heading>^[ \t]*here(?: is|'s|’s) my thought process:|\A\s*/think\n"
     r"|<\|im_start\|>\s*(?:assistant/)?think\b|<details\s+type=\"reasoning\"[^<>]{0,80}>"
@@ -34,7 +34,7 @@ _MARK = re.compile(
     r"|(?-i:\Aanalysis(?=[A-Z])|assistant(?:analysis|commentary)(?=[ A-Z])))"
     rf"|(?P<end>(?:<\s?/|&lt;/)\s?{_IN_TAG}\s*(?:>|&gt;)|\[/think(?:ing)?\]"
     rf"|<\|/?end_(?:of_)?(?:{_REASONING})\|>|<\|(?:{_REASONING})_end\|>|<\|/(?:{_REASONING})\|>"
-    r"|◁/think▷|<unused95>|\[begin final response\]|<\|content\|>|(?-i:assistantfinal))"
+    r"|◁/think▷|<unused95>|<\|inner_suffix\|>|\[begin final response\]|<\|content\|>|(?-i:assistantfinal))"
     r"|(?P<response>^[ \t]*here(?: is|'s|’s) my response:|</details>"
     r"|<\|im_end\|>\s*<\|im_start\|>assistant\b)"
     # Channels: what stands in any other one than the final one is no answer.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 _CLOSES = {"]": "[", ")": "(", "}": "{"}
 # A line's numbering or bullet, and what may stand between it and the row.
@@ -27,6 +27,16 @@ _TIME_FIELD = re.compile(
 )
 _COMMENT = re.compile(r"(?:#|//|--|—|–|<!--)[^\n]*|/\*.*?\*/|\([^()]*\)", re.DOTALL)
 _ELEMENTS = re.compile(r"[,;][^,;]*[^\W_][^,;]*[,;]")
+# A bracket in a row's place that holds a single number, or none: "[5, 0], [9], [12, 0]".
+_LONE = r"[\[(]\s*(?:[-+]?\d*\.?\d*)\s*[\])]"
+_LONE_BETWEEN = re.compile(rf"\s*,\s*{_LONE}\s*(?:,\s*{_LONE}\s*)*,\s*")
+_LONE_FIRST = re.compile(rf"[\[(]\s*{_LONE}\s*(?:,\s*{_LONE}\s*)*,\s*\Z")
+_LONE_LAST = re.compile(rf"\s*,\s*{_LONE}\s*(?:,\s*{_LONE}\s*)*,?\s*[\])]")
+_PLAN = re.compile(r"\b(?:trajector(?:y|ies)|paths?|plans?)\b", re.IGNORECASE)
+_MOST_IN_REMARK = 8  # brackets
+_LETTER = re.compile(r"[^\W\d]")
+# A remark behind a row on its own line: " - the car is at (20, 3)".
+_REMARK_BEHIND = re.compile(r"[ \t]*(?:[-–—:;,#(]|//)[ \t]*[^\W\d][^\n]*")
 _TIME = (
     r"(?:\b(?:t|time)\b\s*[_=:≈]?\s*\+?\s*(?P<named>\d*\.?\d+)\s*(?P<unit>ms|s|secs?|seconds?)?\b"
     r"|(?<![\w.])\+?(?P<timed>\d*\.?\d+)\s*(?P<of>ms|s|secs?|seconds?)\b"
@@ -44,11 +54,13 @@ class Item:
         number: None for a bullet.
         bullet: empty for a bare number; the word of one such as "Step 1:"; a line end where the
             row itself begins the line.
+        label: what stands between the mark and the row.
     """
 
     indent: str
     number: int | None
     bullet: str
+    label: str = field(default="", compare=False)
 
 
 def closing_brackets(text: str) -> dict[int, int]:
@@ -74,7 +86,7 @@ def item_of(text: str, start: int) -> Item | None:
     match = _ITEM.match(text, line, start)
     if match is None or _LABEL.match(text, match.start("label"), start) is None:
         return None
-    return _item(match)
+    return replace(_item(match), label=text[match.start("label") : start])
 
 
 def _item(match: re.Match[str]) -> Item:
@@ -98,9 +110,11 @@ def continues(
     Returns:
         None where it doesn't; else whether an item without a row stands between the two.
     """
-    if before is None or item is None:
+    if before is None or item is None or text.find("\n", end, start) < 0:
         return None
     if (before.indent, before.bullet) != (item.indent, item.bullet):
+        return None
+    if _is_plan(item) != _is_plan(before) and _LETTER.search(item.label) is not None:
         return None
     if item.bullet == BARE_LINE:
         return False if _REMARK.fullmatch(text, end, start) is not None else None
@@ -116,6 +130,10 @@ def continues(
         elif replace(_item(match), number=None) == replace(item, number=None):
             unread = True
     return unread
+
+
+def _is_plan(item: Item) -> bool:
+    return _PLAN.search(item.label) is not None
 
 
 def another_item(after: str, item: Item | None) -> bool:
@@ -152,6 +170,68 @@ def lacks_first(before: str, items: Sequence[Item | None]) -> bool:
 def next_object(between: str) -> bool:
     """Tell whether a row stands in the next object of a list: ``}, {"t": 1.0, "position": ``."""
     return _NEXT_OBJECT.fullmatch(between) is not None
+
+
+def lone_element(between: str) -> bool:
+    """Tell whether a bracket that is no row, as it holds one number or none, parts two rows."""
+    return _LONE_BETWEEN.fullmatch(between) is not None
+
+
+def lone_at_end(before: str, after: str) -> bool:
+    """Tell whether such a bracket is the first or the last element of a list.
+
+    Args:
+        before: the text before its first row, at most from its outer bracket on.
+        after: the text behind its last row.
+    """
+    return _LONE_FIRST.search(before) is not None or _LONE_LAST.match(after) is not None
+
+
+def remarks(text: str, starts: Sequence[int], ends: Sequence[int]) -> frozenset[int]:
+    """Find the brackets that stand in remarks between the rows of one numbering or bullet.
+
+    A remark stands behind a row on its line, or on lines that are indented deeper than the row's.
+
+    Args:
+        text: the answer's.
+        starts: offsets of the brackets, rising.
+        ends: offsets behind them.
+
+    Returns:
+        their indices.
+    """
+    found: set[int] = set()
+    items = [
+        None if i and text.find("\n", ends[i - 1], start) < 0 else item_of(text, start)
+        for i, start in enumerate(starts)
+    ]
+    last: dict[tuple[str, str], int] = {}
+    for i, item in enumerate(items):
+        if item is None or item.bullet == BARE_LINE:
+            continue
+        key = item.indent, item.bullet
+        before = items[last[key]] if key in last else None
+        if before is not None and item.number == (before.number and before.number + 1):
+            inner = range(last[key] + 1, i)[: _MOST_IN_REMARK + 1]
+            said = [text[ends[k] : starts[k + 1]] for k in inner[:-1]]
+            is_list = any(_LETTER.search(between) is None for between in said)
+            if (
+                len(inner) <= _MOST_IN_REMARK
+                and not is_list
+                and all(_in_remark(text, ends[last[key]], starts[k], item.indent) for k in inner)
+            ):
+                found.update(inner)
+        last[key] = i
+    return frozenset(found)
+
+
+def _in_remark(text: str, end: int, start: int, indent: str) -> bool:
+    line = text.rfind("\n", end, start)
+    if line < 0:
+        return _REMARK_BEHIND.fullmatch(text, end, start) is not None
+    between = text[line + 1 : start]
+    deeper = len(between) - len(between.lstrip(" \t")) > len(indent)
+    return deeper and _LETTER.search(between) is not None
 
 
 def holds_element(between: str) -> bool:

@@ -17,7 +17,10 @@ from ssp_vla_bridge.adapters.list_items import (
     holds_element,
     item_of,
     lacks_first,
+    lone_at_end,
+    lone_element,
     next_object,
+    remarks,
     stated_times_s,
 )
 
@@ -38,9 +41,10 @@ _INSIDE = re.compile(
 _NAMES = frozenset(
     {"v", "k", "c", "x", "y", "speed", "velocity", "vel", "curvature", "curv", "kappa", "κ"}
     | {"lateral", "longitudinal", "forward", "left", "right", "t", "time", "z"}
+    | {"yaw", "heading", "theta"}
 )
 # Further ones of objects: ``{"index": 1, "x": 5.0, "y": 0.0}``.
-_INDEX_NAMES = frozenset({"index", "idx", "step"})
+_INDEX_NAMES = frozenset({"index", "idx", "step", "waypoint", "point", "wp", "frame", "timestep"})
 _UNITS = frozenset(
     {"m", "meter", "meters", "metre", "metres", "m/s", "mps", "m/step", "rad/m", "m^-1", "m⁻¹"}
     | {"km/h", "kmh", "kph", "mph", "ft", "feet", "foot", "cm", "mm", "km", "yd", "px", "deg", "s"}
@@ -179,13 +183,13 @@ ELIDED = "an ellipsis stands for rows"
 UNREAD = "one of its rows can't be read"
 
 _BETWEEN = re.compile(
-    r"(?P<space>\s+)|(?P<comma>[,;])|(?P<ellipsis>[.]{2,}|…|⋯)"
-    r"|(?P<group>\([a-zA-Z/ ]{0,12}\)|[\[(][0-9. ]{1,8}s?[\])]"
+    r"(?P<space>\s+|</?(?:br|p|li|ul|ol|div|td|tr)\s*/?>)|(?P<comma>[,;])"
+    r"|(?P<ellipsis>[.]{2,}|…|⋯)|(?P<group>(?<![\w.])[0-9]{1,3}\)(?=[ \t])|\([a-zA-Z/ ]{0,12}\)|[\[(][0-9. ]{1,8}s?[\])]"
     r"|\([a-z ]{0,9}[=:≈]? ?\+?[0-9.]{1,6} ?(?:ms|s|sec|secs|seconds|m/s|mps|km/h|mph)?\)"
     r"|[\[(][a-zA-Z]{1,12}_?[0-9]{0,2}, ?[a-zA-Z]{1,12}_?[0-9]{0,2}[\])])"
-    r"|(?P<open>[\[({])|(?P<close>[\])}])"
+    r"|(?P<remark>\([^()\n]*[^\W\d][^()\n]*\))|(?P<open>[\[({])|(?P<close>[\])}])"
     rf"|(?P<number>{SIGN}{PLAIN})|(?P<word>[^\W\d]\w*)"
-    r"|(?P<mark>[:=*_`>|#•·→$\\\"'+\-–])|(?P<other>.)",
+    r"|(?P<mark>[:=*_`>|#•·→$\\\"'+\-–@])|(?P<other>.)",
     re.DOTALL,
 )
 # Words that may stand before a row of a list without being prose.
@@ -261,11 +265,22 @@ def scan_lists(text: str) -> tuple[NumberList, ...]:
     items: list[Item | None] = []
     closings = closing_brackets(text)
     end = 0
-    for row in find_rows(text):
+    brackets = list(find_rows(text))
+    remarked = remarks(text, [row.start for row in brackets], [row.end for row in brackets])
+    if remarked:
+        kept: list[str] = []
+        at = 0
+        for start, stop in ((brackets[i].start, brackets[i].end) for i in sorted(remarked)):
+            kept += text[at:start], " " * (stop - start)
+            at = stop
+        text = "".join(kept) + text[at:]
+    for row in (row for i, row in enumerate(brackets) if i not in remarked):
         gap = _gap(text, end, row.start)
         item = item_of(text, row.start)
         outer = gaps[0].opened if gaps else -1
-        if rows and row.start < closings.get(outer, -1) and gap.opened < 0 and not gap.closed:
+        if rows and lone_element(gap.text):
+            gap.unread, parted = True, False
+        elif rows and row.start < closings.get(outer, -1) and gap.opened < 0 and not gap.closed:
             gap.unread = gap.prose and holds_element(gap.text)
             parted = False
         else:
@@ -304,7 +319,8 @@ def _finish(
         fault = f"row {bad + 1} isn't like the others"
     if not good:
         fault = "its rows aren't numbers"
-    if any(gap.unread for gap in gaps[1:]) or lacks_first(gaps[0].text, items):
+    lone = lone_at_end(gaps[0].text, after.text) and gaps[0].opened >= 0
+    if lone or any(gap.unread for gap in gaps[1:]) or lacks_first(gaps[0].text, items):
         fault = UNREAD
     if any(gap.ellipsis for gap in gaps[1:]) or (after.ellipsis and not after.prose):
         fault = ELIDED
@@ -392,7 +408,7 @@ def _gap(text: str, start: int, end: int, from_the_right: bool = False) -> _Gap:
     tokens = list(_BETWEEN.finditer(between))
     for token in reversed(tokens) if from_the_right else tokens:
         kind = token.lastgroup
-        if kind == "other" or (kind == "word" and not _is_label(token.group())):
+        if kind in ("other", "remark") or (kind == "word" and not _is_label(token.group())):
             gap.prose = True
             if from_the_right:
                 break

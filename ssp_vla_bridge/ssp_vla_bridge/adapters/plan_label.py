@@ -22,6 +22,10 @@ _WORD = re.compile(r"[^\W\d_]+(?:/[^\W\d_]+)?")
 _KEY = re.compile(r"[\"']([\w .\-]{1,60})[\"']\s*:\s*\Z")
 # A key of one object that holds another object or list, seen from its opening bracket.
 _PARENT = re.compile(r"[\"']([\w .\-]{1,60})[\"']\s*:\s*[\[{]*\s*\Z")
+# An element of XML that opens or closes; one that closes itself holds nothing.
+_ELEMENT = re.compile(
+    r"<(?P<close>/?)(?P<name>[A-Za-z][\w.\-]{0,40})(?P<more>(?:\s[^<>]{0,80})?)(?<!/)>"
+)
 _SENTENCE_END = re.compile(r"[.!?](?=\s)|\n")
 
 PLAN_WORDS = r"(?:traj(?:s|ector(?:y|ies))?|way[ -]?points?|paths?|plans?|routes?|final answer)"
@@ -66,10 +70,11 @@ _SPECIFIC = (
     r"(?:cars?|vans?|trucks?|lorr(?:y|ies)|bus(?:es)?|coach(?:es)?|motorcycl\w+|motorbikes?|bikes?"
     r"|bicycles?|cyclists?|riders?|pedestrians?|persons?|people|man|men|woman|women|child(?:ren)?"
     r"|kids?|taxis?|trams?|scooters?|trailers?|ambulances?|animals?|dogs?|sedans?|suvs?|pickups?"
-    r"|tractors?|vrus?|walkers?|runners?|joggers?)"
+    r"|tractors?|vrus?|walkers?|runners?|joggers?|peds?|bicyclists?|motorists?|mini(?:vans?|bus(?:es)?)"
+    r"|wheelchairs?|workers?|jeeps?|cabs?|hatchbacks?|limousines?)"
 )
 _GENERIC = (
-    r"(?:agents?|actors?|objects?|obstacles?|road[ _]users?|participants?|neighbou?rs?|leaders?"
+    r"(?:agents?|actors?|obj(?:ect)?s?|obstacles?|road[ _]users?|participants?|neighbou?rs?|leaders?"
     rf"|opponents?|others?|traffic|lead|targets?(?! (?:{PLAN_WORDS}|points?|positions?)\b))"
 )
 _VEHICLE = r"vehicles?"
@@ -203,6 +208,10 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
         label = words.replace("_", " ").lower()
         heading = f"{before} ({key[1].rpartition('_')[2]}){behind}{_siblings(text, start, end)}"
         return Label(label, heading, _owner(label, is_key=True))
+    elements, is_right_before = _elements(text, start, end)
+    named = _owner(elements, is_key=True) if elements else Owner.UNSAID
+    if named is Owner.OTHER or (is_right_before and named is Owner.OWN):
+        return Label(elements, before + behind, named)
     lines = before.split("\n")
     if begin > 0 and begin > end_before:
         lines[0] = lines[0].partition(" ")[2]
@@ -276,6 +285,26 @@ def _says_more(line: str) -> bool:
         return False
     words = _WORD.findall(re.sub(r"<\|?/?(?!box)\w*\|?>", "", line.lower()))
     return any(word not in _FORMAT_WORDS for word in words)
+
+
+def _elements(text: str, start: int, end: int) -> tuple[str, bool]:
+    """Name the elements of XML that hold a list, and tell whether one opens right before it."""
+    opened: list[re.Match[str]] = []
+    for match in _ELEMENT.finditer(text, max(0, start - 4 * _LOOKED_AT), start):
+        if not match["close"]:
+            opened.append(match)
+        elif any(one["name"] == match["name"] for one in opened):
+            while opened.pop()["name"] != match["name"]:
+                pass
+    if not opened:
+        return "", False
+    behind = text[end : end + 4 * _LOOKED_AT]
+    holding = [one for one in opened if f"</{one['name']}>" in behind]
+    is_right_before = bool(holding) and not text[holding[-1].end() : start].strip()
+    names = [re.sub(r"[_=\"']", " ", one["name"] + one["more"]).lower() for one in holding]
+    # The bare vehicle is the own one.
+    names = [re.sub(rf"^vehicle(?= *$| +(?:future |planned )?{PLAN_WORDS})", "", n) for n in names]
+    return " ".join(names).strip(), is_right_before
 
 
 def _parents(text: str, begin: int, start: int) -> list[str]:

@@ -57,6 +57,11 @@ _NAMES = {
     "index": "drop",
     "idx": "drop",
     "step": "drop",
+    "waypoint": "drop",
+    "point": "drop",
+    "wp": "drop",
+    "frame": "drop",
+    "timestep": "drop",
     "x": "x",
     "y": "y",
     "u": "picture",
@@ -166,15 +171,30 @@ _STEP = re.compile(
     r"|(\d*\.?\d+)[ -]*(ms|s|secs?|seconds?)[ -]+"
     r"(?:steps?|apart|intervals?|spacing|spaced|increments?)\b"
     r"|\b(\d*\.?\d+)\s*hz\b"
-    r"|\b(?:points?|rows?|pairs?|one|steps?),? (?:per|every|each) "
+    r"|\bsampl(?:ing|ed)(?: (?:time|interval|period|step))?(?: of| at| every|:| =)?"
+    r"\s*(?P<sampled>\d*\.?\d+)\s*(?P<unit>ms|s|secs?|seconds?)\b"
+    r"|\b(?:points?|rows?|pairs?|one|steps?),?(?: for)? (?:per|every|each) "
     r"(?P<half>half[- ](?:a )?)?second\b",
     re.IGNORECASE,
 )
+_LISTED = r"\d*\.?\d+(?:\s*(?:s|sec|seconds)?\s*(?:,\s*and|,|and|/)\s*\d*\.?\d+)+"
 _TIMES = re.compile(
-    r"(?:\bt\s*=|\btimes?(?:_?stamps?)?(?:_m?s)?\s*[:=]?|\bat)\s*[\[(]?(\d*\.?\d+(?:\s*(?:s|sec|seconds)?\s*(?:,|and|/)+\s*\d*\.?\d+)+)"
-    r"[\])]?\s*(?:s|secs?|seconds?)\b",
+    rf"(?:\bt\s*=|\btimes?(?:_?stamps?)?(?:_m?s)?\s*[:=]?|\bat)\s*[\[(]?({_LISTED})"
+    r"[\])]?\s*(?:s|secs?|seconds?)\b"
+    rf"|\bseconds\s*:?\s*[\[(]?({_LISTED})",
     re.IGNORECASE,
 )
+# Spans of time in words: "one second apart", "at half-second steps".
+_IN_WORDS = tuple(
+    (re.compile(rf"\b(?:{words})(?:[- ]| of )(?:a )?seconds?\b"), f"{number} s")
+    for words, number in (
+        ("(?:a |one[- ])?half(?: a)?", "0.5"),
+        ("(?:a |one[- ])?quarter", "0.25"),
+        ("(?:a |one[- ])?tenth", "0.1"),
+        ("one(?! (?:per|every|each|for))", "1"),
+        ("two", "2"),
+    )
+) + ((re.compile(r"\ba second(?= (?:apart|steps?|intervals?|spacing))"), "1 s"),)
 # Another frame than the vehicle's.
 _OTHER_FRAME = re.compile(
     r"\b(?:global|world|map|utm|enu|geographic|gps|image|camera|frenet|polar)[ -]"
@@ -312,8 +332,9 @@ def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[
         if width != 2:
             return f"the list has rows of {width} numbers"
         if not axes:
-            return meaning.columns
-        names = ["x", "y"]
+            side = _lateral_side(said, meaning, negative_side)
+            return tuple(side if column in _MIRRORED else column for column in meaning.columns)
+        names = ["x", "z"] if set(axes) == {"x", "z"} else ["x", "y"]
     found = [axes.get(name, _NAMES.get(name, name)) for name in names]
     points = "forward" in meaning.columns
     own = dict(zip(("x", "y"), meaning.columns, strict=True)) if points else {}
@@ -389,15 +410,19 @@ def _factors(
 
 
 def _heading_times_s(said: str, count: int) -> tuple[float, ...]:
+    for words, number in _IN_WORDS:
+        said = words.sub(number, said)
     listed = _TIMES.search(said)
     if listed is not None:
-        times = tuple(float(value) for value in re.findall(r"\d*\.?\d+", listed[1]))
+        times = tuple(float(value) for value in re.findall(r"\d*\.?\d+", listed[1] or listed[2]))
         if len(times) == count:
             return times
     step = _STEP.search(said)
     if step is None:
         return ()
-    if not any(step.groups()[:5]):
+    if step["sampled"]:
+        step_s = float(step["sampled"]) * (0.001 if step["unit"] == "ms" else 1.0)
+    elif not any(step.groups()[:5]):
         step_s = 0.5 if step["half"] else 1.0
     elif step[5]:
         rate_hz = float(step[5])
