@@ -34,7 +34,8 @@ _MARK = re.compile(
     r"|(?-i:\Aanalysis(?=[A-Z])|assistant(?:analysis|commentary)(?=[ A-Z])))"
     rf"|(?P<end>(?:<\s?/|&lt;/)\s?{_IN_TAG}\s*(?:>|&gt;)|\[/think(?:ing)?\]"
     rf"|<\|/?end_(?:of_)?(?:{_REASONING})\|>|<\|(?:{_REASONING})_end\|>|<\|/(?:{_REASONING})\|>"
-    r"|◁/think▷|<unused95>|<\|inner_suffix\|>|\[begin final response\]|<\|content\|>|(?-i:assistantfinal))"
+    r"|◁/think▷|<unused95>|<\|inner_suffix\|>"
+    r"|\[begin final response\]|<\|content\|>|(?-i:assistantfinal))"
     r"|(?P<response>^[ \t]*here(?: is|'s|’s) my response:|</details>"
     r"|<\|im_end\|>\s*<\|im_start\|>assistant\b)"
     # Channels: what stands in any other one than the final one is no answer.

@@ -110,8 +110,8 @@ _KEYED_MARK = re.compile(
     r"(?<=[{,\n])\s*(?P<quote>[\"'])(?P<mark>[A-H0-9])(?P=quote)(?P<close>\s*:)\s*[\"'](?=\S)"
 )
 _PICK = re.compile(
-    r"(?:\b(?:answer|choice|option|selection|selected|decision|chosen|choose|pick|select|go (?:with|for)"
-    r"|best)\b"
+    r"(?:\b(?:answer|choice|option|selection|selected|decision|chosen|choose|pick|select"
+    r"|go (?:with|for)|best)\b"
     r"(?:\s+(?:is|would be|option|answer|number|action|plan))*[\"']?\s*(?:[:=]|→|[=-]>)?"
     r"\s*(?:is\s+)?(?:option\s+)?"
     r"|\\boxed\{(?:\\text\{)?|<answer>\s*|^(?=\W*\w\W*$)"

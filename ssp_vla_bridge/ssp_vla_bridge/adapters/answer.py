@@ -25,6 +25,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ssp_vla_bridge.adapters.number_lists import CUT, NESTED, UNREAD, NumberList, scan_lists
+from ssp_vla_bridge.adapters.plain_rows import with_brackets
 from ssp_vla_bridge.adapters.plan_label import Label, Owner, label_of
 from ssp_vla_bridge.adapters.stated import Converted, Meaning, Rows, convert
 from ssp_vla_bridge.adapters.tables import with_lists_for_tables
@@ -104,6 +105,8 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
         text_is_cut: whether it is known to end at the limit of tokens.
     """
     notes: list[str] = []
+    if form.label:
+        text = with_brackets(text)
     text = with_lists_for_tables(text, "forward" in form.meaning.columns, text_is_cut)
     lists: Sequence[NumberList] = scan_lists(text)
     if text_is_cut:

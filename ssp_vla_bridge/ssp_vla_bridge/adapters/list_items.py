@@ -18,12 +18,16 @@ _ITEM = re.compile(
 BARE_LINE = "\n"  # in the place of a bullet, where the row itself begins the line
 _REMARK = re.compile(r"[ \t,;]*(?:(?:#|//|[-–—←(]|<[-!]|\*|/\*)[^\n]*)?\n[ \t]*")
 _LABEL = re.compile(r"[\w\s.:=+*`\"'@()\-–>→,/]{0,60}\Z")
-_NUMBER_FIELD = r"\s*[\"'][\w ]{1,30}[\"']\s*:\s*-?\d*\.?\d+\s*"
+_NUMBER_FIELD = (
+    r"\s*[\"'](?:[\w ]{1,30}[\"']\s*:\s*-?\d*\.?\d+"
+    r"|(?:t|time|timestamp)(?:_m?s)?[\"']\s*:\s*[\"'][^\"'\n]{1,12}[\"'])\s*"
+)
 _NEXT_OBJECT = re.compile(
     rf"\s*(?:,{_NUMBER_FIELD})*\}}\s*,\s*\{{(?:{_NUMBER_FIELD},)*\s*[\"'][\w ]{{1,30}}[\"']\s*:\s*"
 )
 _TIME_FIELD = re.compile(
-    r"[\"'](?:t|time|timestamp)(?:_(?P<unit>m?s))?[\"']\s*:\s*(?P<named>\d*\.?\d+)"
+    r"[\"'](?:t|time|timestamp)(?:_(?P<unit>m?s))?[\"']\s*:\s*(?:[\"'](?:t\s*=\s*)?\+?)?"
+    r"(?P<named>\d*\.?\d+)(?:\s*(?P<of>ms|s)\b)?"
 )
 _COMMENT = re.compile(r"(?:#|//|--|—|–|<!--)[^\n]*|/\*.*?\*/|\([^()]*\)", re.DOTALL)
 _ELEMENTS = re.compile(r"[,;][^,;]*[^\W_][^,;]*[,;]")
@@ -247,7 +251,9 @@ def stated_times_s(gaps: Sequence[str]) -> tuple[float, ...]:
     """
     fields = [[*_TIME_FIELD.finditer(gap[-120:])][-1:] for gap in gaps[:-1]]
     if all(fields):
-        return tuple(_scaled(found[0]["named"], found[0]["unit"]) for found in fields)
+        return tuple(
+            _scaled(found[0]["named"], found[0]["unit"] or found[0]["of"]) for found in fields
+        )
     for some, at in ((gaps[:-1], _BEFORE), (gaps[1:], _BEHIND)):
         found = [at.search(gap[-60:]) if at is _BEFORE else at.match(gap) for gap in some]
         if all(found):

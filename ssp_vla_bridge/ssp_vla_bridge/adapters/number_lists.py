@@ -184,7 +184,8 @@ UNREAD = "one of its rows can't be read"
 
 _BETWEEN = re.compile(
     r"(?P<space>\s+|</?(?:br|p|li|ul|ol|div|td|tr)\s*/?>)|(?P<comma>[,;])"
-    r"|(?P<ellipsis>[.]{2,}|…|⋯)|(?P<group>(?<![\w.])[0-9]{1,3}\)(?=[ \t])|\([a-zA-Z/ ]{0,12}\)|[\[(][0-9. ]{1,8}s?[\])]"
+    r"|(?P<ellipsis>[.]{2,}|…|⋯)|(?P<group>(?<![\w.])[0-9]{1,3}\)(?=[ \t])"
+    r"|\([a-zA-Z/ ]{0,12}\)|[\[(][0-9. ]{1,8}s?[\])]"
     r"|\([a-z ]{0,9}[=:≈]? ?\+?[0-9.]{1,6} ?(?:ms|s|sec|secs|seconds|m/s|mps|km/h|mph)?\)"
     r"|[\[(][a-zA-Z]{1,12}_?[0-9]{0,2}, ?[a-zA-Z]{1,12}_?[0-9]{0,2}[\])])"
     r"|(?P<remark>\([^()\n]*[^\W\d][^()\n]*\))|(?P<open>[\[({])|(?P<close>[\])}])"

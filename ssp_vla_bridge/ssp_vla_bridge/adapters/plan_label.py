@@ -74,8 +74,9 @@ _SPECIFIC = (
     r"|wheelchairs?|workers?|jeeps?|cabs?|hatchbacks?|limousines?)"
 )
 _GENERIC = (
-    r"(?:agents?|actors?|obj(?:ect)?s?|obstacles?|road[ _]users?|participants?|neighbou?rs?|leaders?"
-    rf"|opponents?|others?|traffic|lead|targets?(?! (?:{PLAN_WORDS}|points?|positions?)\b))"
+    r"(?:agents?|actors?|obj(?:ect)?s?|obstacles?|road[ _]users?|participants?|neighbou?rs?"
+    r"|leaders?|opponents?|others?|traffic|lead"
+    rf"|targets?(?! (?:{PLAN_WORDS}|points?|positions?)\b))"
 )
 _VEHICLE = r"vehicles?"
 _QUALIFIED = (

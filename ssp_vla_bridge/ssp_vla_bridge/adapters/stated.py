@@ -173,7 +173,7 @@ _STEP = re.compile(
     r"|\b(\d*\.?\d+)\s*hz\b"
     r"|\bsampl(?:ing|ed)(?: (?:time|interval|period|step))?(?: of| at| every|:| =)?"
     r"\s*(?P<sampled>\d*\.?\d+)\s*(?P<unit>ms|s|secs?|seconds?)\b"
-    r"|\b(?:points?|rows?|pairs?|one|steps?),?(?: for)? (?:per|every|each) "
+    r"|\b(?:(?:way-?)?points?|rows?|pairs?|one|steps?),?(?: for)? (?:per|every|each) "
     r"(?P<half>half[- ](?:a )?)?second\b",
     re.IGNORECASE,
 )
@@ -193,8 +193,9 @@ _IN_WORDS = tuple(
         ("(?:a |one[- ])?tenth", "0.1"),
         ("one(?! (?:per|every|each|for))", "1"),
         ("two", "2"),
+        ("a(?= seconds? (?:apart|steps?|intervals?|spacing))", "1"),
     )
-) + ((re.compile(r"\ba second(?= (?:apart|steps?|intervals?|spacing))"), "1 s"),)
+)
 # Another frame than the vehicle's.
 _OTHER_FRAME = re.compile(
     r"\b(?:global|world|map|utm|enu|geographic|gps|image|camera|frenet|polar)[ -]"
