@@ -114,7 +114,7 @@ def continues(
     Returns:
         None where it doesn't; else whether an item without a row stands between the two.
     """
-    if before is None or item is None or text.find("\n", end, start) < 0:
+    if before is None or item is None:
         return None
     if (before.indent, before.bullet) != (item.indent, item.bullet):
         return None
@@ -124,6 +124,8 @@ def continues(
         return False if _REMARK.fullmatch(text, end, start) is not None else None
     if before.number is not None and item.number is not None:
         return item.number > before.number + 1 if item.number > before.number else None
+    if text.find("\n", end, start) < 0:
+        return False
     unread = False
     for line in text[end : text.rfind("\n", end, start)].split("\n")[1:]:
         match = _ITEM.match(line)
