@@ -200,7 +200,19 @@ _STEPS = re.compile(
 )
 _SENTENCE_END = re.compile(r"\n|[.!?](?=\s|$)")
 _VALUE_END = re.compile(r"[\"']\s*[,}\n]|\n")
+_LEAST_RATED = 2  # conflicts in one object
 _MOST_WORDS = 6  # of an option that isn't called one
+
+# {"conflict": {"potential": 0.2, "active": 0.8}}
+_RATED_CONFLICTS = re.compile(
+    r"\bconflict(?:[ _](?:status|state|level|type))?[\"']\s*:\s*(?P<inside>\{[^{}]*\})",
+    re.IGNORECASE,
+)
+_RATED = re.compile(
+    rf"[\"'](?P<name>[\w ]{{3,24}})[\"']\s*:\s*(?P<value>[\"']?(?:{_WORD_VALUE}|{_SHARE})[\"']?)"
+    r"\s*(?=[,}])",
+    re.IGNORECASE,
+)
 
 _MAY_HOLD_FIELD = re.compile(
     rf"(?:[:=>|→?]|[-–—]\s)[\s\"'*_]{{0,4}}(?:{_WORD_VALUE}|{_SHARE}[\"'*]*(?:[\s,;}}\])|<]|$))"
@@ -242,7 +254,16 @@ def asserted(text: str, values_of: Values) -> str:
         text: a model's text.
         values_of: what the rules read in a piece of text: values by slot.
     """
-    for step in (_questions, _vectors, _fields, _boxes, _tokens, _other_options, _bare_labels):
+    for step in (
+        _questions,
+        _vectors,
+        _conflicts,
+        _fields,
+        _boxes,
+        _tokens,
+        _other_options,
+        _bare_labels,
+    ):
         for start, given in list(step(text, values_of)):
             text = text[:start] + given + text[start + len(given) :]
     return text
@@ -278,6 +299,25 @@ def _fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
                 yield one.start, " " * (one.end - one.start)
             elif holds and _says_name_alone(one, text, values_of):
                 yield one.start, one.named(text)
+
+
+def _conflicts(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
+    """Blanks for the values of an object of conflicts, but for the one that it asserts."""
+    for match in _RATED_CONFLICTS.finditer(text):
+        start, end = match.span("inside")
+        group = []
+        for one in _RATED.finditer(text, start, end):
+            said = one["value"].strip("\"'").lower()
+            if "conflict" in values_of(f"conflict: {_words(one['name'])}"):
+                slots = frozenset({"conflict"})
+                group.append(_Field(said, one.span(), one.span("name"), slots, False))
+        held = [one for one, holds in zip(group, _holding(group), strict=True) if holds]
+        if len(group) < _LEAST_RATED:
+            continue
+        yield start, " " * (end - start)
+        if len(held) == 1:
+            (name_start, name_end) = held[0].key_span
+            yield name_start, text[name_start:name_end] + "."
 
 
 def _questions(text: str, values_of: Values) -> Iterator[tuple[int, str]]:

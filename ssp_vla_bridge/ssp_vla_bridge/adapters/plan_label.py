@@ -26,6 +26,7 @@ _PARENT = re.compile(r"[\"']([\w .\-]{1,60})[\"']\s*:\s*[\[{]*\s*\Z")
 _ELEMENT = re.compile(
     r"<(?P<close>/?)(?P<name>[A-Za-z][\w.\-]{0,40})(?P<more>(?:\s[^<>]{0,80})?)(?<!/)>"
 )
+_MOST_DEEP = 8  # elements that hold a list
 _SENTENCE_END = re.compile(r"[.!?](?=\s)|\n")
 
 PLAN_WORDS = r"(?:traj(?:s|ector(?:y|ies))?|way[ -]?points?|paths?|plans?|routes?|final answer)"
@@ -291,7 +292,7 @@ def _says_more(line: str) -> bool:
 def _elements(text: str, start: int, end: int) -> tuple[str, bool]:
     """Name the elements of XML that hold a list, and tell whether one opens right before it."""
     opened: list[re.Match[str]] = []
-    for match in _ELEMENT.finditer(text, max(0, start - 4 * _LOOKED_AT), start):
+    for match in _ELEMENT.finditer(text, max(0, start - 2 * _LOOKED_AT), start):
         if not match["close"]:
             opened.append(match)
         elif any(one["name"] == match["name"] for one in opened):
@@ -299,8 +300,8 @@ def _elements(text: str, start: int, end: int) -> tuple[str, bool]:
                 pass
     if not opened:
         return "", False
-    behind = text[end : end + 4 * _LOOKED_AT]
-    holding = [one for one in opened if f"</{one['name']}>" in behind]
+    behind = text[end : end + 2 * _LOOKED_AT]
+    holding = [one for one in opened[-_MOST_DEEP:] if f"</{one['name']}>" in behind]
     is_right_before = bool(holding) and not text[holding[-1].end() : start].strip()
     names = [re.sub(r"[_=\"']", " ", one["name"] + one["more"]).lower() for one in holding]
     # The bare vehicle is the own one.
