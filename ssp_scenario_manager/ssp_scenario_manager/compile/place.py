@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -118,8 +119,18 @@ def tunings(event: Event, plan: Plan) -> list[Tuning]:
     for field, (value, unit, why) in sorted(plan.chosen.items()):
         wanted = quantity_at(event, field)
         span = wanted.si if isinstance(wanted, Interval) else Span()
-        low, high = finite(span.low), finite(span.high)
-        found.append(Tuning(field=field, value=value, unit=unit, min=low, max=high, reason=why))
+        at_most = plan.at_most.get(field, math.inf)
+        found.append(
+            Tuning(
+                field=field,
+                value=value,
+                unit=unit,
+                min=finite(span.low),
+                max=finite(span.high),
+                at_most=at_most if at_most < span.high else None,
+                reason=why,
+            )
+        )
     return found
 
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from ssp_core.errors import InputError
 from ssp_core.files import load_model
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
 from ssp_core.run_file.road import CurvePiece, Lane
-from ssp_core.run_file.values import Finite, Outline, Point, Start, Strict
+from ssp_core.run_file.values import Finite, Outline, Point, Start, Strict, without_defaults
 
 SCHEMA: Literal["ssp.task/1"] = "ssp.task/1"
 TASK_FILE = "task.json"
@@ -95,7 +97,19 @@ class Tuning(Strict):
     unit: str
     min: Finite | None
     max: Finite | None
+    at_most: Finite | None = Field(
+        None, description="what the place allows, where it is less than max; null: all of it"
+    )
     reason: str
+
+    @model_serializer(mode="wrap")
+    def _without_a_limit_that_is_not_there(
+        self, dump: SerializerFunctionWrapHandler
+    ) -> dict[str, Any]:
+        return without_defaults(dump(self), at_most=None)
+
+
+NO_TUNINGS: Mapping[str, Tuning] = MappingProxyType({})
 
 
 class Validation(Strict):
@@ -132,6 +146,12 @@ class Task(Strict):
     run: RunSpec = Field(description="what a session runs; a run adds its id, seed and mode")
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    def tunings_of(self, run: RunSpec) -> Mapping[str, Tuning]:
+        """Return the tunings by field; none for a run whose objects were moved by hand since."""
+        if (run.targets, run.triggers) != (self.run.targets, self.run.triggers):
+            return NO_TUNINGS
+        return {tuning.field: tuning for tuning in self.tunings}
 
 
 def content_hash(task: Task) -> str:

@@ -297,6 +297,11 @@ def plans_on(
                 zone=zone(made, seen, conflict),
                 expected=_on_block(block, made.vut, seen.fired_station_m),
                 chosen={**chosen(choices, values), **(made.chosen or {})},
+                at_most={
+                    choice.field: choice.at_most
+                    for choice in choices.values()
+                    if math.isfinite(choice.at_most)
+                },
                 gap_s=gap_before_response_s(told, seen, initiator_first=initiator_first(event)),
             )
         first_reason = first_reason or "; ".join(reasons)

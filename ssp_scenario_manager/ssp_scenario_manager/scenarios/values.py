@@ -26,12 +26,14 @@ class Choice:
     Args:
         values: preferred first, then ever further from it.
         why: where the first comes from.
+        at_most: the place's upper limit.
     """
 
     field: str
     unit: str
     values: tuple[float, ...]
     why: str
+    at_most: float = math.inf
 
 
 def quantity_at(event: Event, field: str) -> Quantity | None:
@@ -96,7 +98,7 @@ def choose(
         value = low + share * (high - low)
         if all(abs(value - known) > 1e-9 for known in values):
             values.append(value)
-    return Choice(field, unit, tuple(values), why)
+    return Choice(field, unit, tuple(values), why, at_most)
 
 
 _HEADWAY_FIELD = "run.driver.headway_s"

@@ -22,12 +22,12 @@ from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start
 from ssp_scenario_manager.closed_loop.single_run.single import MOST_SEEDS
 from ssp_scenario_manager.closed_loop.starts.start import OffSpec, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
-from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER
+from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER, load_task
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.ordered_map import Engine, ordered_map
 
 PLAN_FILE, TASKS_FOLDER, STARTS_FILE = "plan.json", "tasks", "starts.json"
-STARTS_SCHEMA = "ssp.loop_starts/2"
+STARTS_SCHEMA = "ssp.loop_starts/3"
 # Their sources decide how a run goes and what it is rated.
 _PACKAGES = (
     "ssp_core",
@@ -238,7 +238,8 @@ def _drawn(
     """
     run = RunSpec.model_validate_json(run_json)
     try:
-        start = make_start(run, load_event(event_file)[0], seed, *room_s)
+        tunings = load_task(Path(event_file).parent).tunings_of(run)
+        start = make_start(run, load_event(event_file)[0], seed, *room_s, tunings)
     except OffSpec as error:
         return "off_spec", {"seed": seed, "why": str(error)}
     facts = {

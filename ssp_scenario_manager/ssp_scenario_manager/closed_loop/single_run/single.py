@@ -38,7 +38,7 @@ from ssp_scenario_manager.closed_loop.starts.start import (
     twin_of,
     without_event,
 )
-from ssp_scenario_manager.compile.task import TASK_FILE
+from ssp_scenario_manager.compile.task import NO_TUNINGS, TASK_FILE, Tuning, load_task
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
@@ -137,7 +137,8 @@ def driven_run(
         return _with_driver(run, drive, event_file.parent / TASK_FILE)
     history_s = history_s_of(drive.driver, drive.options)
     event = load_event(str(event_file))[0]
-    start = next_start(run, event, run.seed, drive.latency.seconds, say, history_s)
+    tunings = load_task(event_file.parent).tunings_of(run)
+    start = next_start(run, event, run.seed, drive.latency.seconds, say, history_s, tunings)
     return start.driven_by(drive.driver, drive.options, drive.latency)
 
 
@@ -148,6 +149,7 @@ def next_start(
     latency_max_s: float,
     say: Callable[[str], None],
     history_s: float = 0.0,
+    tunings: Mapping[str, Tuning] = NO_TUNINGS,
 ) -> Start:
     """Return the start of the first seed from one on whose event is K*'s (METHOD 8.1).
 
@@ -158,6 +160,7 @@ def next_start(
         latency_max_s: largest latency.
         say: takes what becomes of seeds, for people.
         history_s: longest history of a driver.
+        tunings: of the task that the run is of, by field of K*.
 
     Raises:
         InputError: none of MOST_SEEDS gives one.
@@ -165,7 +168,7 @@ def next_start(
     why = ""
     for tried in range(seed, seed + MOST_SEEDS):
         try:
-            return make_start(run, event, tried, latency_max_s, history_s)
+            return make_start(run, event, tried, latency_max_s, history_s, tunings)
         except OffSpec as error:
             why = why or str(error)
             say(f"seed {tried} gives no start of {run.scenario}: {error}")

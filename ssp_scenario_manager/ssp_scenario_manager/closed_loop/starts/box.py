@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,11 @@ from ssp_core.files import parse_model
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import Hold
 from ssp_scenario_manager.closed_loop.starts.places import GapDraw, placed_run, span_of
+from ssp_scenario_manager.closed_loop.starts.ways import drawn_kerb, drawn_line
+from ssp_scenario_manager.compile.task import NO_TUNINGS, Tuning
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.scenarios.planning import BODY_MPS2
+from ssp_scenario_manager.scenarios.values import quantity_at
 
 # Fields of a manoeuvre by K*'s names of its quantities.
 _OF_MANOEUVRE = {
@@ -25,6 +29,7 @@ _OF_PATH = {
     "walking_speed": "cruise_mps",
     "merging_speed": "cruise_mps",
     "circulating_speed": "cruise_mps",
+    "crossing_speed": "cruise_mps",
     "acceleration": "acceleration_mps2",
 }
 _OF_KIND = {
@@ -33,40 +38,55 @@ _OF_KIND = {
     "follow_path": _OF_PATH,
     "hold": dict[str, str](),
 }
+# Generators of a seed, by number. What came later has one of its own: the other values stay.
+_COMMON, _LENGTHS, _GAPS, _KERB, _LINE = 8, 9, 10, 12, 13
+_OWN = {"crossing_speed": 11}
 
 
-def drawn_run(run: RunSpec, event: Event, seed: int) -> tuple[RunSpec, dict[str, float]]:
+def drawn_run(
+    run: RunSpec, event: Event, seed: int, tunings: Mapping[str, Tuning] = NO_TUNINGS
+) -> tuple[RunSpec, dict[str, float]]:
     """Return the run with values drawn from K*'s box, and these by field of run file or K*.
 
     Each quantity that K* gives an interval is drawn uniformly from it, in an order of its own, so
-    that a seed gives the same values everywhere; an acceleration from the part of it that the
-    object's class and the place's limits allow. Other values stay as they were compiled. Gaps at
-    the start are drawn by ``gap_draw``: how small they may be depends on all else.
+    that a seed gives the same values everywhere; a speed from the part of it that place and bend
+    allow, an acceleration from what the object's class and the place's limits allow. Other values
+    stay as they were compiled. Gaps at the start are drawn by ``gap_draw``: how small they may be
+    depends on all else.
 
     Args:
         run: as it was compiled.
         event: K*, that it was compiled from.
         seed: of the start.
+        tunings: of the task that the run is of, by field of K*. Without them the place's limits are
+            unknown; ``crossing_speed`` and the distance to the kerb stay as compiled.
 
     Raises:
         InputError: the values make no run.
     """
     data: dict[str, Any] = run.model_dump(mode="json", by_alias=True)
-    random = np.random.default_rng([seed, 8])
+    random = _generator(seed, _COMMON)
     drawn: dict[str, float] = {}
 
-    def draw(quantity: object, *fields: str, most: float = math.inf) -> None:
-        span = span_of(quantity)
+    def draw(
+        quantity: str,
+        *fields: str,
+        most: float = math.inf,
+        generator: np.random.Generator = random,
+    ) -> None:
+        span = span_of(quantity_at(event, quantity))
         if span is None or not all(_holds(data, field) for field in fields):
             return
+        tuning = tunings.get(quantity)
+        if tuning is not None and tuning.at_most is not None:
+            most = min(most, tuning.at_most)
         high = max(span.low, min(span.high, most))
-        value = round(float(random.uniform(span.low, high)), 3)
+        value = round(float(generator.uniform(span.low, high)), 3)
         for field in fields:
             _put(data, field, value)
             drawn[field] = value
 
-    speeds, needs = event.constraints.speeds, event.constraints
-    draw(_approach(speeds, run.vut.id), "driver.cruise_mps", "vut.approach.cruise_mps")
+    draw(_approach(event.vut_id), "driver.cruise_mps", "vut.approach.cruise_mps")
     acting = next((i for i, t in enumerate(run.triggers) if not isinstance(t.manoeuvre, Hold)), 0)
     manoeuvre = run.triggers[acting].manoeuvre
     for i, target in enumerate(run.targets):
@@ -74,22 +94,31 @@ def drawn_run(run: RunSpec, event: Event, seed: int) -> tuple[RunSpec, dict[str,
         if acting and target.id == run.triggers[acting].object_id:
             # What leaves the lane keeps its speed.
             fields.append(f"triggers.{acting}.manoeuvre.cruise_mps")
-        draw(_approach(speeds, target.id), *fields)
+        draw(_approach(target.id), *fields)
     # Where another object than the initiator acts, both triggers have one condition.
     conditions = [f"triggers.{i}.condition" for i, _ in enumerate(run.triggers)]
     for field in ("below_m", "below_s"):
-        draw(getattr(needs.trigger, "below", None), *(f"{at}.{field}" for at in conditions))
+        draw("constraints.trigger.below", *(f"{at}.{field}" for at in conditions))
     within = "manoeuvre.motion" if manoeuvre.kind == "follow_path" else "manoeuvre"
     names = _OF_KIND[manoeuvre.kind]
     body = event.participants[run.triggers[acting].object_id].class_
     hardest = min(BODY_MPS2[body][0], run.limits.acceleration_mps2)
-    for name in sorted(needs.manoeuvre.keys() & names.keys()):
+    for name in sorted(event.constraints.manoeuvre.keys() & names.keys()):
+        quantity, field = (
+            f"constraints.manoeuvre.{name}",
+            f"triggers.{acting}.{within}.{names[name]}",
+        )
         most = hardest if name == "acceleration" else math.inf
-        draw(needs.manoeuvre[name], f"triggers.{acting}.{within}.{names[name]}", most=most)
+        if name not in _OWN:
+            draw(quantity, field, most=most)
+        elif quantity in tunings:
+            draw(quantity, field, most=most, generator=_generator(seed, _OWN[name]))
     data["seed"] = seed
     parsed = parse_model(RunSpec, data, f"the start of seed {seed}")
-    placed, lengths = placed_run(parsed, event, np.random.default_rng([seed, 9]).uniform)
-    return placed, drawn | lengths
+    placed, lengths = placed_run(parsed, event, _generator(seed, _LENGTHS).uniform)
+    placed, to_kerb = drawn_kerb(placed, event, tunings, _generator(seed, _KERB).uniform)
+    placed, to_line = drawn_line(placed, event, _generator(seed, _LINE).uniform)
+    return placed, drawn | lengths | to_kerb | to_line
 
 
 def gap_draw(run: RunSpec, event: Event, seed: int) -> GapDraw:
@@ -100,13 +129,17 @@ def gap_draw(run: RunSpec, event: Event, seed: int) -> GapDraw:
         event: K*.
         seed: of the start.
     """
-    random = np.random.default_rng([seed, 10])
+    random = _generator(seed, _GAPS)
     shares = {target.id: float(random.uniform()) for target in run.targets}
     return GapDraw(run, event, shares)
 
 
-def _approach(speeds: Any, object_id: str) -> object:
-    return speeds.get(object_id, {}).get("approach")
+def _generator(seed: int, number: int) -> np.random.Generator:
+    return np.random.default_rng([seed, number])
+
+
+def _approach(object_id: str) -> str:
+    return f"constraints.speeds.{object_id}.approach"
 
 
 def _holds(data: dict[str, Any], field: str) -> bool:

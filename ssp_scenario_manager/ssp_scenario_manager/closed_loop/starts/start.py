@@ -23,6 +23,7 @@ from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.closed_loop.contact import Contact, first_contact
 from ssp_scenario_manager.closed_loop.starts.box import drawn_run, gap_draw
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
+from ssp_scenario_manager.compile.task import NO_TUNINGS, Tuning
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
 from ssp_scenario_manager.scenarios.crossing import is_hidden
@@ -134,6 +135,7 @@ def make_start(
     seed: int,
     latency_max_s: float,
     history_s: float = LIMITS.history_s,
+    tunings: Mapping[str, Tuning] = NO_TUNINGS,
 ) -> Start:
     """Return the start of a seed.
 
@@ -144,6 +146,7 @@ def make_start(
         seed: of the start.
         latency_max_s: largest latency of the campaign, for which the hand-over leaves time.
         history_s: longest history of a driver, for which it does so too.
+        tunings: of the task that the run is of, by field of K*, see ``drawn_run``.
 
     Raises:
         OffSpec: the event of this seed isn't K*'s, or begins before the hand-over.
@@ -151,7 +154,7 @@ def make_start(
     """
     frame_s = _frame_period_s(run)
     history_s = max(history_s, LIMITS.history_s)
-    drawn, values = drawn_run(prepared(run), event, seed)
+    drawn, values = drawn_run(prepared(run), event, seed, tunings)
     gaps = gap_draw(drawn, event, seed)
     if (bounds := gaps.bounds_m) is not None:
         widest, _ = gaps.with_gap(bounds.high)
