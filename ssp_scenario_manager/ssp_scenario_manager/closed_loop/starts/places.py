@@ -2,7 +2,8 @@
 
 Where the initiator drives up to its manoeuvre, each participant ahead that drives moves along the
 road. Where it stands there, it may stand at a marking, and the VUT begins earlier or later instead,
-with the further participants that drive ahead of it.
+with the further participants that drive ahead of it; a vehicle that drives between both begins at
+a gap of its own.
 """
 
 from __future__ import annotations
@@ -176,6 +177,22 @@ class GapDraw:
             and self.event.participants[target.id].region.along == "ahead"
         ]
 
+    @cached_property
+    def _between(self) -> dict[str, Span]:
+        """Gaps to those that drive ahead of the VUT towards an initiator that stands."""
+        further, found = further_ids(self.event), dict[str, Span]()
+        for target in self.run.targets:
+            who = self.event.participants.get(target.id)
+            if who is None or who.region.along != "ahead" or target.id in further:
+                continue
+            span = span_of(who.region.gap)
+            if span is not None and target.approach is not None and self._is_by_vut:
+                found[target.id] = span
+        return found
+
+    def _share_m(self, name: str, span: Span) -> float:
+        return span.low + self.shares[name] * (span.high - span.low)
+
     @property
     def _is_by_vut(self) -> bool:
         return self._initiator.approach is None
@@ -210,15 +227,19 @@ class GapDraw:
             run = run.model_copy(update={"vut": places.moved(run.vut, -back_m)})
             for target in self._beside_the_vut:
                 run = with_target(run, places.moved(target, -back_m))
+            for name, span in self._between.items():
+                target = next(one for one in run.targets if one.id == name)
+                along_m = self._share_m(name, span) - places.gap_m(target) - back_m
+                run = with_target(run, places.moved(target, along_m))
         else:
             for name, span in self._spans.items():
                 target = next(one for one in run.targets if one.id == name)
-                wanted_m = span.low + self.shares[name] * (span.high - span.low)
+                wanted_m = self._share_m(name, span)
                 if name == run.initiator_id:
                     wanted_m = gap_m
                 run = with_target(run, places.moved(target, wanted_m - places.gap_m(target)))
-        after = Places(run)
-        gaps = {one.id: after.gap_m(one) for one in run.targets if one.id in self._spans}
+        after, drawn = Places(run), {*self._spans, *self._between}
+        gaps = {one.id: after.gap_m(one) for one in run.targets if one.id in drawn}
         return run, {f"participants.{k}.region.gap": round(v, 3) for k, v in gaps.items()}
 
     def drawn_m(self, room_m: float) -> float:
