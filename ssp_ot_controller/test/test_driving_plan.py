@@ -112,6 +112,43 @@ def test_a_plan_at_2_hz_through_30_m_of_braking_is_tracked(points_s: float, aske
     assert body.x_m == pytest.approx(speed * begin_s + 30.0, abs=0.3)
 
 
+@pytest.mark.parametrize(("points_s", "asked_s"), [(0.5, 2.0), (0.1, 0.1), (0.1, 0.4)])
+def test_a_plan_through_a_bend_is_tracked(points_s: float, asked_s: float) -> None:
+    """The cubic's curvature jumps at its points; a VUT that is led by it doesn't swing.
+
+    Each plan begins beside the VUT, on the lane: straight on, then a bend of 11.5 m radius.
+    """
+    speed, radius_m, begins_m = 5.0, 11.5, 15.0
+
+    def lane(station_m: float) -> tuple[float, float]:
+        angle = max(station_m - begins_m, 0.0) / radius_m
+        along = min(station_m, begins_m) + radius_m * math.sin(angle)
+        return along, radius_m * (1.0 - math.cos(angle))
+
+    def beside(x_m: float, y_m: float) -> tuple[float, float]:
+        if x_m <= begins_m:
+            return x_m, y_m
+        to_middle = math.hypot(x_m - begins_m, radius_m - y_m)
+        turned = math.atan2(x_m - begins_m, radius_m - y_m)
+        return begins_m + radius_m * turned, radius_m - to_middle
+
+    times = tuple(points_s * k for k in range(round(5.0 / points_s) + 1))
+    body = BodyState(0.0, 0.0, 0.0, speed_mps=speed)
+    tracker, off = Tracker(ObjectClass.CAR, dt_s=STEP_S), []
+    for step in range(round(6.0 / STEP_S)):
+        now_ns = round(step * STEP_S * 1e9)
+        station_m, off_m = beside(body.x_m, body.y_m)
+        off.append(off_m)
+        if step % round(asked_s / STEP_S) == 0:
+            pose = Pose2(body.x_m, body.y_m, body.yaw_rad)
+            places = [pose.to_local(*lane(station_m + speed * t)) for t in times]
+            x, y = zip(*places, strict=True)
+            plan = accepted(Trajectory(times, x, y), pose, now_ns)
+        command, _ = tracker.track(state_of_body(body, now_ns, "vut"), plan.reference, now_ns)
+        body = step_body(ObjectClass.CAR, body, command, STEP_S)
+    assert np.abs(off).max() < 0.1
+
+
 def test_without_a_plan_the_vut_decelerates_at_2_straight_on() -> None:
     reference = fallback_of(Pose2(5.0, 1.0, 0.0), 10.0, 0, STEP_S, "sha256:x")
     at = sample(reference, 2_000_000_000)

@@ -15,6 +15,9 @@ from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import FloatArray, wrap_angle
 from ssp_core.value_class import value_class
 
+# Purpose of a reference that is a driver's plan (METHOD 8.4).
+PLAN = "plan"
+
 
 @value_class(frozen=True, slots=True)
 class ReferencePoint:

@@ -14,6 +14,10 @@ delays, is a disturbance that is known ahead. The optimal law answers each futur
 gain of its own (linear-quadratic preview control), so that the object begins to brake or to
 accelerate before its reference does, as late as its lag allows.
 
+The curvature of a driver's plan jumps at each of its points, as the second derivative of a
+shape-preserving cubic does, and most where it begins. What is fed forward is there a mean of it, by
+the reference's yaw, over twice the steering's lag.
+
 A ``Track`` is a reference made ready for being driven: plain numbers, so that a step costs
 microseconds. ``sample`` of ssp_core.motion.reference says what a reference means; a track gives the
 same values.
@@ -31,7 +35,7 @@ import numpy as np
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import FloatArray, Pose2, wrap_angle
-from ssp_core.motion.reference import Reference, ReferencePoint
+from ssp_core.motion.reference import PLAN, Reference, ReferencePoint
 from ssp_core.motion.state import ObjectState
 from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ObjectClass
@@ -41,6 +45,8 @@ from ssp_ot_controller.control.riccati import cost_to_go
 # Rows of a track, and steps of feed-forward, that are made ready at once; a power of two.
 _PIECE_BITS = 6
 _PIECE = 1 << _PIECE_BITS
+# On a shorter way the change of yaw says nothing about the curvature.
+_LEAST_WAY_M = 0.05
 
 
 class Point(NamedTuple):
@@ -152,6 +158,13 @@ class Track:
     def curvature_1pm(self, t_s: float) -> float:
         """Evaluate ``at`` for the curvature only."""
         return self._value(t_s, 5)
+
+    def mean_curvature_1pm(self, from_s: float, to_s: float) -> float:
+        """Return the change of yaw over the way between two times; at the former without a way."""
+        way_m = self._value(to_s, 8) - self._value(from_s, 8)
+        if way_m < _LEAST_WAY_M:
+            return self.curvature_1pm(from_s)
+        return wrap_angle(self.at(to_s).yaw_rad - self.at(from_s).yaw_rad) / way_m
 
     def speed_mps(self, t_s: float) -> float:
         """Evaluate ``at`` for the speed only."""
@@ -435,10 +448,7 @@ class Tracker:
         c, s = math.cos(beside.yaw_rad), math.sin(beside.yaw_rad)
         lateral_m = c * (state.y_m - beside.y_m) - s * (state.x_m - beside.x_m)
         yaw_rad = wrap_angle(state.yaw_rad - beside.yaw_rad)
-        here = beside.curvature_1pm
-        # The command with which a lag that is at the reference's curvature stays on it.
-        change = track.curvature_1pm(beside_s + self._dt_s) - here
-        forward = here + change / self._curvature_share
+        here, forward = self._curvatures(track, beside_s, beside.curvature_1pm)
         k_lateral, k_yaw, k_curvature = self._gains_at(state.speed_mps)
         # An object that is too slow to tell is taken to turn as the path does.
         fast = state.speed_mps > _MIN_CURVATURE_SPEED_MPS
@@ -446,6 +456,21 @@ class Tracker:
         back = k_lateral * lateral_m + k_yaw * yaw_rad + k_curvature * turned
         bound = self._limits.curvature_1pm
         return min(max(forward - back, -bound), bound)
+
+    def _curvatures(self, track: Track, t_s: float, here_1pm: float) -> tuple[float, float]:
+        """Return the reference's curvature, and the command with which a lag stays on it, 1/m.
+
+        Args:
+            track: of the reference.
+            t_s: after execute_at.
+            here_1pm: the reference's curvature at that time.
+        """
+        if track.reference.purpose != PLAN:
+            change = track.curvature_1pm(t_s + self._dt_s) - here_1pm
+            return here_1pm, here_1pm + change / self._curvature_share
+        lag_s, begun_s = self._limits.curvature_lag_s, max(t_s, 0.0)
+        around = track.mean_curvature_1pm(max(begun_s - lag_s, 0.0), begun_s + lag_s)
+        return around, track.mean_curvature_1pm(begun_s, begun_s + 2.0 * lag_s)
 
     def _gains_at(self, speed_mps: float) -> tuple[float, float, float]:
         bounded = min(max(speed_mps, MIN_GAIN_SPEED_MPS), MAX_GAIN_SPEED_MPS)

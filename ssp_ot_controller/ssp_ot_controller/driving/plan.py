@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import FloatArray, Pose2, wrap_angles
-from ssp_core.motion.reference import Points, Reference
+from ssp_core.motion.reference import PLAN, Points, Reference
 from ssp_core.motion.trajectory import TOLERANCE_S, Trajectory, check_trajectory
 
 
@@ -115,7 +115,7 @@ def plan_of(
         reference_id=reference_id,
         object_id="vut",
         event_version=event_version,
-        purpose="plan",
+        purpose=PLAN,
         dispatched_ns=stamp_ns,
         execute_at_ns=stamp_ns,
         expires_at_ns=stamp_ns + seconds_to_ns(float(points[0, -1])) + 1,

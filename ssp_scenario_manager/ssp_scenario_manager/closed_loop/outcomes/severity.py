@@ -12,7 +12,7 @@ import numpy as np
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.geometry import Polyline, box_distance
 from ssp_core.motion.encounter import encounter
-from ssp_core.motion.reference import Reference
+from ssp_core.motion.reference import PLAN, Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
@@ -137,7 +137,7 @@ def _replan_m(led: Sequence[StepReport]) -> float | None:
     ]
     found = [
         distance
-        for before, after in pairwise(one for one in plans if one.purpose == "plan")
+        for before, after in pairwise(one for one in plans if one.purpose == PLAN)
         if (distance := _apart_m(before, after)) is not None
     ]
     return math.fsum(found) / len(found) if found else None

@@ -13,7 +13,7 @@ import numpy as np
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.files import write_text
 from ssp_core.motion.encounter import encounter
-from ssp_core.motion.reference import Reference
+from ssp_core.motion.reference import PLAN, Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.latency import parse_latency
 from ssp_core.run_file.model import RunSpec
@@ -132,7 +132,7 @@ def top_view(run: RunSpec, record: Record, told: dict[str, Any], event: Event | 
     view = RoadView(run.road, shown)
     drawing = drawing_of(run)
     lines = [Line(f"road {one.kind}", view.svg(one.points)) for one in drawing.road_lines]
-    lines += [Line("planned", view.svg(_places(plan))) for plan in plans if plan.purpose == "plan"]
+    lines += [Line("planned", view.svg(_places(plan))) for plan in plans if plan.purpose == PLAN]
     lines += [Line("effective", view.svg(part)) for part in _effective(plans, end_s)]
     for object_id, states in paths.items():
         kind = "driven" if object_id == run.vut.id else "object"
@@ -165,7 +165,7 @@ def top_view(run: RunSpec, record: Record, told: dict[str, Any], event: Event | 
                 Line("driven" if i == run.vut.id else "object", chart.speed(states))
                 for i, states in paths.items()
             ]
-            + [Line("planned", chart.planned(plan)) for plan in plans if plan.purpose == "plan"],
+            + [Line("planned", chart.planned(plan)) for plan in plans if plan.purpose == PLAN],
             unled=chart.spans(
                 [r.now_ns for r in led if r.drive is not None and _is_unled(r.drive.mode)],
                 run.step_s,
