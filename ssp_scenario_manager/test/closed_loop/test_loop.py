@@ -214,12 +214,12 @@ def test_starts_that_were_changed_after_their_seal_are_refused(done: Path, tmp_p
 
 
 def test_starts_of_another_schema_are_refused_by_its_name(done: Path, tmp_path: Path) -> None:
-    """Their gaps weren't drawn: their rows are no rows of this campaign."""
+    """Their distances to line and kerb weren't drawn: their rows are no rows of this campaign."""
     folder = shutil.copytree(done, tmp_path / "older")
     kept = json.loads((folder / "starts.json").read_text())
-    assert kept["schema"] == "ssp.loop_starts/2"
-    (folder / "starts.json").write_text(json.dumps({**kept, "schema": "ssp.loop_starts/1"}))
-    with pytest.raises(InputError, match=r"starts\.json.*must be ssp.loop_starts/2.*starts/1"):
+    assert kept["schema"] == "ssp.loop_starts/3"
+    (folder / "starts.json").write_text(json.dumps({**kept, "schema": "ssp.loop_starts/2"}))
+    with pytest.raises(InputError, match=r"starts\.json.*must be ssp.loop_starts/3.*starts/2"):
         run(plan_of(), folder)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 
@@ -18,23 +19,24 @@ from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver
 from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start, order_of
 from ssp_scenario_manager.closed_loop.outcomes.needless import needless_in
-from ssp_scenario_manager.closed_loop.starts.start import Start, make_start
+from ssp_scenario_manager.closed_loop.starts.start import OffSpec, Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import Record
 from tests.support.places import site_of
 
-# Seeds of critical starts.
+# Seeds from which on the first start with a contact is taken.
 EVENTS = {
     "crossing_car": 7,
     "cut_out": 1,
     "lead_braking": 1,
     "merge": 1,
     "oncoming_turn": 2,
-    "roundabout": 1,
+    "roundabout": 6,
     "slow_lead": 1,
     "vru_crossing": 2,
-    "vut_turn": 4,
+    "vut_turn": 3,
 }
 LATENCY = Latency(0.3)
 SCRIPTED = CampaignDriver(driver="scripted")
@@ -47,10 +49,14 @@ def start_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[
     @cache
     def make(event: str) -> tuple[Start, Record]:
         folder = tmp_path_factory.mktemp("gaming") / event
-        seed = EVENTS[event]
-        run = prepare_run(event, site_of(event), folder, seed=seed, mode="lockstep")
-        start = make_start(run, load_event(event)[0], seed, latency_max_s=1.0)
-        assert start.contact is not None
+        run = prepare_run(event, site_of(event), folder, seed=1, mode="lockstep")
+        tunings = load_task(folder / TASK_FOLDER).tunings_of(run)
+        k_star, seed, start = load_event(event)[0], EVENTS[event], None
+        while start is None or start.contact is None:
+            with suppress(OffSpec):
+                start = make_start(run, k_star, seed, latency_max_s=1.0, tunings=tunings)
+            seed += 1
+            assert seed < EVENTS[event] + 20
         free = drive_start(start, CampaignDriver(driver="built_in"), ZERO_LATENCY, event=False)
         return start, free.record
 
