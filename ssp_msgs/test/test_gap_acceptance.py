@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from ssp_core.geometry import Polyline
 from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import Driver, GiveWay
@@ -19,6 +21,7 @@ from ssp_core.world.gap_acceptance import (
     BEHIND_S,
     HYSTERESIS_S,
     Coming,
+    Place,
     PriorityWatch,
     Word,
     coming_along,
@@ -137,6 +140,45 @@ def test_one_that_speeds_up_arrives_by_its_acceleration_and_one_that_brakes_by_i
     assert (t_s < way_m / 10.0 - 0.5) is sooner
     assert 10.0 * t_s + max(acceleration_mps2, 0.0) * t_s * t_s / 2.0 == pytest.approx(way_m)
     assert one.leaves_s == pytest.approx((74.0 + SIZE.rear_m) / 10.0)
+
+
+@pytest.mark.parametrize(("radius_m", "most_mps"), [(9.0, 6.0), (16.0, 8.0), (400.0, 40.0)])
+def test_one_that_speeds_up_is_no_faster_than_the_bend_ahead_of_it_allows(
+    radius_m: float, most_mps: float
+) -> None:
+    """It turns by 45 deg on its way to the zone; 4 m/s^2 sideways are sqrt(4 r) m/s."""
+    angles = np.linspace(0.0, math.pi / 4.0, 200)
+    bend = [(radius_m * math.sin(a), radius_m * (1.0 - math.cos(a))) for a in angles]
+    (x_m, y_m), c = bend[-1], math.sqrt(0.5)
+    path = [(-40.0, 0.0), *bend, (x_m + 60.0 * c, y_m + 60.0 * c)]
+    first_m = 60.0 + radius_m * math.pi / 4.0
+    spec = PLACE.model_copy(
+        update={"priority_path": path, "priority_zone_m": (first_m, first_m + 4.0)}
+    )
+    place = Place(spec, Polyline(path))
+    car = object_state("ot1", CAR, -40.0, 0.0, 0.0, 4.0)
+    [one] = coming_along(place, [replace(car, acceleration_mps2=2.0)])
+    way_m = first_m - SIZE.front_m
+    rising_s = (min(most_mps, math.sqrt(16.0 + 4.0 * way_m)) - 4.0) / 2.0
+    rest_m = way_m - (4.0 + rising_s) * rising_s
+    assert one.arrives_s == pytest.approx(rising_s + max(rest_m, 0.0) / most_mps, rel=0.01)
+    # What is behind it, and how fast it is already, keep it from nothing.
+    [past] = coming_along(
+        place,
+        [
+            replace(
+                car,
+                x_m=x_m + 8.0 * c,
+                y_m=y_m + 8.0 * c,
+                yaw_rad=math.pi / 4.0,
+                acceleration_mps2=2.0,
+            )
+        ],
+    )
+    left_m = 12.0 - SIZE.front_m
+    assert 4.0 * past.arrives_s + past.arrives_s**2 == pytest.approx(left_m, abs=0.1)
+    [fast] = coming_along(place, [replace(car, speed_mps=50.0, acceleration_mps2=2.0)])
+    assert fast.arrives_s == pytest.approx(way_m / 50.0, rel=0.03)
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,10 @@ the major road across the oncoming lane, 4.1 to 5.2 s for the entry of a roundab
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 from ssp_core.geometry import Polyline, wrap_angle
@@ -31,6 +33,10 @@ HYSTERESIS_S = 0.5
 SLOWEST_YIELDING_MPS = 1.5
 # One who waits at the line changes to slowing down only if it may be faster by this.
 _HYSTERESIS_MPS = 1.5
+# Bends that are ahead of an object let it speed up to this acceleration sideways; they are measured
+# over so many metres of the path.
+_SIDEWAYS_MPS2 = 4.0
+_BEND_M = 4.0
 # The driver looks for a gap so long before a comfortable stop at the line would begin.
 LOOKS_AHEAD_S = 1.0
 # Before the zone only a stop that needs more than this multiple of comfortable braking is given up.
@@ -45,7 +51,7 @@ class Coming:
 
     Args:
         arrives_s: until its front reaches the zone, at its present speed, or with its present
-            acceleration where it speeds up; 0 within it.
+            acceleration where it speeds up, as far as bends ahead of it allow; 0 within it.
         leaves_s: until its rear leaves the zone, at its present speed; inf where it stands in it.
     """
 
@@ -86,6 +92,24 @@ class Place:
     spec: GiveWay
     path: Polyline
 
+    @cached_property
+    def _bends(self) -> tuple[list[float], list[float]]:
+        """Stations along the path, and the speed that the tightest bend up to the zone allows."""
+        count = max(math.ceil(self.spec.priority_zone_m[0] / _BEND_M), 1)
+        stations = [i * _BEND_M for i in range(count)]
+        yaws = [self.path.pose(station).yaw_rad for station in (*stations, count * _BEND_M)]
+        most, speeds = math.inf, []
+        for first, second in zip(yaws[-2::-1], yaws[:0:-1], strict=True):
+            curvature = abs(wrap_angle(second - first)) / _BEND_M
+            most = min(most, math.sqrt(_SIDEWAYS_MPS2 / max(curvature, 1e-6)))
+            speeds.append(most)
+        return stations, speeds[::-1]
+
+    def most_mps(self, station_m: float) -> float:
+        """Return the speed that the bends between a station and the zone allow."""
+        stations, speeds = self._bends
+        return speeds[min(bisect_left(stations, station_m), len(speeds) - 1)]
+
 
 def places_of(driver: Driver) -> tuple[Place, ...]:
     """Return the places at which a driver gives way; none of one that doesn't react."""
@@ -112,12 +136,22 @@ def coming_along(place: Place, others: Sequence[ObjectState]) -> list[Coming]:
         speed = other.speed_mps
         if speed > _COMING_MPS:
             way_m, faster = max(first_m - front, 0.0), max(other.acceleration_mps2, 0.0)
-            # The root of way = v t + a t^2 / 2, written so that a may be 0.
-            arrives = 2.0 * way_m / (speed + math.sqrt(speed * speed + 2.0 * faster * way_m))
+            arrives = _time_for(way_m, speed, faster, max(place.most_mps(front), speed))
             found.append(Coming(other.object_id, arrives, (last_m - rear) / speed))
         elif front >= first_m:
             found.append(Coming(other.object_id, 0.0, math.inf))
     return found
+
+
+def _time_for(way_m: float, speed_mps: float, acceleration_mps2: float, most_mps: float) -> float:
+    """Return the time for a way at a speed that rises up to a largest one, s."""
+    reached_m = math.inf
+    if acceleration_mps2 > 0.0:
+        reached_m = (most_mps * most_mps - speed_mps * speed_mps) / (2.0 * acceleration_mps2)
+    rising_m = min(way_m, reached_m)
+    # The root of way = v t + a t^2 / 2, written so that a may be 0.
+    fast = math.sqrt(speed_mps * speed_mps + 2.0 * acceleration_mps2 * rising_m)
+    return 2.0 * rising_m / (speed_mps + fast) + (way_m - rising_m) / most_mps
 
 
 def decide(

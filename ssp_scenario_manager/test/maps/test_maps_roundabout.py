@@ -126,12 +126,22 @@ def test_a_shift_of_the_vehicle_changes_what_the_vut_does(
     assert result.min_distance_m > 0.5
     assert run.vut.approach is not None
     path, (place,) = Polyline(run.vut.approach.path), run.driver.gives_way
-    before = [
-        state.speed_mps
+    fronts = [
+        (state, path.project(state.x_m, state.y_m)[0] + state.size.front_m)
         for state in record.truths("vut")
-        if -15.0 < path.project(state.x_m, state.y_m)[0] + state.size.front_m - place.line_m < 1.0
     ]
+    around_m = (place.line_m - 15.0, place.zone_m[0])
+    before = [s.speed_mps for s, front_m in fronts if around_m[0] < front_m < around_m[1]]
     assert (min(before) < 0.5) is stops
+    # Who goes first has left the zone before the vehicle reaches it.
+    its_way = Polyline(place.priority_path)
+    arrives_ns = next(
+        state.stamp_ns
+        for state in record.truths("ot1")
+        if its_way.project(state.x_m, state.y_m)[0] + state.size.front_m > place.priority_zone_m[0]
+    )
+    (rear_m,) = (m - s.size.length_m for s, m in fronts if s.stamp_ns == arrives_ns)
+    assert (rear_m > place.zone_m[1]) is not other_first
 
 
 @pytest.mark.parametrize(
