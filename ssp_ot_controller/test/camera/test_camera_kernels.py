@@ -15,7 +15,7 @@ from ssp_ot_controller.camera.kernels.ground import ground_row
 from ssp_ot_controller.camera.kernels.palettes import PALETTES
 from ssp_ot_controller.camera.kernels.raster import Eye, Triangles, rasterise, rasterise_cover
 from ssp_ot_controller.camera.kernels.shading import make_noise, window_mix
-from ssp_ot_controller.camera.storyboards import LaneCounts, clip_junction, clip_road
+from ssp_ot_controller.camera.storyboards import LaneCounts, clip_junction, clip_road, storyboard
 
 Floats = NDArray[np.float64]
 
@@ -197,6 +197,18 @@ def test_a_junction_is_carriageway_with_a_kerb_around_its_corners() -> None:
     # Far from it nothing changes.
     for place in ((30.0, 1.7), (30.0, -2.5), (200.0, 0.3), (60.0, 40.0)):
         assert colour(surface, *place) == colour(before, *place)
+
+
+def test_the_arm_that_the_vut_comes_by_has_its_oncoming_lane_up_to_its_end() -> None:
+    """The VUT's road around a ring is one lane; its arm has two, from 60 m before the ring on."""
+    palette = PALETTES["suburb"]
+    surface = ground.build_ground(storyboard("roundabout", 1).road, palette, texture=False)
+    asphalt = pytest.approx(palette.asphalt, abs=1.0)
+    for x_m in (-5.0, 10.0, 30.0, 45.0):
+        colours = [ground._colour(surface, x_m, y_m, 0.02, 0.02, 0.0) for y_m in (0.3, 2.6, 4.4)]
+        assert colours == [asphalt] * 3, x_m
+        beside = ground._colour(surface, x_m, 6.5, 0.02, 0.02, 0.0)
+        assert beside != asphalt, x_m
 
 
 def test_blocks_of_pixels_beside_a_junction_equal_single_ones() -> None:

@@ -20,7 +20,7 @@ from ssp_ot_controller.camera.meshes.roadside import sign
 from ssp_ot_controller.camera.renderer.render import Scene, render
 from ssp_ot_controller.camera.renderer.scenery import Prop, build_scenery
 from ssp_ot_controller.camera.renderer.stage import stage_for
-from ssp_ot_controller.camera.storyboards import LaneCounts, clip_junction, clip_road
+from ssp_ot_controller.camera.storyboards import LaneCounts, clip_junction, clip_road, storyboard
 from support.states import object_state
 
 Image = NDArray[np.uint8]
@@ -144,6 +144,23 @@ def test_nothing_stands_on_the_arms_of_a_junction_or_hides_them(palette: str) ->
 
     assert reach_in(before)
     assert reach_in(kept) == []
+
+
+@pytest.mark.parametrize("palette", sorted(PALETTES))
+def test_nothing_stands_on_the_oncoming_lane_of_the_arm_that_the_vut_comes_by(palette: str) -> None:
+    """The VUT's road around a ring is one lane wide, from y = -1.75 to 1.75; its arm has two."""
+    ring = storyboard("roundabout", 1).road
+
+    def on_arm(props: list[Prop]) -> list[Prop]:
+        found = []
+        for prop in props:
+            x, y, z = prop.mesh.corners.reshape(-1, 3).T
+            if ((x > -10.0) & (x < 50.0) & (y > -1.75) & (y < 5.25) & (z < 2.0)).any():
+                found.append(prop)
+        return found
+
+    assert on_arm(props_of(ring.model_copy(update={"junction": []}), palette))
+    assert on_arm(props_of(ring, palette)) == []
 
 
 def test_what_stands_on_the_lanes_is_not_drawn() -> None:

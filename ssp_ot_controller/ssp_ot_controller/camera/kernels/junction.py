@@ -125,11 +125,22 @@ class _Canvas:
         low, high = places.min(axis=0), places.max(axis=0)
         middle = 0.5 * (low + high)
         half = np.maximum(0.5 * (high - low) + 10.0, _REACH_M)
-        # Beyond its own arms the road's table goes on, so that little of them is needed.
-        half[0] = 0.5 * (high[0] - low[0]) + 10.0
+        # Beyond its own arms the road's table goes on, so that little of them is needed, unless
+        # they have lanes that the road hasn't.
+        first, last = self._own_arms(road, low[0] - 10.0, high[0] + 10.0)
+        middle[0], half[0] = 0.5 * (first + last), 0.5 * (last - first)
         self.corner = float(middle[0] - half[0]), float(middle[1] - half[1])
         rows, columns = np.ceil(2 * half / CELL_M).astype(int)
         self.shape = int(rows), int(columns)
+
+    def _own_arms(self, road: Road, first_m: float, last_m: float) -> tuple[float, float]:
+        """Return arc lengths between which also the road's own arms lie that are wider than it."""
+        for arm in road.junction:
+            if is_wider_own_arm(road, self.line, arm):
+                far = ReferenceLine.of_road(arm).to_map(_far_end_m(arm), 0.0)
+                stations = self.local(np.array([far]))[:, 0].tolist()
+                first_m, last_m = min(first_m, *stations), max(last_m, *stations)
+        return first_m, last_m
 
     def local(self, places: FloatArray) -> FloatArray:
         """Return places of frame map in the road's frame, without those that have none there."""
@@ -155,6 +166,22 @@ def is_own_arm(line: ReferenceLine, arm: JunctionRoad) -> bool:
     at = float(np.nan_to_num(line.to_local_many(np.array([[pose.x_m, pose.y_m]]))[0, 0]))
     turn = abs(wrap_angle(pose.yaw_rad - line.pose(at).yaw_rad))
     return min(turn, math.pi - turn) < _OWN_ARM_RAD
+
+
+def is_wider_own_arm(road: Road, line: ReferenceLine, arm: JunctionRoad) -> bool:
+    """Tell whether an arm is a road's own and has lanes that the road, with its line, hasn't."""
+    if arm.junction_at == "both" or not is_own_arm(line, arm):
+        return False
+    its = ReferenceLine.of_road(arm)
+    ends = [its.to_map(station, 0.0) for station in (0.0, arm.length_m)]
+    offsets = line.to_local_many(np.array(ends))[:, 1]
+    lies_on_it = bool((np.abs(offsets) < arm.left_edge_m - arm.right_edge_m).all())
+    road_m = sum(lane.width_m for lane in road.lanes)
+    return lies_on_it and arm.left_edge_m - arm.right_edge_m > road_m + _ONE_PLACE_M
+
+
+def _far_end_m(arm: JunctionRoad) -> float:
+    return 0.0 if arm.junction_at == "end" else arm.length_m
 
 
 def _goes_on(road: Road, arm: JunctionRoad) -> bool:

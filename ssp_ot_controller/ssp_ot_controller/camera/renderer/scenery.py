@@ -20,7 +20,7 @@ from ssp_core.world.reference_line import ReferenceLine
 from ssp_core.world.scenery import BEFORE_M, BEYOND_M, Clearance, half_extent_m, item_pose
 from ssp_ot_controller.camera.kernels.bend import Bend, block_line, offsets_of
 from ssp_ot_controller.camera.kernels.jit import Array
-from ssp_ot_controller.camera.kernels.junction import is_own_arm
+from ssp_ot_controller.camera.kernels.junction import is_own_arm, is_wider_own_arm
 from ssp_ot_controller.camera.kernels.palettes import Palette
 from ssp_ot_controller.camera.meshes import roadside
 from ssp_ot_controller.camera.meshes.mesh import Mesh
@@ -215,10 +215,13 @@ def _around_junction(road: Road) -> Iterator[Box]:
     walk_m = max(road.sidewalk_left_m, road.sidewalk_right_m)
     frame, own = road.origin.pose, ReferenceLine.of_road(road)
     for one in road.junction:
-        if one.junction_at != "both" and is_own_arm(own, one):
+        is_own = one.junction_at != "both" and is_own_arm(own, one)
+        if is_own and not is_wider_own_arm(road, own, one):
             continue
         line = ReferenceLine.of_road(one)
         beside_m = _SIGHT_M if one.junction_at == "both" else walk_m + _BESIDE_ARM_M
+        # Beside the road's own arm there is what is beside the road.
+        beside_m = 0.0 if is_own else beside_m
         half_m = 0.5 * (one.left_edge_m - one.right_edge_m) + beside_m
         middle_m = 0.5 * (one.left_edge_m + one.right_edge_m)
         steps = max(1, math.ceil(one.length_m / _ARM_STEP_M))
