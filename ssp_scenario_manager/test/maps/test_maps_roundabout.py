@@ -16,7 +16,7 @@ from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import corridor_half_m
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import TimeToArrival
-from ssp_core.vocabulary import Verdict
+from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.compile.choose import NotChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.compile.targets.carla import export_carla
@@ -94,6 +94,14 @@ def test_it_runs_valid_and_the_vut_enters_the_ring_behind_the_vehicle(site: str)
             assert np.abs(local[there, 1]).min() < 0.1
 
 
+def test_without_a_conflict_a_session_is_off_spec() -> None:
+    """Two seconds earlier the VUT passes behind the vehicle, and TTC stays over the threshold."""
+    result, _ = run_in_process(shifted(run_on("ring"), -2.0))
+    assert result.verdict is Verdict.OFF_SPEC
+    assert result.phase_s(Phase.TRIGGER) is not None
+    assert result.phase_s(Phase.CONFLICT) is None
+
+
 def test_a_vut_that_does_not_react_hits_it() -> None:
     run = run_on("ring")
     steady = run.driver.model_copy(update={"reacts": False})
@@ -113,12 +121,12 @@ def shifted(run: RunSpec, shift_s: float) -> RunSpec:
 
 @pytest.mark.parametrize(
     ("shift_s", "stops", "other_first"),
-    [(-2.0, False, True), (0.0, True, True), (6.0, False, False)],
+    [(-1.5, False, True), (0.0, True, True), (2.0, True, True), (6.0, False, False)],
 )
 def test_a_shift_of_the_vehicle_changes_what_the_vut_does(
     shift_s: float, stops: bool, other_first: bool
 ) -> None:
-    """Two seconds earlier it needn't stop for it; six seconds later it goes in front of it."""
+    """A second and a half earlier it needn't stop; six seconds later it goes in front of it."""
     run = shifted(run_on("ring"), shift_s)
     result, record = run_in_process(run)
     assert result.verdict is Verdict.VALID, result.reasons
