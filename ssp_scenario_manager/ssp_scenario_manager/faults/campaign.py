@@ -29,7 +29,14 @@ from ssp_scenario_manager.faults.evidence import (
     read_evidence,
     track_of,
 )
-from ssp_scenario_manager.faults.judge import CellJudgement, Nominal, fault_of, judge, nominal_of
+from ssp_scenario_manager.faults.judge import (
+    CellJudgement,
+    Nominal,
+    fault_of,
+    judge,
+    missed_its_run,
+    nominal_of,
+)
 from ssp_scenario_manager.faults.matrix import Cell, Expected, NotApplicable, Row, Stage
 from ssp_scenario_manager.run.faults import NEED_PROCESSES
 from ssp_scenario_manager.run.in_process import Record, judged
@@ -140,6 +147,7 @@ def left_behind(folder: Path) -> list[str]:
 CELL_FILE = "cell.json"
 SAID_FILE = "said.txt"
 NOMINAL = "nominal"
+ATTEMPTS = 3
 # So begins the runner's reason for a run that a person ended.
 _INTERRUPTED = "interrupted"
 Mode = Literal["lockstep", "realtime"]
@@ -221,7 +229,10 @@ def prepare_scene(
 
 
 def run_cells(scene: FaultScenario, cells: list[tuple[Row, Stage]]) -> Iterator[CellResult]:
-    """Run and judge cells; one that was run before, with the same run file, is judged again."""
+    """Run and judge cells; one that was run before, with the same run file, is judged again.
+
+    A session that was complete before its fault came is run anew, ``ATTEMPTS`` times in all.
+    """
     for row, stage in cells:
         cell = row.cell(stage, scene.nominal.moves[stage])
         if isinstance(cell, Expected) and scene.way == "in_process" and row.kind in NEED_PROCESSES:
@@ -237,7 +248,13 @@ def run_cells(scene: FaultScenario, cells: list[tuple[Row, Stage]]) -> Iterator[
             continue
         folder = make_folder(scene.folder / row.name / stage.value)
         name = f"{scene.name}-{row.name}-{stage.value}"
-        evidence, leftovers = _evidence(run.model_copy(update={"run_id": name}), folder)
+        run = run.model_copy(update={"run_id": name})
+        evidence, leftovers = _evidence(run, folder)
+        for _ in range(ATTEMPTS - 1):
+            if not missed_its_run(evidence, 0):
+                break
+            (folder / CELL_FILE).unlink()
+            evidence, leftovers = _evidence(run, folder)
         judged = judge(cell, evidence, 0, leftovers)
         yield CellResult(scene, row, stage, cell, fault, judged, folder, evidence.wall_s)
 

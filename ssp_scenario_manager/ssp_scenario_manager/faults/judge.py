@@ -12,6 +12,7 @@ from ssp_core.safety.stopping import BRAKE_LAG_S, MARGIN_M, Stopping, stopping_o
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase
 from ssp_scenario_manager.faults.evidence import Evidence, Stop, stop_of, touch
 from ssp_scenario_manager.faults.matrix import OT, Expected, Row, Stage, Within
+from ssp_scenario_manager.run.faults import RUNNER_KINDS
 
 # A stamp before the fault by rounding alone.
 _ROUNDING_S = 1e-6
@@ -79,6 +80,10 @@ def judge(
         index: of the cell's fault in the run file.
         leftovers: processes that outlived the run.
     """
+    primary = evidence.reasons[0] if evidence.reasons else ""
+    missed = missed_its_run(evidence, index)
+    if missed:
+        return CellJudgement(evidence.verdict, primary, None, {}, (missed, *leftovers))
     findings = [*evidence.problems, *leftovers]
     findings += _of_verdict(expected, evidence)
     findings += _of_names(expected, evidence)
@@ -97,8 +102,27 @@ def judge(
         findings.append(f"the recorder lost {evidence.lost} messages")
     if not expected.starts and evidence.reached(SessionPhase.RUNNING) is not None:
         findings.append("the session started")
-    primary = evidence.reasons[0] if evidence.reasons else ""
     return CellJudgement(evidence.verdict, primary, reaction, stops, tuple(findings))
+
+
+def missed_its_run(evidence: Evidence, index: int) -> str:
+    """Describe a fault of the runner that didn't begin before its run was complete.
+
+    A machine that keeps the runner waiting lets a session in lockstep end meanwhile. Such a run
+    shows nothing of the fault.
+
+    Returns:
+        Empty for a fault that fell into the run, and for one that nodes or the recipe inject.
+    """
+    fault = evidence.spec.faults[index]
+    ended_s = _reached_s(evidence, SessionPhase.STOPPING)
+    if fault.kind not in RUNNER_KINDS - {"trigger_never"} or ended_s is None:
+        return ""
+    begun = next((n.t_s for n in evidence.faults if n.index == index and n.active), None)
+    if begun is not None and begun < ended_s:
+        return ""
+    when = "never came" if begun is None else f"came at {begun:.2f} s"
+    return f"not injected: {fault.kind} {when}, the run was complete at {ended_s:.2f} s"
 
 
 def _text(object_id: str, stop: Stop) -> str:
@@ -196,12 +220,13 @@ class _Instant:
         return cls(t_s, wall_s)
 
 
-def _aborting_s(evidence: Evidence) -> float | None:
-    known = evidence.reached(SessionPhase.ABORTING)
+def _reached_s(evidence: Evidence, phase: SessionPhase) -> float | None:
+    """Return when the session came to a phase, by the bag, or as the runner heard it."""
+    known = evidence.reached(phase)
     if known is not None:
         return known
-    word = SessionPhase.ABORTING.name
-    return next((h.t_s for h in evidence.heard if h.kind == "session" and h.name == word), None)
+    heard = evidence.heard
+    return next((h.t_s for h in heard if h.kind == "session" and h.name == phase.name), None)
 
 
 def _signs(evidence: Evidence, since_s: float, limits: Sequence[str]) -> list[tuple[float, str]]:
@@ -252,9 +277,7 @@ def _reaction(expected: Expected, evidence: Evidence, instant: _Instant) -> Reac
 
 def _ended(evidence: Evidence) -> bool:
     """Tell whether the run was complete, by any of its records."""
-    word = SessionPhase.FINISHED.name
-    told = any(h.kind == "session" and h.name == word for h in evidence.heard)
-    return told or evidence.reached(SessionPhase.FINISHED) is not None
+    return _reached_s(evidence, SessionPhase.FINISHED) is not None
 
 
 def _counts(limit_name: str, expected: Expected) -> bool:
@@ -266,7 +289,7 @@ def _stops(expected: Expected, evidence: Evidence, instant: _Instant) -> dict[st
     if not expected.stops or evidence.reached(SessionPhase.RUNNING) is None:
         return {}
     if expected.since == "abort":
-        start, blind_s = _aborting_s(evidence), 0.0
+        start, blind_s = _reached_s(evidence, SessionPhase.ABORTING), 0.0
     else:
         start, blind_s = instant.t_s, _blind_s(expected, run)
     if start is None:

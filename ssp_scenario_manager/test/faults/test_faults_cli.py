@@ -128,3 +128,35 @@ def test_a_finished_cell_is_judged_again_and_not_run_again(
     (tmp_path / "state_nan" / "before" / "cell.json").unlink()
     next(run_cells(other, cell))
     assert len(ran) == 3
+
+
+@pytest.mark.parametrize("late", [0, 1, 2, 3])
+def test_a_run_that_was_complete_before_its_fault_came_is_run_anew(
+    late: int, run: RunSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran: list[float] = []
+
+    def session(spec: RunSpec, folder: Path, key: str) -> list[str]:
+        begun_s = 16.0 if len(ran) < late else 9.4
+        ran.append(begun_s)
+        noted = {"index": 0, "active": True, "session_s": begun_s, "wall_s": 20.0}
+        heard = {
+            "kind": "session",
+            "name": "STOPPING",
+            "detail": "",
+            "session_s": 14.6,
+            "wall_s": 19.0,
+        }
+        write_text(folder / "run.yaml", spec.model_dump_json(by_alias=True))
+        write_json(folder / "result.json", {"verdict": "valid", "reasons": [], "bag": "bag"})
+        write_json(folder / "faults.json", {"injected": [noted], "heard": [heard]})
+        write_json(folder / "cell.json", {"key": key, "leftovers": []})
+        return []
+
+    monkeypatch.setattr(campaign, "_run_session", session)
+    scene = FaultScenario("cut_in", "lockstep", tmp_path, run, NOMINAL)
+    (result,) = run_cells(scene, [(ROWS["world_paused"], Stage.BEFORE)])
+    assert len(ran) == min(late + 1, campaign.ATTEMPTS)
+    assert result.judged is not None
+    missed = "not injected: pause came at 16.00 s, the run was complete at 14.60 s"
+    assert (result.judged.findings == (missed,)) == (late >= campaign.ATTEMPTS)

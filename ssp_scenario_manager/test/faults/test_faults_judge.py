@@ -232,3 +232,31 @@ def test_lockstep_may_have_a_bound_of_its_own(make: Make) -> None:
     expected = replace(EXPECTED, lockstep=Within(0.01))
     assert findings(make(own_states=()), lockstep=expected.lockstep) != ()
     assert expected.bound("realtime") == EXPECTED.within
+
+
+@pytest.mark.parametrize(
+    ("begun_s", "found"),
+    [
+        (FAULT_S, "verdict valid, not aborted"),
+        (16.48, "not injected: pause came at 16.48 s, the run was complete at 8.00 s"),
+        (None, "not injected: pause never came, the run was complete at 8.00 s"),
+    ],
+)
+@pytest.mark.parametrize("by_bag", [True, False])
+def test_a_fault_that_came_when_its_run_was_complete_was_not_injected(
+    make: Make, by_bag: bool, begun_s: float | None, found: str
+) -> None:
+    evidence = make(verdict="valid", reasons=())
+    fault = Fault(kind="pause", target="sil_world", at_s=FAULT_S, duration_s=1.0)
+    late = replace(
+        evidence,
+        spec=evidence.spec.model_copy(update={"faults": [fault]}),
+        session=(RUNNING, *([(8.0, SessionPhase.STOPPING)] if by_bag else [])),
+        heard=(HeardEvent("session", "STOPPING", "", 8.0, 12.0),),
+        faults=() if begun_s is None else (FaultNote(begun_s, 0, True, 14.0),),
+    )
+    told = findings(late)
+    assert found in told
+    assert len(told) == 1 or begun_s == FAULT_S
+    # What nodes inject comes at its time: a run that goes on to its end hasn't answered it.
+    assert "verdict valid, not aborted" in findings(replace(late, spec=evidence.spec))
