@@ -114,8 +114,8 @@ CORRECTED, NATIVE = "corrected", "native"
 
 _OPENEMMA_FORM = Form(
     OPENEMMA_PAIRS,
-    Meaning(PAIRS.columns, STEP_S),
-    UNITS | {"m", "m/step"},
+    Meaning(PAIRS.columns, STEP_S, CURVATURE_SCALE),
+    frozenset({"m", "m/step"}),
     usual=frozenset({"square brackets"}),
 )
 

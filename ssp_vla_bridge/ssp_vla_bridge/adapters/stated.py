@@ -144,7 +144,6 @@ _SPEEDS_MPS = {
     "mph": 0.44704,
     "ft/s": 0.3048,
     "knots": 1852 / 3600,
-    "m/step": 1.0,
 }
 _CURVATURES_PM = {
     "1/m": 1.0,
@@ -154,7 +153,19 @@ _CURVATURES_PM = {
     "1/km": 0.001,
     "deg/m": math.pi / 180,
 }
-_NO_UNITS = ("cells", "grid cells", "px", "pixel", "pixels", "deg", "degrees", "°", "degree")
+_HUNDREDTHS = re.compile(r"(?<![\d.])100(?![\d.])|\bhundredths?\b|\bcenti")
+_NO_UNITS = (
+    "m/step",
+    "cells",
+    "grid cells",
+    "px",
+    "pixel",
+    "pixels",
+    "deg",
+    "degrees",
+    "°",
+    "degree",
+)
 _ALL = sorted(
     {*_LENGTHS_M, *_SPEEDS_MPS, *_CURVATURES_PM, *_NO_UNITS, "normalized", "normalised"},
     key=len,
@@ -242,10 +253,12 @@ class Meaning:
     Args:
         columns: two of ``forward``, ``left``, ``right``, ``speed``, ``curvature``.
         step_s: for an interface whose speed is metres per step, that step; else 1.
+        curvature_scale: what a curvature of 1/m is written as.
     """
 
     columns: tuple[str, str]
     step_s: float = 1.0
+    curvature_scale: float = 1.0
 
 
 POINTS = Meaning(("forward", "left"))
@@ -399,15 +412,14 @@ def _factors(
             return f"the list is in {(wrong or sorted(stated))[0]!r}"
         factor = lengths.pop() if lengths else 1.0
         return (factor, factor), ", ".join(sorted(stated))
-    speeds = {_SPEEDS_MPS[unit] for unit in stated if unit in _SPEEDS_MPS}
-    curvatures = {_CURVATURES_PM[unit] for unit in stated if unit in _CURVATURES_PM}
+    scale = 1.0 if _HUNDREDTHS.search(said) else meaning.curvature_scale
+    speeds = {_SPEEDS_MPS[unit] * meaning.step_s for unit in stated if unit in _SPEEDS_MPS}
+    curvatures = {_CURVATURES_PM[unit] * scale for unit in stated if unit in _CURVATURES_PM}
     wrong = sorted(stated - _SPEEDS_MPS.keys() - _CURVATURES_PM.keys() - accepted)
     if wrong or len(speeds) > 1 or len(curvatures) > 1:
         return f"the list is in {(wrong or sorted(stated))[0]!r}"
-    speed = speeds.pop() if speeds else 1.0
-    if speed != 1.0:
-        speed *= meaning.step_s
-    return (speed, curvatures.pop() if curvatures else 1.0), ", ".join(sorted(stated))
+    factors = (speeds.pop() if speeds else 1.0, curvatures.pop() if curvatures else 1.0)
+    return factors, ", ".join(sorted(stated))
 
 
 def _heading_times_s(said: str, count: int) -> tuple[float, ...]:

@@ -280,7 +280,7 @@ def test_names_why_there_is_no_trajectory(cases, text, reason, mode):
     ("form", "note"),
     [
         ("({}, {})", "round brackets"),
-        ("[{} m/s, {}]", "units in rows"),
+        ("[{} m, {}]", "units in rows"),
         ("{{'v': {}, 'k': {}}}", "names in rows"),
         ("step 1: [{}, {}]", "labels between rows"),
         ("[{} {}]", "a space for a comma"),
@@ -290,6 +290,32 @@ def test_what_was_tolerated_is_noted(cases, form, note):
     name, adapted = answer_of(cases, cases.pairs(PLAN, form))
     assert name == "plan"
     assert note in adapted.info.notes
+
+
+@pytest.mark.parametrize(
+    ("heading", "form", "row", "note"),
+    [
+        ("", "[{} m/s, {}]", (10.0, 0.2), "m/s"),
+        ("Speed in m/s and curvature:\n", "[{}, {}]", (10.0, 0.2), "m/s"),
+        ("", "[{} m/s, {} 1/m]", (10.0, 0.002), "1/m, m/s"),
+        ("(km/h, 1/m):\n", "[{}, {}]", (36.0, 0.002), "1/m, km/h"),
+        ("Curvatures in 1/m, times 100:\n", "[{}, {}]", (5.0, 0.2), ""),
+        ("(m/step, 1/100 m):\n", "[{}, {}]", (5.0, 0.2), ""),
+        ("", "[{} m/step, {}]", (5.0, 0.2), ""),
+    ],
+)
+def test_stated_units_are_converted_to_those_of_the_history(cases, heading, form, row, note):
+    adapted = cases.read("openemma", heading + cases.pairs([row] * 10, form))
+    asked = cases.read("openemma", cases.pairs([(5.0, 0.2)] * 10))
+    assert adapted.trajectory.x_m == pytest.approx(asked.trajectory.x_m)
+    assert adapted.trajectory.y_m == pytest.approx(asked.trajectory.y_m)
+    converted = [one for one in adapted.info.notes if one.startswith("converted from ")]
+    assert converted == ([f"converted from {note}"] if note else [])
+
+
+def test_a_unit_that_the_interface_does_not_have_is_not_read(cases):
+    adapted = cases.read("lightemma", "(m/step, 1/m):\n" + cases.pairs([(5.0, 0.2)] * 6))
+    assert adapted.invalid == ("shape",)
 
 
 def test_a_unicode_minus_is_read_and_noted(cases):
