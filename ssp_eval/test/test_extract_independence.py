@@ -12,7 +12,7 @@ from pathlib import Path
 import ssp_eval.extract
 from ssp_eval.data.records import Slots
 from ssp_eval.evaluate.store import answer_records
-from ssp_eval.extract import extract
+from ssp_eval.extract import engine, extract
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.extract.measure import measure, parse_corpus
 
@@ -33,7 +33,7 @@ FORBIDDEN = (
 # The parts of the rules, each behind those that it may import.
 PARTS = (
     "tokens",
-    "options",
+    "asserted",
     "lexicon",
     "match",
     "speaker",
@@ -91,12 +91,31 @@ def test_nothing_that_knows_labels_is_imported_by_what_is_imported() -> None:
 
 def test_a_part_of_the_rules_imports_none_that_stands_behind_it() -> None:
     for at, part in enumerate(PARTS):
+        folder = FOLDER / part
+        files = sorted(folder.glob("*.py")) if folder.is_dir() else [FOLDER / f"{part}.py"]
         known = {
             name.split(".")[2]
-            for name in imports(FOLDER / f"{part}.py")
+            for file in files
+            for name in imports(file)
             if name.startswith("ssp_eval.extract.")
         }
-        assert known <= set(PARTS[:at]), f"{part} imports {known - set(PARTS[:at])}"
+        before = set(PARTS[: at + folder.is_dir()])
+        assert known <= before, f"{part} imports {known - before}"
+
+
+def test_the_hash_of_the_rules_covers_all_that_they_import() -> None:
+    waiting, covered = [FOLDER / "engine.py"], set[str]()
+    while waiting:
+        file = waiting.pop()
+        covered.add(file.relative_to(FOLDER).as_posix())
+        for name in imports(file):
+            if not name.startswith("ssp_eval.extract."):
+                continue
+            path = FOLDER.joinpath(*name.split(".")[2:-1]).with_suffix(".py")
+            if path.is_file() and path.relative_to(FOLDER).as_posix() not in covered:
+                waiting.append(path)
+    assert len(covered) > 15
+    assert covered <= set(engine._SOURCES)
 
 
 def test_only_the_measure_and_the_review_read_slots_that_people_gave() -> None:

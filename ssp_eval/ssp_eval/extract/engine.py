@@ -9,11 +9,11 @@ from pathlib import Path
 from ssp_core.answer_text import plain_width
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
+from ssp_eval.extract.asserted.blanked import asserted
 from ssp_eval.extract.bind import Binder
 from ssp_eval.extract.checks import check
 from ssp_eval.extract.decide import decide
 from ssp_eval.extract.match import Hit, find, sentences
-from ssp_eval.extract.options import asserted
 from ssp_eval.extract.scope import Scope, scopes
 from ssp_eval.extract.speaker import with_own_vehicle
 from ssp_eval.extract.tokens import Tokens, tokenise
@@ -34,7 +34,11 @@ _SOURCES = (
     "decide.py",
     "engine.py",
     "checks.py",
-    "options.py",
+    "asserted/labels.py",
+    "asserted/fields.py",
+    "asserted/forms.py",
+    "asserted/options.py",
+    "asserted/blanked.py",
     "speaker.py",
 )
 

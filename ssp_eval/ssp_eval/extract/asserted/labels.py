@@ -1,0 +1,19 @@
+"""Labels of slots as answers write them, and what the rules read in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ssp_eval.extract.tokens import HUMP
+
+ACTIONS = frozenset({"lon_action", "lat_action"})
+SIDES = {"left": ("lat_action",), "right": ("lat_action",)}  # which alone the rules don't read
+CLEAR = 0.2  # by which the largest share leads
+NAME = r"(?:[^\W\d_]|[^\W\d][\w /-]{0,28}\w)"
+QUOTES = r"[\"'*_]{0,2}"
+Values = Callable[[str], dict[str, object]]
+
+
+def words(label: str) -> str:
+    """Write a label as words: turn_left and turnLeft are turn left."""
+    return HUMP.sub(" ", label).replace("_", " ").lower()
