@@ -112,11 +112,19 @@ class Session:
             assert time.monotonic() < deadline, f"no {what} in time"
             self.executor.spin_once(timeout_sec=0.05)
 
+    def _know_each_other(self, topic: str) -> bool:
+        """Tell whether a topic's publisher knows the recorder, and the recorder the publisher.
+
+        What one knows alone may be lost.
+        """
+        known = {one.name: one.publishers for one in self.status[-1].topics} if self.status else {}
+        readers = self.publishers[topic].get_subscription_count()
+        return readers > 0 and known.get(names.absolute(topic), 0) > 0
+
     def speak(self, *topics: str) -> None:
         """Say what stands before the run, each topic once the recorder can hear it."""
         for topic in topics:
-            publisher = self.publishers[topic]
-            self.spin_until(lambda p=publisher: p.get_subscription_count() > 0, f"reader: {topic}")
+            self.spin_until(lambda t=topic: self._know_each_other(t), f"reader: {topic}")
             self._send(topic, KINDS.get(topic, ObjectState)(), ros.stamp_from_ns(0))
             self.spoken.append(topic)
 

@@ -66,11 +66,16 @@ class FaultEndpoints:
             topic, take = names.reference_topic(object_id), self._on_reference
             ros.subscribe_raw(node, ReferenceMsg, topic, decode_reference, take, ros.COMMAND)
 
-    def ready(self) -> bool:
-        """Tell whether all that a fault may need is connected; the rest would strike too late."""
+    def lacks(self) -> list[str]:
+        """Name what a fault may need and isn't seen yet; it would strike too late."""
         heard = bool(self._ticks) or self._run.mode == "live"
-        listened = all(p.get_subscription_count() >= _LISTENERS for p in self._strange.values())
-        return heard and listened and bool(self._abort.service_is_ready())
+        missing = [] if heard else [names.WORLD_TICK]
+        missing += [
+            f"the readers of {publisher.topic_name}"
+            for publisher in self._strange.values()
+            if publisher.get_subscription_count() < _LISTENERS
+        ]
+        return missing + ([] if self._abort.service_is_ready() else ["the service abort"])
 
     @property
     def session_s(self) -> float:

@@ -118,17 +118,16 @@ class RunClient:
         """Take a sign of the manager: its silence counts from here."""
         self.silent_s = 0.0
 
-    def ready(self) -> bool:
-        """Tell whether this session's manager is heard, and the action is offered.
+    def lacks(self) -> list[str]:
+        """Name what isn't seen yet of this session's manager.
 
         A manager of another session offers the same action and services.
         """
+        missing = [] if self._own_heard else [names.HEARTBEAT]
+        if not self._client.server_is_ready():
+            missing.append(f"the action {names.RUN_SCENARIO}")
         services = (self._load, self._abort)
-        return (
-            self._own_heard
-            and self._client.server_is_ready()
-            and all(c.service_is_ready() for c in services)
-        )
+        return missing + [f"the service {c.srv_name}" for c in services if not c.service_is_ready()]
 
     def camera_is_there(self) -> bool:
         """Tell whether a node publishes pictures; the simulated camera does once it can draw."""
@@ -347,9 +346,10 @@ class StepwiseClient:
             return self._refusal
         return self._script.problems
 
-    def ready(self) -> bool:
-        """Tell whether the manager offers its services."""
-        return all(c.service_is_ready() for c in (self._load, *self._commands.values()))
+    def lacks(self) -> list[str]:
+        """Name the services of the manager that aren't seen yet."""
+        services = (self._load, *self._commands.values())
+        return [f"the service {c.srv_name}" for c in services if not c.service_is_ready()]
 
     def drive(self, may_start: bool) -> None:
         """Ask for the next step, unless an answer is still due.

@@ -183,13 +183,14 @@ class _Following:
         """Wait until the manager answers and return None; otherwise return why there is no run."""
         deadline = time.monotonic() + START_TIMEOUT_S
         parts = [part for part in (self._client, self._hands, self._by_hand) if part is not None]
-        while not all(part.ready() for part in parts):
+        while missing := [one for part in parts for one in part.lacks()]:
             self._client.spin(0.05)
             if (failure := self._failed_before("did not come up: ")) is not None:
                 return failure
             if time.monotonic() > deadline:
                 server = os.environ.get("ROS_DISCOVERY_SERVER")
-                reason = f"the scenario manager did not answer within {START_TIMEOUT_S:g} s; " + (
+                what = f"{START_TIMEOUT_S:g} s (still missing: {', '.join(missing)})"
+                reason = f"the scenario manager did not answer within {what}; " + (
                     f"does ROS_DISCOVERY_SERVER={server} answer? No node finds another without it"
                     if server
                     else "`ssp doctor` tests whether processes can talk on this host"

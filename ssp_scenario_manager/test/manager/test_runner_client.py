@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from ssp_core import names
 from ssp_core.processes import session_environment
 from ssp_core.run_file.model import RunSpec
 from ssp_core.session_token import draw_token
@@ -23,11 +24,17 @@ pytestmark = pytest.mark.ros
 
 
 def await_action(peers: Peers, client: RunClient) -> None:
+    missing: list[str] = []
+
     def ready() -> bool:
         client.spin(0.05)
-        return client.ready()
+        missing[:] = client.lacks()
+        return not missing
 
-    peers.spin_until(ready, "the manager's action")
+    try:
+        peers.spin_until(ready, "the manager's action")
+    except AssertionError:
+        pytest.fail(f"of the manager {missing} wasn't seen in time")
 
 
 def test_a_manager_that_was_reset_is_no_silent_one(
@@ -66,7 +73,7 @@ def test_the_manager_of_another_session_is_not_taken_for_ones_own(
             return bool(client.other_managers())
 
         peers.spin_until(told, "the other manager")
-        assert not client.ready()
+        assert names.HEARTBEAT in client.lacks()
     finally:
         client.close()
 
@@ -104,9 +111,9 @@ from ssp_scenario_manager.ros.runner_client import RunClient
 env = session_environment(int(sys.argv[1]))
 client = RunClient(env, lambda _: None, load_run(Path(sys.argv[2])))
 deadline = time.monotonic() + float(sys.argv[3])
-while not client.ready() and time.monotonic() < deadline:
+while client.lacks() and time.monotonic() < deadline:
     client.spin(0.05)
-assert client.ready(), "the manager's action wasn't seen"
+assert not client.lacks(), client.lacks()
 print([line.split()[-1] for line in open("/proc/self/maps") if "/dev/shm/fast" in line])
 client.close()
 """

@@ -95,7 +95,7 @@ def test_the_link_to_an_iso_object_is_cut_while_it_drives(
     stage.wait_for_motion(run, 5.0)
     cut = Cut(stage, network, played)
     result = stage.finish(run)
-    assert (result["verdict"], result["status"]) == ("aborted", 1), result
+    assert (result["verdict"], result["status"]) == ("aborted", 1), result["reasons"]
     reasons = " ".join(result["reasons"])
     assert "ot1" in reasons, reasons
     stops_inside_the_bound(stage, cut)
@@ -120,7 +120,7 @@ def test_an_object_without_a_probe_report_is_not_armed_and_that_is_the_reason(
     stage.begin(run)
     result = stage.finish(run)
     assert result["status"] == 1
-    assert result["reasons"][0].startswith("ot1: it has no probe report"), result
+    assert result["reasons"][0].startswith("ot1: it has no probe report"), result["reasons"]
     assert "object_contradicts" not in stage.said("ssp_run")
     assert "session ARM" not in stage.said("ssp_run"), "something was told to arm"
     assert {row.speed_mps for row in stage.rows()} <= {0.0}

@@ -80,8 +80,8 @@ def ends_unarmed(stage: Any, run: Any) -> None:
     assert run.poll() is None, stage.said("ssp_run")
     type_line(run, "abort")
     result = stage.finish(run)
-    assert (result["verdict"], result["status"]) == ("aborted", 1), result
-    assert result["reasons"][0] == "abort before the start", result
+    assert (result["verdict"], result["status"]) == ("aborted", 1), result["reasons"]
+    assert result["reasons"][0] == "abort before the start", result["reasons"]
     bag = stage.folder / "run" / "bag"
     sessions = messages(bag, names.absolute(names.SESSION_STATE))
     assert sessions
@@ -116,8 +116,8 @@ def is_met_and_not_armed(stage: Any, task: Path, domain: int) -> None:
     process = simulated(stage, task, name, domain, sys.executable, "-c", NOT_ISOLATED)
     is_valid_beside(stage, task, domain)
     result, status = ended(stage, name, process)
-    assert (result["verdict"], status) == ("invalid_harness", 1), result
-    assert "foreign_manager" in " ".join(result["reasons"]), result
+    assert (result["verdict"], status) == ("invalid_harness", 1), result["reasons"]
+    assert "foreign_manager" in " ".join(result["reasons"]), result["reasons"]
 
 
 def second_is_refused(stage: Any) -> None:
@@ -128,7 +128,7 @@ def second_is_refused(stage: Any) -> None:
     result, status = ended(
         stage, "second", stage.start("second", [sys.executable, "-c", SSP + RUN, *command])
     )
-    assert (result["verdict"], status) == ("invalid_harness", 1), result
+    assert (result["verdict"], status) == ("invalid_harness", 1), result["reasons"]
     reason = result["reasons"][0]
     assert reason.startswith("foreign_manager: "), reason
     assert "ROS_DOMAIN_ID" in reason
