@@ -3,9 +3,11 @@
 Its public API is what ``PUBLIC`` names; docs/api.md describes it.
 """
 
+import sys
 from typing import Any
 
 from ssp_core.compiled import use_compiled
+from ssp_core.cycles import put_search_off
 from ssp_core.public_names import public_name
 
 __version__ = "0.1.0"
@@ -27,7 +29,9 @@ PUBLIC = {
     "load_run": "ssp_core.run_file.model",
 }
 
-
+# Python names a program so while it looks for the module of ``python -m``.
+if sys.argv[:1] == ["-m"]:
+    put_search_off()
 use_compiled()
 
 

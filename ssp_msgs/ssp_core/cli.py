@@ -15,6 +15,7 @@ from typing import Any
 import click
 
 from ssp_core import __version__
+from ssp_core.cycles import search_as_usual
 from ssp_core.environment import set_log_folder, set_middleware_aside
 from ssp_core.errors import InputError, SspError
 from ssp_core.terminal import lost_output, on_stop_signals, survive_lost_output
@@ -246,4 +247,5 @@ def _run(args: list[str] | None) -> int:
 
 
 if __name__ == "__main__":
+    search_as_usual()
     sys.exit(main())

@@ -15,7 +15,6 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import spec_from_file_location
 from pathlib import Path
@@ -122,7 +121,7 @@ class CompiledCore:
         return found
 
 
-class CompiledFinder(MetaPathFinder):
+class CompiledFinder:
     """Finds the modules of a compiled core; looks at their sources once, at the first of them."""
 
     def __init__(self, core: CompiledCore) -> None:

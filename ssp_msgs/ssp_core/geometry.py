@@ -403,23 +403,29 @@ class Polyline:
             kept = inner[inner < (levels[number - 1].shape[1] if number else n)]
         return kept
 
+    @cached_property
+    def _columns(self) -> FloatArray:
+        """Start, step, squared length, length and station of each piece; shape (7, n)."""
+        rows = (*self.points[:-1].T, *self._steps.T, self._squares, self._lengths)
+        return np.stack([*rows, self.stations_m[:-1]])
+
     def _project_on(
         self, xy: FloatArray, pieces: slice | NDArray[np.intp]
     ) -> list[tuple[float, float]]:
         """Return arc length and offset of the nearest points of some pieces, given in order."""
-        a, d = self.points[:-1][pieces], self._steps[pieces]
-        rx, ry = xy[:, :1] - a[:, 0], xy[:, 1:] - a[:, 1]
-        t = np.clip((rx * d[:, 0] + ry * d[:, 1]) / self._squares[pieces], 0.0, 1.0)
-        px, py = a[:, 0] + t * d[:, 0], a[:, 1] + t * d[:, 1]
-        off_x, off_y = xy[:, :1] - px, xy[:, 1:] - py
+        columns = self._columns if isinstance(pieces, slice) else self._columns[:, pieces]
+        x, y, dx, dy, squares = columns[:5]
+        at_x, at_y = xy[:, :1], xy[:, 1:]
+        rx, ry = at_x - x, at_y - y
+        t = np.minimum(np.maximum((rx * dx + ry * dy) / squares, 0.0), 1.0)
+        off_x, off_y = at_x - (x + t * dx), at_y - (y + t * dy)
         distances = np.sqrt(off_x * off_x + off_y * off_y)
-        stations, lengths = self.stations_m[:-1][pieces], self._lengths[pieces]
         found = []
-        for k, i in enumerate(np.argmin(distances, axis=1).tolist()):
-            dx, dy = float(d[i, 0]), float(d[i, 1])
-            station = float(stations[i]) + float(t[k, i]) * float(lengths[i])
-            side = dx * float(ry[k, i]) - dy * float(rx[k, i])
-            distance = float(distances[k, i])
+        for k, i in enumerate(distances.argmin(axis=1).tolist()):
+            step_x, step_y, _, length, start = columns[2:, i].tolist()
+            side = step_x * ry.item(k, i) - step_y * rx.item(k, i)
+            distance = distances.item(k, i)
+            station = start + t.item(k, i) * length
             found.append((station, math.copysign(distance, side) if side else distance))
         return found
 

@@ -39,13 +39,21 @@ def route(area: OperatingArea, name: str = STRAIGHT) -> Block:
     return found
 
 
+# By area, route and event. An area that is kept has its number for itself.
+_REALISED: dict[tuple[int, str, str], tuple[OperatingArea, Realisation]] = {}
+
+
 def made(wanted: Event, area: OperatingArea, name: str = STRAIGHT) -> Realisation:
-    """The event on a route.
+    """The event on a route, realised once for all tests of a process, which only read it.
 
     Raises:
         CannotPlace: it doesn't fit there.
     """
-    return realise(Order(wanted, "sha256:test", area, "sumo", 1, {}), route(area, name))
+    key = id(area), name, wanted.model_dump_json(by_alias=True)
+    if key not in _REALISED:
+        order = Order(wanted, "sha256:test", area, "sumo", 1, {})
+        _REALISED[key] = area, realise(order, route(area, name))
+    return _REALISED[key][1]
 
 
 def way_of(run: RunSpec) -> FloatArray:

@@ -6,7 +6,6 @@ A package's ``ros`` folder is the only place in it that imports rclpy, messages 
 from __future__ import annotations
 
 import faulthandler
-import gc
 import os
 import sys
 import traceback
@@ -26,6 +25,7 @@ from std_msgs.msg import String
 
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.clock import NS_PER_S, time_ns
+from ssp_core.cycles import search_as_usual
 from ssp_core.environment import require_sound
 from ssp_core.errors import InputError, SspError
 from ssp_core.names import NAMESPACE, declared_topic
@@ -281,10 +281,9 @@ def run_node(
     try:
         node = make(stop)
         executor.add_node(node)
-        # What was imported and made so far stays until the end. Looking through it again and again
-        # for cycles would stop a running node for some 10 ms each time.
-        gc.collect()
-        gc.freeze()
+        # Looking for cycles among what was imported and made so far, again and again, would stop a
+        # running node for some 10 ms each time.
+        search_as_usual()
         while stop.reason is None and rclpy.ok():
             executor.spin_once(timeout_sec=0.2)
     except SspError as error:
