@@ -26,7 +26,14 @@ from ssp_core.files import make_folder, write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_core.processes import die_with_parent
 from ssp_core.terminal import on_stop_signals
-from ssp_eval.demo_plan import DEFAULT_SCENARIOS, SCENARIOS, Step, package_folder, plan_steps
+from ssp_eval.demo_plan import (
+    AT_ONCE,
+    DEFAULT_SCENARIOS,
+    SCENARIOS,
+    Step,
+    package_folder,
+    plan_steps,
+)
 from ssp_eval.evaluate.store.results import load_cells
 
 MARKER = ".ssp-demo.json"
@@ -187,7 +194,6 @@ def _marker(file: Path) -> dict[str, Any]:
 
 
 END_TIMEOUT_S = 30.0
-AT_ONCE = 2
 _POLL_S = 0.02
 _TAIL = 15
 

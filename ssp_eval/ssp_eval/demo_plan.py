@@ -21,6 +21,9 @@ SIMULATION_SITE, TRACK_SITE = "boulevard", "north_track"
 SIMULATION_SEED, TRACK_SEED = 11, 12
 CLIP_SEED = 1
 GENERATOR = "ssp-clip/1"
+# Steps at a time, and processes of a step beside which no other has anything to do.
+AT_ONCE = 2
+_WORKERS = ("--workers", str(AT_ONCE))
 TWINS = ("--change", "without=ot1", "--change", "control")
 
 
@@ -274,14 +277,14 @@ def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:
         Step(
             "package",
             "make the evidence package",
-            ("package", "make", str(out), "--out", package),
+            ("package", "make", str(out), "--out", package, *_WORKERS),
             needs=("report",),
             makes=(Path(package),),
         ),
         Step(
             "verify",
             "verify the evidence package",
-            ("package", "verify", package),
+            ("package", "verify", package, *_WORKERS),
             needs=("package",),
         ),
     ]
@@ -292,7 +295,7 @@ def _asked(out: Path, scenarios: Sequence[str]) -> tuple[str, ...]:
     bags = [str(run_folder(out, s, d) / "bag") for s in scenarios for d in _DOMAINS]
     audits = [word for s in scenarios for word in ("--audit", str(audit_folder(out, s)))]
     bridges = [word for name in BRIDGES for word in ("--bridge", name)]
-    return ("evaluate", *bags, *audits, *bridges, "--twins", "--out", str(out))
+    return ("evaluate", *bags, *audits, *bridges, "--twins", *_WORKERS, "--out", str(out))
 
 
 def _is_audited(out: Path, scenario: str) -> bool:

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import PeerError
-from ssp_eval.demo import AT_ONCE, Progress, follow
-from ssp_eval.demo_plan import Step
+from ssp_eval.demo import Progress, follow
+from ssp_eval.demo_plan import AT_ONCE, Step
 from tests.support.waiting import DEADLINE_S
 
 

@@ -53,6 +53,15 @@ def test_the_models_are_asked_about_twins_of_every_simulation() -> None:
     assert {f"{scenario}/twins" for scenario in plan.SCENARIOS} <= set(evaluate.after)
 
 
+def test_steps_that_have_the_machine_to_themselves_use_all_processes_of_the_demonstration() -> None:
+    steps = plan.plan_steps(OUT, plan.SCENARIOS)
+    shared = {s.name for s in steps if "--workers" in s.arguments}
+    for step in steps:
+        if step.name in shared:
+            assert parse(step.arguments).params["workers"] == plan.AT_ONCE
+    assert shared == {"evaluate", "package", "verify"}
+
+
 def test_the_evaluation_goes_on_without_a_scenario_that_failed(tmp_path: Path) -> None:
     steps = {step.name: step for step in plan.plan_steps(tmp_path, plan.DEFAULT_SCENARIOS)}
     write_json(plan.audit_folder(tmp_path, "cut_in") / "audit.json", {})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -13,12 +14,20 @@ from rich.progress import Progress as RichProgress
 
 from ssp_core import console
 from ssp_core.errors import InputError
+from ssp_core.options import WholeNumber
 from ssp_eval.package.log import Change, Logged, log_change
 from ssp_eval.package.model import Package, Progress, load_table
 from ssp_scenario_manager.compile.task import RUN_FILE
 from ssp_scenario_manager.event_spec.log import check_not_ahead, utc_now
 
 _PATH = click.Path(path_type=Path)
+_WORKERS = click.option(
+    "--workers",
+    type=WholeNumber(1, 1024),
+    default=lambda: os.cpu_count() or 1,
+    show_default="processors of this machine",
+    help="Processes that share the work, each in half a gigabyte of memory.",
+)
 
 
 @click.group()
@@ -31,9 +40,10 @@ def package() -> None:
 @click.option("--out", type=_PATH, required=True, help="Folder to make.")
 @click.option("--force", is_flag=True, help="Replace an earlier package there.")
 @click.option("--copy", is_flag=True, help="Copy everything; by default, recordings are linked.")
+@_WORKERS
 @click.option("--json", "as_json", is_flag=True, help="Print a summary as JSON.")
 def make_command(
-    folders: tuple[Path, ...], out: Path, force: bool, copy: bool, as_json: bool
+    folders: tuple[Path, ...], out: Path, force: bool, copy: bool, workers: int, as_json: bool
 ) -> int:
     """Take everything in FOLDERS into an evidence package.
 
@@ -45,7 +55,7 @@ def make_command(
 
     with console.progress("package (MiB)", None) as bar:
         table, findings = make_package(
-            folders, out, force=force, copy=copy, progress=_shown_on(bar)
+            folders, out, force=force, copy=copy, progress=_shown_on(bar), workers=workers
         )
     if as_json:
         summary = {
@@ -73,8 +83,9 @@ def make_command(
 @package.command("verify")
 @click.argument("folder", metavar="PACKAGE", type=_PATH)
 @click.option("--id", "expected_id", help="Id that it must have, noted when it was made.")
+@_WORKERS
 @click.option("--json", "as_json", is_flag=True, help="Print what was found as JSON.")
-def verify_command(folder: Path, expected_id: str | None, as_json: bool) -> int:
+def verify_command(folder: Path, expected_id: str | None, workers: int, as_json: bool) -> int:
     """Check every byte and every link of PACKAGE.
 
     Exit status 1 when something isn't as it was made; each file is named, with what rests on it.
@@ -82,7 +93,9 @@ def verify_command(folder: Path, expected_id: str | None, as_json: bool) -> int:
     from ssp_eval.package.verify import verify_package
 
     with console.progress("verify (MiB)", None) as bar:
-        verdict = verify_package(folder, expected_id=expected_id, progress=_shown_on(bar))
+        verdict = verify_package(
+            folder, expected_id=expected_id, progress=_shown_on(bar), workers=workers
+        )
     if as_json:
         click.echo(json.dumps({"ok": verdict.ok, **asdict(verdict)}, sort_keys=True))
         return 0 if verdict.ok else 1

@@ -245,6 +245,7 @@ def make_package(
     force: bool = False,
     copy: bool = False,
     progress: Progress = UNSEEN,
+    workers: int = 1,
 ) -> tuple[Package, Findings]:
     """Take everything in some folders into a package.
 
@@ -254,6 +255,7 @@ def make_package(
         force: an earlier package there is replaced, once the new one is whole.
         copy: copy all bytes, without hard links.
         progress: receives how many bytes there are to store, those read, and each step.
+        workers: see work_out.
 
     Returns:
         The table of contents, and what was found.
@@ -273,7 +275,7 @@ def make_package(
         files = _store_all(sources, scratch, copy, progress)
         files.append(_store_log(files, scratch))
         contents = Contents(scratch, files)
-        findings = work_out(contents, progress.step)
+        findings = work_out(contents, progress.step, workers)
         if findings.problems:
             raise _broken(findings.problems, out)
         if not contents.of("recording"):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 import re
-import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 import cv2
@@ -26,95 +26,105 @@ _AROUND = 40
 _SHOWN = 3
 
 
-class Pages:
-    """Compares pages with what the files of the package give.
+@dataclass
+class Comparison:
+    """Pages held against the same pages made anew.
 
     Args:
-        contents: of the package.
-        on_step: is called with the name of the step that begins.
+        compared: paths of these pages.
+        problems: where they differ.
+        notes: why one was not compared.
     """
 
-    def __init__(self, contents: Contents, on_step: Callable[[str], None] = lambda _: None) -> None:
-        self._contents = contents
-        self._on_step = on_step
-        self._compared: set[str] = set()
-        self.problems: list[Problem] = []
-        self.notes: list[str] = []
+    compared: set[str] = field(default_factory=set)
+    problems: list[Problem] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
-    def compare(self, page: FileEntry, drawn: str) -> None:
+    def hold(self, contents: Contents, page: FileEntry, drawn: str) -> None:
         """Hold one page against the same page made anew."""
-        self._compared.add(page.path)
-        if text := difference(self._contents.text(page), drawn):
+        self.compared.add(page.path)
+        if text := difference(contents.text(page), drawn):
             self.problems.append(Problem(page.path, "", text))
 
-    def check_campaigns(self) -> None:
-        """Make the page of each campaign again, and compare it with the one that is there."""
-        for root in self._campaigns():
-            page = self._contents.by_path.get(str(root / PAGE))
-            if page is None:
-                continue
-            try:
-                self._check(root, page)
-            except InputError as error:
-                text = f"can't be made again: {error}"
-                self.problems.append(Problem(page.path, "", text))
+    def add(self, other: Comparison) -> None:
+        """Add what another comparison found."""
+        self.compared |= other.compared
+        self.problems += other.problems
+        self.notes += other.notes
 
-    def say_what_was_not_compared(self) -> None:
+    def say_what_was_not_compared(self, contents: Contents) -> None:
         """Name the pages that nothing was held against."""
-        rest = [e.path for e in self._contents.of("page") if e.path not in self._compared]
+        rest = [e.path for e in contents.of("page") if e.path not in self.compared]
         if rest:
             more = f" and {len(rest) - _SHOWN} more" if len(rest) > _SHOWN else ""
             self.notes.append(
                 f"for people, and held against nothing: {', '.join(rest[:_SHOWN])}{more}"
             )
 
-    def _campaigns(self) -> Iterable[PurePosixPath]:
-        paths = (PurePosixPath(entry.path) for entry in self._contents.of("cell"))
-        found = (
-            p.parents[2] for p in paths if p.name == CELL_FILE and p.parent.parent.name == CELLS
-        )
-        return dict.fromkeys(found)
 
-    def _check(self, root: PurePosixPath, page: FileEntry) -> None:
-        making = making_of(self._contents.text(page), page.path)
-        if making is None:
-            text = "doesn't say by which options it was made; write it anew with `ssp report`"
-            self.problems.append(Problem(page.path, "", text))
-            return
-        if making.software != Making().software:
-            self.notes.append(
-                f"{page.path}: made by {making.software}, and not compared with what ssp "
-                f"{__version__} makes"
-            )
-            return
-        if making.repeats:
-            self.notes.append(
-                f"{page.path}: not compared, since answers of {making.repeats} other campaigns "
-                "count in it"
-            )
-            return
-        self._on_step(f"making {page.path} again")
-        there = {entry.path: entry for entry in self._contents.files}
-        details = f"{root / FOLDER}/"
-        with tempfile.TemporaryDirectory(prefix="ssp-package-") as scratch:
-            folder = Path(scratch) / "campaign"
-            _lay_out(self._contents, root, folder, lambda path: path.startswith(details))
-            try:
-                make_again(folder, making)
-            except InputError as error:
-                raise InputError(str(error).replace(f"{folder}/", f"{root}/")) from error
-            made = [folder / PAGE, *sorted((folder / FOLDER).glob("*.js"))]
-            for file in made:
-                path = str(root / file.relative_to(folder).as_posix())
-                if path in there:
-                    self.compare(there.pop(path), file.read_text("utf-8"))
-                else:
-                    text = f"lacks {path}, which holds details of a cell"
-                    self.problems.append(Problem(page.path, "", text))
-            for path in sorted(there):
-                if path.startswith(details):
-                    text = "holds details of no cell of its campaign"
-                    self.problems.append(Problem(path, "", text))
+def campaigns(contents: Contents) -> list[PurePosixPath]:
+    """Return the folders of the campaigns that have a page."""
+    paths = (PurePosixPath(entry.path) for entry in contents.of("cell"))
+    found = (p.parents[2] for p in paths if p.name == CELL_FILE and p.parent.parent.name == CELLS)
+    return [root for root in dict.fromkeys(found) if str(root / PAGE) in contents.by_path]
+
+
+def check_campaign(contents: Contents, root: PurePosixPath, folder: Path) -> Comparison:
+    """Make the page of a campaign again, and compare it with the one that is there.
+
+    Args:
+        contents: of the package.
+        root: the folder of the campaign in it.
+        folder: a new one, in which the page is made.
+    """
+    found = Comparison()
+    page = contents.by_path[str(root / PAGE)]
+    try:
+        _check(contents, root, page, folder, found)
+    except InputError as error:
+        found.problems.append(Problem(page.path, "", f"can't be made again: {error}"))
+    return found
+
+
+def _check(
+    contents: Contents, root: PurePosixPath, page: FileEntry, folder: Path, found: Comparison
+) -> None:
+    making = making_of(contents.text(page), page.path)
+    if making is None:
+        text = "doesn't say by which options it was made; write it anew with `ssp report`"
+        found.problems.append(Problem(page.path, "", text))
+        return
+    if making.software != Making().software:
+        found.notes.append(
+            f"{page.path}: made by {making.software}, and not compared with what ssp "
+            f"{__version__} makes"
+        )
+        return
+    if making.repeats:
+        found.notes.append(
+            f"{page.path}: not compared, since answers of {making.repeats} other campaigns "
+            "count in it"
+        )
+        return
+    there = {entry.path: entry for entry in contents.files}
+    details = f"{root / FOLDER}/"
+    _lay_out(contents, root, folder, lambda path: path.startswith(details))
+    try:
+        make_again(folder, making)
+    except InputError as error:
+        raise InputError(str(error).replace(f"{folder}/", f"{root}/")) from error
+    made = [folder / PAGE, *sorted((folder / FOLDER).glob("*.js"))]
+    for file in made:
+        path = str(root / file.relative_to(folder).as_posix())
+        if path in there:
+            found.hold(contents, there.pop(path), file.read_text("utf-8"))
+        else:
+            text = f"lacks {path}, which holds details of a cell"
+            found.problems.append(Problem(page.path, "", text))
+    for path in sorted(there):
+        if path.startswith(details):
+            text = "holds details of no cell of its campaign"
+            found.problems.append(Problem(path, "", text))
 
 
 def _lay_out(

@@ -22,6 +22,7 @@ from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.data.audit import PAGE_FILE, Audit, RecordingEntry
 from ssp_eval.data.response import ResponseLimits
 from ssp_eval.package.contents import Contents, Index, Problem, missing_parts, nearest
+from ssp_eval.package.helpers import Helpers, results
 from ssp_eval.package.links import Chains, Links
 from ssp_eval.package.log import merged_log
 from ssp_eval.package.model import (
@@ -36,7 +37,7 @@ from ssp_eval.package.model import (
     load_table,
     object_path,
 )
-from ssp_eval.package.pages import Pages
+from ssp_eval.package.pages import Comparison, campaigns, check_campaign
 from ssp_scenario_manager.event_spec.model import Event
 
 # Where the recordings lay decides nothing, and neither does who judged them.
@@ -51,88 +52,113 @@ _WIDEST = 100
 _Difference = tuple[str, str]
 
 
-class Audits:
-    """Judges recordings again, and keeps where an audit or its page says something else.
+@dataclass(frozen=True, slots=True)
+class StoredAudit:
+    """An audit of a package, and what it is judged from.
 
     Args:
-        pages: takes the page of each audit.
-        on_step: called with what is done next, since reading a recording takes some seconds.
+        entry: its file.
+        told: what it says.
+        places: the MCAP files of its recordings, in its order.
+        event: the file of the K* that it names, None where it names none.
     """
 
-    def __init__(
-        self, index: Index, pages: Pages, on_step: Callable[[str], None] = lambda _: None
-    ) -> None:
-        self._index = index
-        self._pages = pages
-        self._contents = index.contents
-        self._on_step = on_step
-        self.problems: list[Problem] = []
-        self.notes: list[str] = []
+    entry: FileEntry
+    told: Audit
+    places: tuple[FileEntry, ...]
+    event: FileEntry | None
 
-    def check(self) -> None:
-        """Every audit of the package; one whose links lead nowhere is a problem already."""
-        for entry in self._contents.of("audit"):
-            try:
-                self._check(entry)
-            except InputError as error:
-                text = f"can't be made again: {error}"
-                self.problems.append(Problem(entry.path, "", text))
 
-    def _check(self, entry: FileEntry) -> None:
+@dataclass
+class AuditFindings:
+    """Differences between audits and what their recordings give.
+
+    Args:
+        pages: the pages of these audits.
+    """
+
+    problems: list[Problem] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    pages: Comparison = field(default_factory=Comparison)
+
+
+def stored_audits(index: Index) -> list[StoredAudit]:
+    """Read the audits that can be made again; one whose links lead nowhere is a problem already."""
+    found = list[StoredAudit]()
+    for entry in index.contents.of("audit"):
         try:
-            told = parse_model(Audit, self._contents.mapping(entry), entry.path)
+            told = parse_model(Audit, index.contents.mapping(entry), entry.path)
         except InputError:
-            return  # its links say so
-        places = [self._index.place_of(recording) for recording in told.recordings]
-        events = self._index.events.get(str(told.event_version), ())
-        event_file = nearest(events, entry.path)
-        if any(place is None for place in places) or (
-            told.event_version is not None and event_file is None
-        ):
-            return
-        limits = None if told.response is None else told.response.limits
-        known = [place for place in places if place is not None]
-        found, drawn = self._again(known, self._event(event_file), limits)
+            continue  # its links say so
+        places = [place for one in told.recordings if (place := index.place_of(one)) is not None]
+        event = nearest(index.events.get(str(told.event_version), ()), entry.path)
+        unknown = told.event_version is not None and event is None
+        if len(places) == len(told.recordings) and not unknown:
+            found.append(StoredAudit(entry, told, tuple(places), event))
+    return found
+
+
+def check_audit(contents: Contents, audit: StoredAudit, scratch: Path) -> AuditFindings:
+    """Judge the recordings of an audit again, and hold the audit and its page against the result.
+
+    Args:
+        contents: of the package.
+        audit: to check.
+        scratch: a new folder, for links to the recordings.
+    """
+    findings = AuditFindings()
+    entry, told = audit.entry, audit.told
+    limits = None if told.response is None else told.response.limits
+    try:
+        event = _event(contents, audit.event)
+        found, drawn = judge_again(contents, audit.places, event, limits, scratch)
         if told.software != found.software:
-            self.notes.append(
+            findings.notes.append(
                 f"{entry.path}: made by {told.software}, compared with what ssp {__version__} gives"
             )
         wrong = list(_compare(told, found))
-        self.problems += [Problem(entry.path, at, text) for at, text in wrong[:_AUDITS_SHOWN]]
+        findings.problems += [Problem(entry.path, at, text) for at, text in wrong[:_AUDITS_SHOWN]]
         if len(wrong) > _AUDITS_SHOWN:
             text = f"{len(wrong) - _AUDITS_SHOWN} more values aren't what the recordings give"
-            self.problems.append(Problem(entry.path, "", text))
-        page = self._contents.beside(entry.path, PAGE_FILE)
+            findings.problems.append(Problem(entry.path, "", text))
+        page = contents.beside(entry.path, PAGE_FILE)
         # The page of an audit that doesn't hold would be compared with what is wrong itself.
         if page is not None and not wrong and told.software == found.software:
-            self._pages.compare(page, render(_in_order_of(told, found), drawn))
+            findings.pages.hold(contents, page, render(_in_order_of(told, found), drawn))
+    except InputError as error:
+        findings.problems.append(Problem(entry.path, "", f"can't be made again: {error}"))
+    return findings
 
-    def _event(self, entry: FileEntry | None) -> Event | None:
-        if entry is None:
-            return None
-        return parse_model(Event, self._contents.mapping(entry), entry.path)
 
-    def _again(
-        self, places: Sequence[FileEntry], event: Event | None, limits: ResponseLimits | None
-    ) -> tuple[Audit, PagePictures]:
-        """Return the audit of recordings, each laid out as it lay when it was packed.
+def _event(contents: Contents, entry: FileEntry | None) -> Event | None:
+    if entry is None:
+        return None
+    return parse_model(Event, contents.mapping(entry), entry.path)
 
-        With it come the pictures of its page.
-        """
-        with tempfile.TemporaryDirectory(prefix="ssp-package-") as scratch:
-            recordings: list[Recording] = []
-            try:
-                for number, place in enumerate(places):
-                    self._on_step(f"judging {place.path}")
-                    root = Path(scratch) / str(number)
-                    recordings.append(read_recording(self._contents.lay_out(place, root)))
-                judged = judge(recordings, event, limits)
-                return judged.audit, draw(judged.examined)
-            except InputError as error:
-                text = str(error)
-                for number in range(len(places)):
-                    text = text.replace(f"{Path(scratch) / str(number)}/", "")
-                raise InputError(text) from error
+
+def judge_again(
+    contents: Contents,
+    places: Sequence[FileEntry],
+    event: Event | None,
+    limits: ResponseLimits | None,
+    scratch: Path,
+) -> tuple[Audit, PagePictures]:
+    """Return the audit of recordings, each laid out as it lay when it was packed.
+
+    With it come the pictures of its page.
+    """
+    recordings: list[Recording] = []
+    try:
+        scratch.mkdir()
+        for number, place in enumerate(places):
+            recordings.append(read_recording(contents.lay_out(place, scratch / str(number))))
+        judged = judge(recordings, event, limits)
+        return judged.audit, draw(judged.examined)
+    except InputError as error:
+        text = str(error)
+        for number in range(len(places)):
+            text = text.replace(f"{scratch / str(number)}/", "")
+        raise InputError(text) from error
 
 
 def _compare(told: Audit, found: Audit) -> Iterator[_Difference]:
@@ -240,19 +266,45 @@ class Findings:
     notes: Sequence[str]
 
 
-def work_out(contents: Contents, on_step: Callable[[str], None] = lambda _: None) -> Findings:
-    """Read everything and follow every link; the same files always give the same findings."""
-    index = Index(contents, on_step)
-    links = Links(index)
-    links.derive()
-    chains = Chains(index)
-    for path, facts in sorted(links.cells.items()):
-        chains.add(path, facts)
-    pages = Pages(contents, on_step)
-    audits = Audits(index, pages, on_step)
-    audits.check()
-    pages.check_campaigns()
-    pages.say_what_was_not_compared()
+def work_out(
+    contents: Contents, on_step: Callable[[str], None] = lambda _: None, workers: int = 1
+) -> Findings:
+    """Read everything and follow every link; the same files always give the same findings.
+
+    Args:
+        contents: of the package.
+        on_step: called with what is done next, since some of it takes seconds.
+        workers: processes, this one included, that share audits and pages.
+    """
+    again, pages = AuditFindings(), Comparison()
+    with (
+        tempfile.TemporaryDirectory(prefix="ssp-package-") as scratch,
+        Helpers(workers - 1) as helpers,
+    ):
+        # A page needs nothing from the index: a helper makes it while the index is read here.
+        of_campaigns = [
+            helpers.begin(check_campaign, contents, root, Path(scratch) / f"campaign-{number}")
+            for number, root in enumerate(campaigns(contents))
+        ]
+        index = Index(contents, on_step)
+        of_audits = [
+            helpers.begin(check_audit, contents, audit, Path(scratch) / f"audit-{number}")
+            for number, audit in enumerate(stored_audits(index))
+        ]
+        links = Links(index)
+        links.derive()
+        chains = Chains(index)
+        for path, facts in sorted(links.cells.items()):
+            chains.add(path, facts)
+        on_step("judging the recordings again")
+        for findings in results(of_audits):
+            again.problems += findings.problems
+            again.notes += findings.notes
+            pages.add(findings.pages)
+        on_step("making the pages again")
+        for comparison in results(of_campaigns):
+            pages.add(comparison)
+    pages.say_what_was_not_compared(contents)
     found = [*links.found, *chains.links]
     return Findings(
         links=sorted(found, key=lambda link: (link.source, link.at, link.target)),
@@ -263,13 +315,13 @@ def work_out(contents: Contents, on_step: Callable[[str], None] = lambda _: None
                 [
                     *index.problems,
                     *links.problems,
-                    *audits.problems,
+                    *again.problems,
                     *chains.problems,
                     *pages.problems,
                 ]
             )
         ),
-        notes=[*index.notes, *audits.notes, *chains.notes, *pages.notes],
+        notes=[*index.notes, *again.notes, *chains.notes, *pages.notes],
     )
 
 
@@ -324,6 +376,7 @@ def verify_package(
     *,
     expected_id: str | None = None,
     progress: Progress = UNSEEN,
+    workers: int = 1,
 ) -> Verdict:
     """Check the bytes first, then the links between them.
 
@@ -334,6 +387,7 @@ def verify_package(
         folder: as `ssp package make` left it.
         expected_id: id that it must have, as somebody wrote it down when it was made.
         progress: receives how many bytes there are to read, those read, and each step.
+        workers: see work_out.
 
     Raises:
         InputError: there is no such folder.
@@ -357,7 +411,7 @@ def verify_package(
     if any(finding.kind in _DAMAGE for finding in verdict.findings):
         verdict.notes.append("links were not followed, since files are not as they were")
         return verdict
-    _follow(folder, package, verdict, progress.step)
+    _follow(folder, package, verdict, progress.step, workers)
     return verdict
 
 
@@ -442,11 +496,15 @@ def _breaks(package: Package, path: str) -> tuple[str, ...]:
 
 
 def _follow(
-    folder: Path, package: Package, verdict: Verdict, on_step: Callable[[str], None]
+    folder: Path,
+    package: Package,
+    verdict: Verdict,
+    on_step: Callable[[str], None],
+    workers: int,
 ) -> None:
     """Works the links out anew and compares them with the table."""
     contents = Contents(folder, package.files)
-    found = work_out(contents, on_step)
+    found = work_out(contents, on_step, workers)
     verdict.notes += found.notes
     for problem in found.problems:
         at = f"{problem.field}: " if problem.field else ""

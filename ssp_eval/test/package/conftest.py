@@ -26,9 +26,10 @@ from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.admission import load_admissions
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.truth import truth_from_bag
+from ssp_eval.package import verify
+from ssp_eval.package.contents import Contents
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import FileEntry
-from ssp_eval.package.verify import Audits
 from ssp_eval.recordings.event import source_times
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
@@ -162,15 +163,16 @@ def judged() -> dict[object, tuple[Audit, PagePictures]]:
 @pytest.fixture(autouse=True, scope="module")
 def judged_once(judged: dict[object, tuple[Audit, PagePictures]]) -> Iterator[None]:
     """The same recordings are judged once: most tests change what is written of them."""
-    again = Audits._again
+    again = verify.judge_again
 
     def remembered(
-        self: Audits,
+        contents: Contents,
         places: Sequence[FileEntry],
         event: Event | None,
         limits: ResponseLimits | None,
+        scratch: Path,
     ) -> tuple[Audit, PagePictures]:
-        files = [e for e in self._contents.files if e.role not in BESIDE_AUDITS]
+        files = [e for e in contents.files if e.role not in BESIDE_AUDITS]
         key = (
             tuple(place.path for place in places),
             frozenset((e.path, e.sha256) for e in files),
@@ -178,11 +180,13 @@ def judged_once(judged: dict[object, tuple[Audit, PagePictures]]) -> Iterator[No
             None if limits is None else limits.model_dump_json(),
         )
         if key not in judged:
-            judged[key] = again(self, places, event, limits)
+            judged[key] = again(contents, places, event, limits, scratch)
         return judged[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Audits, "_again", remembered)
+        patch.setattr(verify, "judge_again", remembered)
+        # A helper process would remember nothing.
+        patch.setattr("os.cpu_count", lambda: 1)
         yield
 
 

@@ -73,6 +73,14 @@ def test_a_stand_in_that_is_taken_out_of_a_page_is_found(own_paged: Path, path: 
     assert "and the files of the package give" in text
 
 
+def test_a_helper_process_finds_what_one_process_finds(own_paged: Path) -> None:
+    for path in (AUDIT_PAGE, REPORT):
+        edit(own_paged, path, lambda page: page.replace("stand-in", "vehicle", 1))
+    alone = verify_package(own_paged)
+    assert [finding.file for finding in alone.findings] == [AUDIT_PAGE, REPORT]
+    assert verify_package(own_paged, workers=2) == alone
+
+
 def test_a_picture_of_something_else_is_found(own_paged: Path) -> None:
     data = cv2.imencode(".jpg", np.full((54, 96, 3), 200, np.uint8))[1].tobytes()
     marker = "data:image/jpeg;base64,"
