@@ -273,8 +273,10 @@ def _row(k: int, driver: str, latency: Latency) -> Run:
         why="with ot1, front to rear" if outcome == "collision" else "",
         observable_s="10.0",
         frame_s="10.1",
-        effective_s=str(10.1 + latency.seconds),
-        response_s="" if outcome == "collision" else str(10.8 + latency.seconds),
+        asked_s="10.3",
+        answered_s=str(10.3 + latency.seconds),
+        effective_s=str(10.3 + latency.seconds),
+        response_s="" if outcome == "collision" else str(11.0 + latency.seconds),
         v_i_mps="7.0" if outcome == "collision" else "",
         severity="5.0" if outcome == "avoided" else "",
         distance_m="2.0",
@@ -357,6 +359,7 @@ def test_the_chain_shows_where_the_time_was_lost(campaign: LoopCampaign) -> None
     found = {(one.driver, one.latency): one for one in chains_of(campaign, "cut_in")}
     slow = found[MINE, LATENCIES[1]]
     assert (slow.wait_s, slow.answer_s) == (pytest.approx(0.1), pytest.approx(0.5))
+    assert slow.open_s == pytest.approx(0.2)
     assert slow.response_s == pytest.approx(0.7)
     assert (slow.responded, slow.runs) == (1, 4)
 

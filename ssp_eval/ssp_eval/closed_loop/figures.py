@@ -83,7 +83,8 @@ class Chain:
     """Median times of a driver at a latency from T_obs on, s; None where no run has them.
 
     Args:
-        wait_s: until the first frame that is asked about.
+        wait_s: until the first frame.
+        open_s: from there until a question is asked, while another one is open.
         answer_s: from there until its answer is effective.
         response_s: from there until the VUT departs from its twin; below 0 where it did before.
         responded: runs with a response.
@@ -93,6 +94,7 @@ class Chain:
     driver: str
     latency: Latency
     wait_s: float | None
+    open_s: float | None
     answer_s: float | None
     response_s: float | None
     responded: int
@@ -101,7 +103,10 @@ class Chain:
     @property
     def parts(self) -> list[tuple[str, float]]:
         """Parts of the bar, by class; a response before the answer has no length of its own."""
-        named = (("wait", self.wait_s), ("answer", self.answer_s), ("response", self.response_s))
+        named = (
+            *(("wait", self.wait_s), ("open", self.open_s)),
+            *(("answer", self.answer_s), ("response", self.response_s)),
+        )
         return [(name, value) for name, value in named if value is not None and value > 0.0]
 
     @property
@@ -114,13 +119,13 @@ def chains_of(campaign: LoopCampaign, event: str) -> list[Chain]:
     """Return the chains of all drivers that answer questions, in the order of the table."""
     cells: dict[tuple[str, Latency], list[Run]] = {}
     for run in campaign.critical:
-        if run.row.event == event and run.cells["frame_s"]:
+        if run.row.event == event and run.cells["asked_s"]:
             cells.setdefault((run.row.driver, run.row.latency), []).append(run)
     return [_chain(driver, latency, runs) for (driver, latency), runs in cells.items()]
 
 
 def _chain(driver: str, latency: Latency, runs: Sequence[Run]) -> Chain:
-    names = ("observable_s", "frame_s", "effective_s", "response_s")
+    names = ("observable_s", "frame_s", "asked_s", "effective_s", "response_s")
     steps: list[float | None] = []
     for begin, end in pairwise(names):
         values = [
@@ -130,4 +135,4 @@ def _chain(driver: str, latency: Latency, runs: Sequence[Run]) -> Chain:
         ]
         steps.append(median(values) if values else None)
     responded = sum(bool(run.cells["response_s"]) for run in runs)
-    return Chain(driver, latency, steps[0], steps[1], steps[2], responded, len(runs))
+    return Chain(driver, latency, *steps, responded, len(runs))

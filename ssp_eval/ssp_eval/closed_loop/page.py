@@ -180,7 +180,10 @@ def _unlike(campaign: LoopCampaign, group: list[str], own: list[str]) -> Table:
 
 
 def _with_words(chain: Chain) -> dict[str, Any]:
-    named = (("frame", chain.wait_s), ("answer", chain.answer_s), ("response", chain.response_s))
+    named = (
+        *(("frame", chain.wait_s), ("question", chain.open_s)),
+        *(("answer", chain.answer_s), ("response", chain.response_s)),
+    )
     words = [f"{name} {value:+.2f} s" for name, value in named if value is not None]
     told = ", ".join(words) if words else "not asked after T_obs"
     if chain.responded < chain.runs:

@@ -6,10 +6,14 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import Pose2, boxes_overlap
 from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.model import RunSpec
 from ssp_core.world.plant import StepReport
+from ssp_core.world.reference_line import ReferenceLine
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +54,71 @@ def first_contact(reports: Iterable[StepReport], vut_id: str) -> Contact | None:
             if other is not vut and _near(vut, other) and boxes_overlap(vut.box, other.box):
                 return _contact(vut, other)
     return None
+
+
+def contact_words(run: RunSpec, led: Sequence[StepReport], contact: Contact) -> str:
+    """Return with whom a contact is, its sides, its speed, and who entered whose lane.
+
+    Args:
+        run: has the road.
+        led: reports from the hand-over on.
+        contact: one of their steps.
+    """
+    words = (
+        f"with {contact.other}, {contact.vut_side} to {contact.other_side}, "
+        f"{contact.relative_mps:.2f} m/s"
+    )
+    at = next(report for report in led if report.now_ns == contact.stamp_ns)
+    entered = _entered(run, led[0].truths, at.truths, contact.other)
+    return "; ".join([words, *entered])
+
+
+def _entered(
+    run: RunSpec, before: Sequence[ObjectState], at: Sequence[ObjectState], other_id: str
+) -> list[str]:
+    """Say which of the VUT and another is in the other's lane at a contact, and wasn't before.
+
+    The lane of each is the one that its reference point was in before. One that stood beside the
+    road's lanes, or that came over another road, has none.
+    """
+    line, vut_id = ReferenceLine.of_road(run.road), run.vut.id
+    was, now = ({s.object_id: _across(line, s) for s in states} for states in (before, at))
+    found = []
+    for own, its in ((vut_id, other_id), (other_id, vut_id)):
+        lane = _lane_at(run, was[its].middle_m)
+        if lane is not None and now[own].is_in(*lane) and not was[own].is_in(*lane):
+            found.append(f"{own} entered the lane of {its}")
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Across:
+    """Offsets of an object from the road's line: of its reference point, and of its outline.
+
+    They are NaN where the road has no coordinates, and then in no lane.
+    """
+
+    middle_m: float
+    right_m: float
+    left_m: float
+
+    def is_in(self, right_m: float, left_m: float) -> bool:
+        """Tell whether the outline reaches into a lane."""
+        return self.right_m < left_m and self.left_m > right_m
+
+
+def _across(line: ReferenceLine, state: ObjectState) -> _Across:
+    places = np.array([(state.x_m, state.y_m), *state.box.corners()])
+    offsets = line.to_local_many(places)[:, 1]
+    return _Across(float(offsets[0]), float(offsets[1:].min()), float(offsets[1:].max()))
+
+
+def _lane_at(run: RunSpec, offset_m: float) -> tuple[float, float] | None:
+    """Return the right and left border of the lane at an offset; None: there is none."""
+    borders = [
+        (lane.y_m - lane.width_m / 2, lane.y_m + lane.width_m / 2) for lane in run.road.lanes
+    ]
+    return next((one for one in borders if one[0] <= offset_m <= one[1]), None)
 
 
 def _near(a: ObjectState, b: ObjectState) -> bool:

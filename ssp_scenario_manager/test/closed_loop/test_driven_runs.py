@@ -25,6 +25,7 @@ from ssp_core.world.plant import StepReport
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.cli.run import run as run_command
+from ssp_scenario_manager.closed_loop.contact import contact_words, first_contact, until
 from ssp_scenario_manager.closed_loop.outcomes.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcomes.outcome import (
     HARNESS,
@@ -343,8 +344,41 @@ def test_a_vut_that_stands_is_struck_and_one_off_its_twin_is_ours(start: Start) 
     assert outcome.contact is not None
     assert (outcome.contact.vut_side, outcome.contact.other_side) == ("rear", "front")
     assert outcome.contact.relative_mps == 4.0
+    # The car that cuts in was in the lane beside at the hand-over.
+    assert outcome.why == "with ot1, rear to front, 4.00 m/s; ot1 entered the lane of vut"
     off = {at_ns: replace(s, x_m=s.x_m + 0.31) for at_ns, s in start.twin.items()}
     assert outcome_of(run, run.driven, result, record, off).kind == "harness"
+
+
+def test_a_contact_says_who_entered_whose_lane(start: Start) -> None:
+    run = start.driven_by("constant_velocity", {}, Latency(0.0))
+    _, _, record = driven(start, "constant_velocity")
+    led = until(record.reports, start.hand_over_s, start.end_s)
+    before = {s.object_id: s for s in led[0].truths}
+    vut, other = before["vut"], before["ot1"]
+
+    def words(vut_m: float, other_m: float, *, other_was_m: float = other.y_m) -> list[str]:
+        """Return what is said of a contact at which both have moved sideways to these places."""
+        was = replace(led[0], truths=(vut, replace(other, y_m=other_was_m)))
+        now = replace(
+            led[1],
+            truths=(
+                replace(vut, x_m=0.0, y_m=vut_m, stamp_ns=led[1].now_ns),
+                replace(other, x_m=0.0, y_m=other_m, stamp_ns=led[1].now_ns),
+            ),
+        )
+        contact = first_contact([now], "vut")
+        assert contact is not None
+        return contact_words(run, [was, now], contact).split("; ")[1:]
+
+    beside_m = other.y_m - vut.y_m
+    assert abs(beside_m) > 3.0
+    assert words(vut.y_m, vut.y_m + 0.3 * beside_m) == ["ot1 entered the lane of vut"]
+    assert words(vut.y_m + 0.7 * beside_m, other.y_m) == ["vut entered the lane of ot1"]
+    both = words(vut.y_m + 0.4 * beside_m, other.y_m - 0.4 * beside_m)
+    assert both == ["vut entered the lane of ot1", "ot1 entered the lane of vut"]
+    # One that follows the other was in the same lane before.
+    assert words(vut.y_m, vut.y_m, other_was_m=vut.y_m) == []
 
 
 def test_limits_and_the_operator_end_a_driven_run_as_any_other(
@@ -392,8 +426,12 @@ def test_what_result_json_says_of_a_driven_run(start: Start) -> None:
     told = json.loads(json.dumps(told_of(run.driven, record, outcome, start.v_r_mps)))
     assert (told["outcome"], told["severity"], told["frames"]) == ("avoided", 5.0, False)
     chain = told["chain"]
-    assert chain["observable_s"] <= chain["frame_s"] < chain["effective_s"] < chain["response_s"]
-    assert chain["effective_s"] == pytest.approx(chain["frame_s"] + 0.3)
+    assert chain["observable_s"] <= chain["frame_s"] < chain["observable_s"] + 0.1
+    # A question is open when the frame comes: it is asked about as soon as none is.
+    assert chain["frame_s"] < chain["asked_s"] < chain["effective_s"] < chain["response_s"]
+    assert chain["asked_s"] <= chain["frame_s"] + 0.3
+    assert chain["answered_s"] == pytest.approx(chain["asked_s"] + 0.3)
+    assert chain["answered_s"] <= chain["effective_s"] < chain["answered_s"] + start.run.step_s
     assert told["start"] == start.hash
 
 

@@ -122,3 +122,19 @@ def test_a_corner_that_is_cut_over_the_grass_is_off_the_road(
     assert fact is not None
     assert fact[1] == "left_road"
     assert fact[2].endswith("beside the carriageway")
+
+
+def test_a_vut_where_the_road_has_no_coordinates_is_off_the_road(
+    start_of: Callable[[str], Start],
+) -> None:
+    """Beyond the middle of the bend, on the grass, as far from one arm as from the other."""
+    start = start_of("crossroads")
+    drove = drive_start(start, CampaignDriver(driver="built_in"), ZERO_LATENCY, event=False)
+    led = until(drove.record.reports, start.hand_over_s, start.end_s)[:1]
+    vut = vut_of(led[0])
+    away = replace(vut, x_m=-28.4 - vut.size.front_m, y_m=28.4 - vut.size.width_m / 2, yaw_rad=0.0)
+    line = ReferenceLine.of_road(start.run.road)
+    assert np.isnan(line.to_local_many(np.array(away.box.corners()))).any()
+    fact = left_road(start.run, [replace(led[0], truths=(away,))])
+    assert fact is not None
+    assert fact[1:] == ("left_road", "a corner where the road has no coordinates")

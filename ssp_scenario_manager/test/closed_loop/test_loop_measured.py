@@ -252,6 +252,7 @@ def test_a_run_of_a_campaign_leaves_the_bag_of_the_run_that_its_row_is_of(
     assert [str(driven[key]) for key in ("outcome", "outcome_s", "v_i_mps", "needless")] == [
         row[key] for key in ("outcome", "outcome_s", "v_i_mps", "needless")
     ]
+    assert f"{driven['outcome']} at" in (left / "top_view.svg").read_text()
     answers = folder / "answers" / "000004.json"
     assert (left / "answers.json").read_bytes() == answers.read_bytes()
     kept = json.loads(answers.read_text())["event"]

@@ -22,6 +22,7 @@ from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL
 from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS, outcome_of, told_of
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, Row, read_row
 from ssp_scenario_manager.closed_loop.single_run.before import Before
+from ssp_scenario_manager.closed_loop.single_run.top_view import leave_view
 from ssp_scenario_manager.closed_loop.starts.start import Start
 from ssp_scenario_manager.compile.task import TASK_FOLDER
 from ssp_scenario_manager.run.in_process import InProcessResult, Record
@@ -116,7 +117,7 @@ def _record(folder: Path, number: int) -> str:
         place,
         as_json=False,
         recorded=True,
-        further=partial(_told, again.start, again.before, needless),
+        further=partial(_told, place, again.start, again.before, needless),
         answers=repeated(again.kept),
         quiet=True,
     )
@@ -125,6 +126,7 @@ def _record(folder: Path, number: int) -> str:
 
 
 def _told(
+    place: Path,
     start: Start,
     before: Before | None,
     needless: str,
@@ -137,4 +139,5 @@ def _told(
     outcome = outcome_of(run, run.driven, result, record, start.twin)
     told = told_of(run.driven, record, outcome, start.v_r_mps) | {"needless": needless}
     told, why = (told, "") if before is None else before.judged(told)
+    leave_view(place, run, record, told)
     return {"driven": told}, why

@@ -16,7 +16,7 @@ from ssp_core.geometry import Polyline
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.plant import StepReport
-from ssp_scenario_manager.closed_loop.contact import first_contact, until
+from ssp_scenario_manager.closed_loop.contact import contact_words, first_contact, until
 from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS, Outcome
 from ssp_scenario_manager.closed_loop.starts.start import Start, path_of
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
@@ -114,7 +114,7 @@ def _outcome(start: Start, moved: Sequence[StepReport], begin_s: float) -> Outco
     contact = first_contact(moved, start.run.vut.id)
     if contact is not None:
         kind = "collision" if contact.vut_mps > LIMITS.standing_mps else "struck"
-        why = f"with {contact.other}, {contact.relative_mps:.2f} m/s"
+        why = contact_words(start.run, moved, contact)
         return Outcome(kind, contact.at_s, why, contact, response_s, 0.0, False)
     last_s = ns_to_seconds(moved[-1].now_ns)
     if last_s < start.end_s - start.run.step_s - EPSILON_S:

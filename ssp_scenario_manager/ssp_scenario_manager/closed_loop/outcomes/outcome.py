@@ -18,8 +18,13 @@ from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import Verdict
 from ssp_core.world.driver import DriveMode, GivenAnswer, sees_frames
 from ssp_core.world.plant import StepReport
-from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
-from ssp_scenario_manager.closed_loop.contact import Contact, first_contact, until
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_scenario_manager.closed_loop.contact import (
+    Contact,
+    contact_words,
+    first_contact,
+    until,
+)
 from ssp_scenario_manager.closed_loop.starts.start import path_of
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
 from ssp_scenario_manager.run.in_process import InProcessResult, Record
@@ -30,8 +35,9 @@ HARNESS = "harness"
 DECIDED = (HARNESS, "died", "collision", "struck", "left_road", "fence")
 AT_THE_END = ("fallback", "evaded", "avoided")
 OUTCOMES = (*DECIDED, *AT_THE_END)
-# Instants of a run, in session time: T_obs, the first frame after it, its answer, the response.
-CHAIN = ("observable_s", "frame_s", "effective_s", "response_s")
+# Instants of a run, in session time: T_obs, the first frame after it, the question about that frame
+# or a later one, its answer, the step at which that is effective, the response.
+CHAIN = ("observable_s", "frame_s", "asked_s", "answered_s", "effective_s", "response_s")
 # Of measured latencies, and of their parts.
 _FIGURES = ("p50_s", "p99_s", "encoding_p50_s", "transport_and_inference_p50_s", "parsing_p50_s")
 _UNLED = (DriveMode.FALLBACK, DriveMode.STALE)
@@ -83,7 +89,7 @@ def outcome_of(
         for fact in (
             _harness(run, driven, result, record, twin),
             _died(record),
-            _touched(contact),
+            _touched(run, led, contact),
             left_road(run, led),
             _fence(result),
         )
@@ -137,15 +143,11 @@ def _dies(led: Sequence[StepReport]) -> str:
     return "" if last is None else last.dies
 
 
-def _touched(contact: Contact | None) -> Fact | None:
+def _touched(run: RunSpec, led: Sequence[StepReport], contact: Contact | None) -> Fact | None:
     if contact is None:
         return None
     kind = "collision" if contact.vut_mps > LIMITS.standing_mps else "struck"
-    why = (
-        f"with {contact.other}, {contact.vut_side} to {contact.other_side}, "
-        f"{contact.relative_mps:.2f} m/s"
-    )
-    return contact.at_s, kind, why
+    return contact.at_s, kind, contact_words(run, led, contact)
 
 
 def _fence(result: InProcessResult) -> Fact | None:
@@ -181,6 +183,17 @@ class _Carriageway:
             else:
                 joined.append((low, high))
         return cls(road.right_edge_m, road.left_edge_m, tuple(joined))
+
+    def holds(self, offset_m: float) -> bool:
+        """Tell whether a place is on the carriageway; NaN, where the road has none, isn't."""
+        return self.right_m - 1e-9 <= offset_m <= self.left_m + 1e-9
+
+    def words_beside(self, offsets: Sequence[float]) -> str:
+        """Say how far the farthest of some places is beside."""
+        outside_m = max(self.right_m - min(offsets), max(offsets) - self.left_m)
+        if not all(map(math.isfinite, offsets)):
+            return "a corner where the road has no coordinates"
+        return f"a corner {outside_m:.2f} m beside the carriageway"
 
     def depth_m(self, offset_m: float) -> float:
         """Return how deep a place lies in lanes of opposite direction, 0 outside."""
@@ -229,7 +242,7 @@ class _Surface:
         beside = [
             corner
             for corner, offset_m in zip(vut.box.corners(), offsets, strict=True)
-            if not way.right_m <= offset_m <= way.left_m
+            if not way.holds(offset_m)
         ]
         return bool(shapely.covers(self.outline, shapely.MultiPoint(beside)))
 
@@ -249,15 +262,11 @@ def left_road(run: RunSpec, led: Sequence[StepReport]) -> Fact | None:
     first_m: float | None = None
     wrong_since_s: float | None = None
     for at_s, vut in _states(led, run.vut.id):
-        try:
-            offsets = line.to_local_many(np.array(vut.box.corners()))[:, 1].tolist()
-        except NotOneToOne:
-            return at_s, "left_road", "the VUT is where the road has no coordinates"
-        outside_m = max(way.right_m - min(offsets), max(offsets) - way.left_m)
-        if outside_m > 1e-9:
+        offsets = line.to_local_many(np.array(vut.box.corners()))[:, 1].tolist()
+        if not all(map(way.holds, offsets)):
             surface = surface or _Surface.of(run.road)
             if not surface.holds(vut, way, offsets):
-                return at_s, "left_road", f"a corner {outside_m:.2f} m beside the carriageway"
+                return at_s, "left_road", way.words_beside(offsets)
         depth_m = max(way.depth_m(offset) for offset in offsets)
         if depth_m > LIMITS.opposite_m:
             wrong_since_s = at_s if wrong_since_s is None else wrong_since_s
@@ -391,21 +400,27 @@ def is_starved(driven: Driven, record: Record) -> bool:
 
 
 def chain_of(driven: Driven, record: Record, outcome: Outcome) -> dict[str, float | None]:
-    """Return the chain T_obs, first frame after it, effective, first response, in session time."""
-    frame_s = effective_s = None
+    """Return the chain from T_obs to the first response, in session time, by CHAIN's names.
+
+    The frame is asked about later than it is there while another question is open. Without a
+    question after T_obs there is neither frame nor answer.
+    """
+    found: dict[str, float | None] = dict.fromkeys(CHAIN)
+    found["observable_s"], found["response_s"] = driven.observable_s, outcome.response_s
     number = 0
     for report in record.reports:
         drive, at_s = report.drive, ns_to_seconds(report.now_ns)
         if drive is None or driven.observable_s is None:
             continue
-        asked = drive.asked
-        if frame_s is None and asked is not None and at_s >= driven.observable_s - EPSILON_S:
-            frame_s, number = at_s, asked.number
-        answered = drive.answered
-        if effective_s is None and number and answered is not None and answered.number == number:
-            effective_s = at_s
-    found = (driven.observable_s, frame_s, effective_s, outcome.response_s)
-    return dict(zip(CHAIN, map(rounded, found), strict=True))
+        asked, answered = drive.asked, drive.answered
+        if not number and asked is not None and at_s >= driven.observable_s - EPSILON_S:
+            number, found["asked_s"] = asked.number, at_s
+            periods = math.ceil(driven.observable_s / driven.frame_period_s - 1e-6)
+            found["frame_s"] = periods * driven.frame_period_s
+        if number and answered is not None and answered.number == number:
+            found["answered_s"] = ns_to_seconds(answered.stamp_ns) + answered.latency_s
+            found["effective_s"] = at_s
+    return {name: rounded(value) for name, value in found.items()}
 
 
 def severity_of(outcome: Outcome, v_r_mps: float | None) -> float | None:
