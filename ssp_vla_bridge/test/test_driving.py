@@ -331,6 +331,22 @@ def test_a_process_that_left_its_model_s_group_delays_no_answer(tmp_path: Path) 
     assert got.ended == "gave no answer within its timeout_s of 0.1 s"
 
 
+def test_a_model_is_not_given_the_command_line_of_its_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It names the event, and the folder in which the times of triggers lie."""
+    (tmp_path / "models_that_look.py").write_text(
+        "import sys\n\n\ndef look(request):\n    return ' '.join(sys.argv)\n"
+    )
+    monkeypatch.setattr("sys.argv", ["ssp", "run", "cut_in", "--out", "out/here"])
+    options = {"function": "models_that_look:look", "folder": str(tmp_path)}
+    process = ModelProcess("m", "python", options, "waypoints:ego_xy")
+    got = process.ask(small_request(), 60.0)
+    process.close()
+    assert not isinstance(got, GivenAnswer)
+    assert got[0].response.text == "m"
+
+
 @pytest.mark.parametrize(("line", "words"), [("os._exit(3)", "while it was loaded"), ("", "")])
 def test_a_model_that_crashes_while_what_it_started_lives_on_is_seen_at_once(
     tmp_path: Path, line: str, words: str

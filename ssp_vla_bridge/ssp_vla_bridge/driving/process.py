@@ -14,6 +14,7 @@ import multiprocessing
 import os
 import signal
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -145,6 +146,8 @@ def _serve(
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.clear()
     os.environ.update(environment)
+    # The command's own name the event, and the folder in which its triggers' times lie.
+    sys.argv[:] = [model]
     # A model that prints doesn't write into the command's result.
     os.dup2(2, 1)
     try:
