@@ -135,4 +135,5 @@ def _chain(driver: str, latency: Latency, runs: Sequence[Run]) -> Chain:
         ]
         steps.append(median(values) if values else None)
     responded = sum(bool(run.cells["response_s"]) for run in runs)
-    return Chain(driver, latency, *steps, responded, len(runs))
+    wait_s, open_s, answer_s, response_s = steps
+    return Chain(driver, latency, wait_s, open_s, answer_s, response_s, responded, len(runs))
