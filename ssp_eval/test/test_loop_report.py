@@ -394,6 +394,24 @@ def test_a_campaign_that_is_refused_or_unfinished_says_so(campaign: LoopCampaign
     assert any(text.startswith("Only 71 of 72 runs are done") for text in told)
 
 
+def test_a_vut_that_was_off_its_twin_before_the_event_could_be_answered_is_named(
+    campaign: LoopCampaign,
+) -> None:
+    """As one that drives a little slower than its twin all the time, which is no outcome."""
+
+    def named(runs: tuple[Run, ...]) -> list[str]:
+        return [text for text, _ in notices_of(replace(campaign, runs=runs)) if "twin" in text]
+
+    assert named(campaign.runs) == []
+    slow = [run for run in campaign.critical if run.row.driver == MINE and run.row.succeeds]
+    early = tuple(
+        replace(run, cells={**run.cells, "response_s": "10.02"}) if run == slow[0] else run
+        for run in campaign.runs
+    )
+    (text,) = named(early)
+    assert text.startswith(f"{MINE} on cut_in at L = 0 s: in 1 of 3 successes the VUT was off")
+
+
 def test_a_campaign_that_goes_on_is_reported_as_far_as_it_got(folder: Path) -> None:
     text = (folder / "runs.csv").read_text()
     (folder / "runs.csv").write_text(text[: len(text) // 2])

@@ -11,6 +11,7 @@ from typing import Any
 from markupsafe import Markup
 
 from ssp_core.files import write_text
+from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.templates import templates
 from ssp_eval.closed_loop.comparisons import LEAST_EVENTS
@@ -238,6 +239,7 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
                     False,
                 )
             )
+    found += [(text, False) for text in _early(campaign)]
     if plan.starts < FEW_STARTS:
         starts = counted(plan.starts, "critical start")
         found.append((f"Intervals are wide: {starts} per event.", False))
@@ -246,6 +248,27 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
             (f"{counted(len(plan.events), 'event')}: no interval says anything of others.", False)
         )
     return found
+
+
+def _early(campaign: LoopCampaign) -> list[str]:
+    """Say of each driver that was off its twin before a frame after T_obs was answered.
+
+    A VUT that is a little slower before the event meets the object at another moment, which no
+    outcome is judged by (METHOD 8.5).
+    """
+    successes: dict[tuple[str, str, Latency], list[bool]] = {}
+    for run in campaign.critical:
+        response_s, effective_s = run.value("response_s"), run.value("effective_s")
+        if run.row.succeeds and response_s is not None and effective_s is not None:
+            cell = run.row.event, run.row.driver, run.row.latency
+            successes.setdefault(cell, []).append(response_s < effective_s)
+    return [
+        f"{driver} on {event} at {latency.words}: in {sum(early)} of {len(early)} successes the "
+        "VUT was off its twin's speed or lane before a frame after T_obs was answered. What "
+        "avoids the contact there needn't be a response to the event."
+        for (event, driver, latency), early in successes.items()
+        if any(early)
+    ]
 
 
 def failed_of(campaign: LoopCampaign) -> list[tuple[str, list[Run]]]:
