@@ -32,8 +32,8 @@ FORBIDDEN = (
 )
 # The parts of the rules, each behind those that it may import.
 PARTS = (
-    "tokens",
     "asserted",
+    "tokens",
     "lexicon",
     "match",
     "speaker",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ssp_eval.data.records import VOCABULARIES, Slot
-from ssp_eval.extract.tokens import HUMP
+from ssp_eval.extract.asserted.labels import HUMP
 
 
 def check(text: str, name: str, slot: Slot) -> Slot | None:

@@ -7,6 +7,8 @@ import unicodedata
 from dataclasses import dataclass
 from itertools import pairwise
 
+from ssp_eval.extract.asserted.labels import HUMP
+
 
 def _base(letter: str) -> str:
     """Return the plain letter of one with an accent, else nothing: coupé is coupe."""
@@ -37,8 +39,6 @@ _TOKEN = re.compile(
     r"|,+|;+|:+|\"+|=+|\|+|\[[x ]\]|[()\[\]{}<>][()\[\]{}<> ]*|(?<=\s)[-*]+(?=\s)|[^\x00-\x7f]+"
 )
 
-# Where the next word of a name like turnLeft begins.
-HUMP = re.compile(r"(?<=[a-z]{2})(?=[A-Z])")
 
 # Boxes of a form; what stands behind an empty one isn't said.
 _TICKS = {

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
-from ssp_eval.extract.tokens import HUMP
-
+# Where the next word of a name like turnLeft begins.
+HUMP = re.compile(r"(?<=[a-z]{2})(?=[A-Z])")
 ACTIONS = frozenset({"lon_action", "lat_action"})
 SIDES = {"left": ("lat_action",), "right": ("lat_action",)}  # which alone the rules don't read
 CLEAR = 0.2  # by which the largest share leads
