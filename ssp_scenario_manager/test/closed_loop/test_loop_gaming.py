@@ -74,6 +74,16 @@ class Now:
     def at_s(self) -> float:
         return self.question.stamp_ns / 1e9
 
+    @property
+    def first_mps(self) -> float:
+        """Speed of the twin at the hand-over."""
+        return self.start.twin[round(self.start.hand_over_s * 1e9)].speed_mps
+
+    @property
+    def change(self) -> float:
+        """Difference from the first speed that no braking makes needless, m/s."""
+        return 1.5 * max(self.at_s + LATENCY.seconds - self.start.hand_over_s, 0.0)
+
 
 def brake_and_speed_up(now: Now) -> Answer:
     """Brake for 0.8 s at the hand-over, and drive at the first speed again."""
@@ -117,6 +127,16 @@ def hang_at_the_right_moment(now: Now) -> Answer:
     return lane_plan(now.question)
 
 
+def drive_a_little_slower(now: Now) -> Answer:
+    """Drive 9 % slower than the twin from the first question on, to pass behind the object."""
+    return lane_plan(now.question, speed_mps=max(0.91 * now.first_mps, now.first_mps - now.change))
+
+
+def drive_a_little_faster(now: Now) -> Answer:
+    """Drive 9 % faster than the twin from the first question on, to pass before the object."""
+    return lane_plan(now.question, speed_mps=min(1.09 * now.first_mps, now.first_mps + now.change))
+
+
 WAYS = (
     ("lead_braking", brake_and_speed_up, "brakes by"),
     ("vru_crossing", brake_and_speed_up, "brakes by"),
@@ -137,6 +157,12 @@ WAYS = (
     ("vut_turn", brake_and_speed_up, "brakes by"),
     ("roundabout", brake_and_speed_up, "brakes by"),
     ("vru_crossing", hang_at_the_right_moment, ""),
+    ("vru_crossing", drive_a_little_slower, ""),
+    ("vru_crossing", drive_a_little_faster, ""),
+    ("crossing_car", drive_a_little_slower, ""),
+    ("crossing_car", drive_a_little_faster, ""),
+    ("oncoming_turn", drive_a_little_slower, ""),
+    ("oncoming_turn", drive_a_little_faster, ""),
 )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +25,7 @@ from ssp_scenario_manager.closed_loop.contact import (
     first_contact,
     until,
 )
+from ssp_scenario_manager.closed_loop.outcomes.evaded import Twin, evaded
 from ssp_scenario_manager.closed_loop.starts.start import path_of
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
 from ssp_scenario_manager.run.in_process import InProcessResult, Record
@@ -41,8 +42,6 @@ CHAIN = ("observable_s", "frame_s", "asked_s", "answered_s", "effective_s", "res
 # Of measured latencies, and of their parts.
 _FIGURES = ("p50_s", "p99_s", "encoding_p50_s", "transport_and_inference_p50_s", "parsing_p50_s")
 _UNLED = (DriveMode.FALLBACK, DriveMode.STALE)
-
-Twin = Mapping[int, ObjectState]
 
 
 @dataclass(frozen=True, slots=True)
@@ -348,39 +347,15 @@ def _at_the_end(
     mode = _mode_at(record, response_s)
     if mode in _UNLED:
         return "fallback", f"the first response, at {response_s:.2f} s, lies in {mode.value}"
-    return _evaded(run, driven, record, twin) or ("avoided", "no contact until T_end")
+    if why := evaded(run, driven, record, twin):
+        return "evaded", why
+    return "avoided", "no contact until T_end"
 
 
 def _mode_at(record: Record, at_s: float | None) -> DriveMode | None:
     for report in record.reports:
         if at_s is not None and abs(ns_to_seconds(report.now_ns) - at_s) < EPSILON_S:
             return None if report.drive is None else report.drive.mode
-    return None
-
-
-def _evaded(run: RunSpec, driven: Driven, record: Record, twin: Twin) -> tuple[str, str] | None:
-    if driven.observable_s is None:
-        return None
-    at_ns = seconds_to_ns(driven.observable_s)
-    vut = next((s for s in record.truths(run.vut.id) if s.stamp_ns == at_ns), None)
-    meant = twin.get(at_ns)
-    if vut is None or meant is None:
-        return None
-    path = path_of(run)
-    (own_m, own_l), (its_m, its_l) = path.project_all_beyond(
-        [(vut.x_m, vut.y_m), (meant.x_m, meant.y_m)]
-    )
-    slower = 1.0 - vut.speed_mps / meant.speed_mps if meant.speed_mps > 0.0 else 0.0
-    behind_m, beside_m = its_m - own_m, abs(own_l - its_l)
-    if (
-        slower > LIMITS.evaded_share
-        or behind_m > LIMITS.evaded_behind_m
-        or beside_m > LIMITS.evaded_beside_m
-    ):
-        return "evaded", (
-            f"at T_obs {100 * slower:.0f} % slower than the twin, {behind_m:.2f} m behind it, "
-            f"{beside_m:.2f} m beside it"
-        )
     return None
 
 
