@@ -28,8 +28,9 @@ from ssp_scenario_manager.closed_loop.answers import (
     repeated,
     save_answers,
 )
+from ssp_scenario_manager.closed_loop.outcomes.evaded import Twin
 from ssp_scenario_manager.closed_loop.outcomes.needless import needless_in
-from ssp_scenario_manager.closed_loop.outcomes.outcome import Twin, outcome_of, told_of
+from ssp_scenario_manager.closed_loop.outcomes.outcome import outcome_of, told_of
 from ssp_scenario_manager.closed_loop.starts.start import (
     OffSpec,
     Start,
