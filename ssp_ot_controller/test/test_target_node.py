@@ -26,7 +26,7 @@ from ssp_ot_controller.objects.pool import TICK_SILENCE_S
 from support.messages import reference_to_msg, state_to_msg
 from support.processes import end
 from support.states import object_state
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import DEADLINE_S, answer_of
 
 pytestmark = pytest.mark.ros
 # A reader may be found by this side before it has found this side.
@@ -122,10 +122,7 @@ class Peers:
         return self.ask(self.commands, request)
 
     def ask(self, client: Any, request: Any) -> Any:
-        self.spin_until(client.service_is_ready, client.srv_name)
-        future = client.call_async(request)
-        self.spin_until(future.done, f"{client.srv_name} answers")
-        return future.result()
+        return answer_of(client, request, self.spin_until)
 
     def change(self, transition: int) -> bool:
         request = ChangeState.Request(transition=Transition(id=transition))

@@ -67,19 +67,20 @@ import sys
 import rclpy
 from ssp_core import ros
 from ssp_msgs.srv import SessionCommand
+from tests.support.waiting import answer_of
 rclpy.init()
 node = ros.make_node("operator")
 abort = node.create_client(SessionCommand, "abort")
 executor = ros.make_executor()
 executor.add_node(node)
-while not abort.service_is_ready():
-    executor.spin_once(timeout_sec=0.2)
+def spin_until(condition, what):
+    while not condition():
+        executor.spin_once(timeout_sec=0.2)
+spin_until(abort.service_is_ready, "the abort")
 print("there", flush=True)
 asked = open(sys.argv[1]).read()
-call = abort.call_async(SessionCommand.Request(requested_by="operator", reason="seen enough"))
-while not call.done():
-    executor.spin_once(timeout_sec=0.2)
-print(call.result().accepted, asked, flush=True)
+request = SessionCommand.Request(requested_by="operator", reason="seen enough")
+print(answer_of(abort, request, spin_until).accepted, asked, flush=True)
 """
 
 

@@ -46,7 +46,7 @@ from ssp_msgs.msg import SessionState
 from support.processes import end
 from tests.support.bags import header, message, picture, text
 from tests.support.states import make_reference
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import DEADLINE_S, answer_of
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -137,11 +137,9 @@ class Stage:
 
     def ask(self, service: str, kind: Any, request: Any) -> Any:
         client = self.node.create_client(kind, service)
-        self.spin_until(client.service_is_ready, service)
-        answer = client.call_async(request)
-        self.spin_until(answer.done, f"answer of {service}")
+        answer = answer_of(client, request, self.spin_until)
         self.node.destroy_client(client)
-        return answer.result()
+        return answer
 
 
 @pytest.fixture

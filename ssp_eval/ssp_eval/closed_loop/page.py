@@ -253,8 +253,8 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
 def _early(campaign: LoopCampaign) -> list[str]:
     """Say of each driver that was off its twin before a frame after T_obs was answered.
 
-    A VUT that is a little slower before the event meets the object at another moment, which no
-    outcome is judged by (METHOD 8.5).
+    A VUT that is a little slower before the event meets the object at another moment. It is
+    ``evaded`` only where it then has no contact when it goes on (``outcomes.evaded``).
     """
     successes: dict[tuple[str, str, Latency], list[bool]] = {}
     for run in campaign.critical:

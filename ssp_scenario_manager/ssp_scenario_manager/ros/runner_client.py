@@ -38,8 +38,9 @@ _HEARD_S = 2.0
 _LISTENED_S = 0.5
 _ABORTED = (SessionPhase.ABORTING, SessionPhase.ABORTED)
 WHO = "ssp run"
-# A lost answer (the two ends may have just found each other) is asked for again after this time.
+# A lost answer (a server drops one for a client whose end it doesn't know yet) is asked for again.
 ANSWER_S = 2.0
+_LOADABLE = (None, SessionPhase.IDLE, SessionPhase.LOADED)
 _UNDER_WAY = {
     SessionPhase.RUNNING,
     SessionPhase.STOPPING,
@@ -102,6 +103,8 @@ class RunClient:
         self._load = self.node.create_client(LoadScenario, names.LOAD_SCENARIO)
         self._asked: _Asked | None = None
         self.loaded: tuple[str, ...] | None = None
+        # What the manager was asked to load, and when last.
+        self._load_asked: tuple[str, float] | None = None
         # When the manager was asked to abort last; None: it wasn't, or it does.
         self._abort_asked_at: float | None = None
         self._own_heard = False
@@ -145,10 +148,26 @@ class RunClient:
         return bool(self.node.count_publishers(topic))
 
     def load(self, run_file: str) -> None:
-        """Ask the manager to load a run without beginning it; ``loaded`` has its answer."""
+        """Ask the manager to load a run without beginning it; ``loaded`` has its answer.
+
+        It is asked again while none comes. A session that has gone on from LOADED was loaded.
+        """
+        self._load_asked = run_file, time.monotonic()
         request = LoadScenario.Request(run_file=run_file, session_token=self._token)
         future = self._load.call_async(request)
         future.add_done_callback(self._on_loaded)
+
+    def _ask_to_load(self) -> None:
+        """Ask for the load again where no answer came."""
+        if self._load_asked is None or self.loaded is not None:
+            return
+        run_file, asked_at = self._load_asked
+        if time.monotonic() - asked_at < ANSWER_S:
+            return
+        if self.session.state in _LOADABLE:
+            self.load(run_file)
+        else:
+            self.loaded = ()
 
     @property
     def under_way(self) -> bool:
@@ -230,6 +249,7 @@ class RunClient:
         self._executor.spin_once(timeout_sec=timeout_s)
         self.session.say_armed()
         self._ask_to_abort()
+        self._ask_to_load()
         self.silent_s += min(time.monotonic() - began, _LISTENED_S)
 
     @property
@@ -270,8 +290,9 @@ class RunClient:
 
     def _on_loaded(self, future: Any) -> None:
         self.hear_manager()
-        answer = future.result()
-        self.loaded = () if answer.accepted else (answer.error_msg,)
+        if self.loaded is None:
+            answer = future.result()
+            self.loaded = () if answer.accepted else (answer.error_msg,)
 
     def _on_accepted(self, asked: _Asked, future: Any) -> None:
         asked.goal = future.result()

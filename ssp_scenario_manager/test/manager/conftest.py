@@ -37,9 +37,17 @@ from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
 from support.messages import state_to_msg
 from support.processes import end
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import DEADLINE_S, answer_of
 
 DISARMED, ARMED = ControlState.DISARMED, ControlState.ARMED
+# The state that a command leads to.
+REACHED = {
+    "connect": SessionPhase.CONNECTED,
+    "arm": SessionPhase.ARMED,
+    "start": SessionPhase.RUNNING,
+    "reset": SessionPhase.IDLE,
+    "all_clear": SessionPhase.IDLE,
+}
 
 
 class Peers:
@@ -159,10 +167,7 @@ class Peers:
             self.executor.spin_once(timeout_sec=0.05)
 
     def ask(self, client: Any, request: Any) -> Any:
-        self.spin_until(client.service_is_ready, f"{client.srv_name} is there")
-        future = client.call_async(request)
-        self.spin_until(future.done, f"{client.srv_name} answers")
-        return future.result()
+        return answer_of(client, request, self.spin_until)
 
     def command(self, name: str) -> Any:
         request = SessionCommand.Request(requested_by="test", session_token=self.token)
@@ -181,7 +186,8 @@ class Peers:
     def obtain(self, name: str) -> None:
         """Asks until it is accepted: what was published needs a moment to arrive."""
         deadline = time.monotonic() + DEADLINE_S
-        while not (answer := self.command(name)).accepted:
+        reached = REACHED[name]
+        while not (answer := self.command(name)).accepted and answer.session_state != reached:
             assert time.monotonic() < deadline, f"{name} is refused: {answer.error_msg}"
             if name == "start" and answer.session_state == SessionPhase.CONNECTED:
                 # The object's answer to arm was late on a busy machine, which takes arm back.

@@ -5,14 +5,17 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
+from rclpy.task import Future
 
 from ssp_core import names
 from ssp_core.processes import session_environment
 from ssp_core.run_file.model import RunSpec
 from ssp_core.session_token import draw_token
+from ssp_core.vocabulary import SessionPhase
+from ssp_msgs.srv import LoadScenario
 from ssp_scenario_manager.ros import runner_client
 from ssp_scenario_manager.ros.runner_client import RunClient
 from tests.support.waiting import DEADLINE_S
@@ -98,6 +101,58 @@ def test_a_goal_that_came_too_late_ends_nothing_for_the_next_one(
         monkeypatch.setattr(runner_client, "RESULT_GRACE_S", 0.0)
         client.begin(str(run_file))
         assert client.outcome is None
+    finally:
+        client.close()
+
+
+def test_a_load_whose_answer_was_lost_is_asked_for_again(
+    peers: Peers, domain: int, run_file: Path, run: RunSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A server drops the answer to a client whose reader it hasn't found yet."""
+    client = RunClient(session_environment(domain), lambda _: None, run)
+    asked = []
+
+    def call_async(request: LoadScenario.Request) -> Any:
+        asked.append(request)
+        return Future() if len(asked) == 1 else load(request)
+
+    load = client._load.call_async
+    monkeypatch.setattr(client._load, "call_async", call_async)
+    try:
+        await_action(peers, client)
+        client.load(str(run_file))
+
+        def answered() -> bool:
+            client.spin(0.05)
+            return client.loaded is not None
+
+        peers.spin_until(answered, "the answer to load_scenario")
+        assert client.loaded == ()
+        assert len(asked) == 2
+        peers.wait_for(SessionPhase.LOADED)
+    finally:
+        client.close()
+
+
+def test_a_session_that_went_on_was_loaded_though_no_answer_came(
+    peers: Peers, domain: int, run_file: Path, run: RunSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second load would be refused there, and the run be called off for it."""
+    peers.appear()
+    assert peers.load(run_file).accepted
+    peers.obtain("connect")
+    client = RunClient(session_environment(domain), lambda _: None, run)
+    monkeypatch.setattr(runner_client, "ANSWER_S", 0.2)
+    monkeypatch.setattr(client._load, "call_async", lambda _: Future())
+    try:
+        client.load(str(run_file))
+
+        def loaded() -> bool:
+            client.spin(0.05)
+            return client.loaded is not None
+
+        peers.spin_until(loaded, "the session's state")
+        assert client.loaded == ()
     finally:
         client.close()
 
