@@ -52,7 +52,7 @@ def ends_validly(stage: Any, run: subprocess.Popen[Any]) -> Path:
     """The folder of a session that is begun, when it is over; raw frames are in its bag."""
     stage.begin(run)
     result = stage.finish(run)
-    assert (result["verdict"], result["status"]) == ("valid", 0), (result, stage.said("ssp_run"))
+    assert (result["verdict"], result["status"]) == ("valid", 0), result["reasons"]
     assert "waive=A. Tester" in result["bodies"]["ot1"]
     folder = Path(stage.folder / "run")
     with BagReader(folder / "bag") as bag:

@@ -45,7 +45,7 @@ def rehearsed(stage: Any, task: Path) -> Path:
         stage.wait_for(partial(pressed, *url, command), f"{command} to be accepted")
         stage.wait_for(lambda s=state: f"session {s}" in stage.said("ssp_run"), state)
     result = stage.finish(run)
-    assert (result["verdict"], result["status"]) == ("valid", 0), (result, stage.said("ssp_run"))
+    assert (result["verdict"], result["status"]) == ("valid", 0), result["reasons"]
     assert result["session_s"] > 10.0
     assert result["initiator_first"] is True
     low_s, high_s = result["wanted"]["least_gap_s"], result["wanted"]["most_gap_s"]

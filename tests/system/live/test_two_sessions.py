@@ -107,7 +107,7 @@ def ended(stage: Any, name: str, process: Any) -> tuple[dict[str, Any], int]:
 def is_valid_beside(stage: Any, task: Path, domain: int) -> None:
     """An isolated session does what it does alone, while others start or wait in its domain."""
     result, status = ended(stage, "isolated", simulated(stage, task, "isolated", domain))
-    assert (result["verdict"], status) == ("valid", 0), (result, stage.said("isolated"))
+    assert (result["verdict"], status) == ("valid", 0), result["reasons"]
 
 
 def is_met_and_not_armed(stage: Any, task: Path, domain: int) -> None:
