@@ -334,7 +334,7 @@ def test_a_measure_without_a_bound_is_shown_by_its_median(campaign: LoopCampaign
     table = severity_table(replace(campaign, runs=tuple(runs)), "cut_in", [MINE])
     shown = [texts(table, row) for row in table.rows]
     place = [column.key for column in table.columns].index("ttc_s")
-    assert [row[place] for row in shown] == ["2.50", "2.50"]
+    assert [row[place] for row in shown] == ["2.50 (4)", "2.50 (4)"]
     # Of a mean the number of runs that have one stands behind it: at 0.5 s 3 of 4 collide.
     assert shown[1][2] == "7.00 (3)"
 

@@ -129,9 +129,8 @@ def severity_table(campaign: LoopCampaign, event: str, drivers: Sequence[str]) -
         tuple(rows),
         notes=(
             "Means of v_i and severity, medians of the others, over the runs that have a value; "
-            "their number stands behind it where it isn't that of all runs. The smallest TTC and "
-            "distance, the largest needed deceleration and jerk of each run lie between the "
-            "hand-over and its deciding fact.",
+            "their number stands behind it. The smallest TTC and distance, the largest needed "
+            "deceleration and jerk of each run lie between the hand-over and its deciding fact.",
         ),
     )
 
@@ -141,9 +140,8 @@ def _middle(runs: Sequence[Run], name: str) -> str:
     values = [value for run in runs if (value := run.value(name)) is not None]
     if not values:
         return NULL
-    count = "" if len(values) == len(runs) else f" ({len(values)})"
     middle = math.fsum(values) / len(values) if name in _MEANS else median(values)
-    return f"{middle:.2f}{count}"
+    return f"{middle:.2f} ({len(values)})"
 
 
 def over_events_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
