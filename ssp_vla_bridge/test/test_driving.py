@@ -8,7 +8,9 @@ import signal
 import subprocess
 import sys
 import threading
+import tracemalloc
 from collections.abc import Iterator
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -18,12 +20,13 @@ import numpy as np
 import pytest
 
 from ssp_core.errors import PeerError
+from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import Camera
 from ssp_core.world.driver import EgoSample, GivenAnswer, Question, SeenFrame
-from ssp_vla_bridge.driving.driver import BridgeDriver, DriverModel
-from ssp_vla_bridge.driving.process import ModelProcess
+from ssp_vla_bridge.driving.driver import BridgeDriver, DriverModel, prompt_facts, request_of
+from ssp_vla_bridge.driving.process import ModelProcess, measured_answer
 from ssp_vla_bridge.http_messages import HTTP_SCHEMA
-from ssp_vla_bridge.messages import Frame, Request
+from ssp_vla_bridge.messages import TASK, Answer, Frame, Request
 from ssp_vla_bridge.window import find_interface
 from tests.support.waiting import until
 
@@ -35,6 +38,7 @@ class Service(ThreadingHTTPServer):
 
     daemon_threads = True
     way = "well"
+    asked: dict[str, Any]
 
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), Handler)
@@ -56,7 +60,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-        way = self.server.way
+        way, self.server.asked = self.server.way, asked
         if way == "hangs":
             self.server.release.wait()
             return
@@ -166,6 +170,54 @@ def test_a_service_that_fails_ends_the_driver_or_costs_one_answer(
         assert refused in got.answer.refused
 
 
+def test_a_card_has_the_hash_of_the_words_that_a_service_gets(service: Service) -> None:
+    """Of a question about a VUT that stands, since ages and motion stand in the words, too."""
+    asked = model(service.url)
+    still = tuple(EgoSample(0.0 - 0.1 * k, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(20, -1, -1))
+    at_ns, jpeg = 60_000_000_000, question().frames[0].jpeg
+    frames = tuple(SeenFrame(at_ns - 100_000_000 * k, jpeg) for k in range(9, -1, -1))
+    driver = BridgeDriver(asked)
+    try:
+        driver.give(replace(question(), stamp_ns=at_ns, history=still, frames=frames))
+    finally:
+        driver.close()
+    got = service.asked
+    assert "[-2.0, 0.00, 0.00, 0.00], " in got["prompt"]
+    sent = {"task": got["task"], "prompt": got["prompt"]}
+    assert prompt_facts(asked)["prompt_sha256"] == sha256_json(sent)
+
+
+def chat(**options: Any) -> DriverModel:
+    interface = find_interface("openemma")
+    given = {"base_url": "http://127.0.0.1:1/v1", "model": "m", **options}
+    return DriverModel("mine", "openai", given, interface, "openemma", interface.preprocessing)
+
+
+def test_a_card_tells_other_words_of_a_chat_from_other_options(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    usual = prompt_facts(chat())["prompt_sha256"]
+    assert usual == prompt_facts(chat(temperature=1.0, timeout_s=3.0))["prompt_sha256"]
+    assert usual != prompt_facts(chat(images="none"))["prompt_sha256"]
+    monkeypatch.setattr("ssp_vla_bridge.driving.driver.TASK", replace(TASK, instruction="Drive."))
+    assert usual != prompt_facts(chat())["prompt_sha256"]
+
+
+@pytest.mark.parametrize(
+    ("backend", "is_hashed", "what"),
+    [
+        ("python", True, "words that it makes of it aren't known"),
+        ("my_models:Mine", True, "words that it makes of it aren't known"),
+        ("opencv_baseline", False, "reads no words"),
+        ("recorded", False, "isn't asked"),
+    ],
+)
+def test_a_card_says_why_a_model_has_no_prompt(backend: str, is_hashed: bool, what: str) -> None:
+    facts = prompt_facts(replace(chat(), backend=backend, options={}))
+    assert (facts["prompt_sha256"] is not None) == is_hashed
+    assert what in str(facts["prompt"])
+
+
 HOSTILE = """
 import os
 import subprocess
@@ -233,6 +285,33 @@ def test_an_answer_that_can_t_be_kept_is_refused(
     assert got.answer is not None
     assert got.answer.trajectory is None
     assert refused in got.answer.refused
+
+
+class Verbose:
+    """A model with a text that is far too long."""
+
+    model_id = "verbose"
+    text = "I keep my speed. " * 2_000_000
+
+    def answer(self, _request: Request) -> Answer:
+        return Answer(self.text)
+
+
+def test_an_answer_that_is_far_too_long_is_refused_without_a_copy_of_it() -> None:
+    """Of a model that answers hundreds of MB, each question would take seconds."""
+    verbose = Verbose()
+    asked = request_of(question(), model("http://127.0.0.1:1"))
+    tracemalloc.start()
+    try:
+        got = measured_answer(verbose, "mine", "waypoints", asked)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert (
+        "the answer has 34000007 characters and 0 numbers, at most 1048576"
+        in got.response.error_msg
+    )
+    assert peak < len(verbose.text) // 10
 
 
 def test_an_error_s_words_can_be_written(tmp_path: Path) -> None:
@@ -376,7 +455,7 @@ OWNER = """
 import sys
 
 from ssp_vla_bridge.driving.process import ModelProcess
-from ssp_vla_bridge.messages import Frame, Request
+from ssp_vla_bridge.messages import TASK, Answer, Frame, Request
 
 folder, shown = sys.argv[1:]
 options = {"function": "models_of_owner:hang", "folder": folder}

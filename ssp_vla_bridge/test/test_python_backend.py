@@ -52,6 +52,13 @@ def ragged(request):
 def words(request):
     return "", [("left", "right")]
 
+def endless(request):
+    while True:
+        yield 0.0, 0.0
+
+def many(request):
+    return "", endless(request)
+
 def fails(request):
     raise KeyError("weights")
 
@@ -119,6 +126,7 @@ def test_a_dotted_path_names_a_function_too(make_request):
         ("none", "the function gave NoneType; it must give an Answer"),
         ("ragged", "point 1 has 1 numbers; a point is (x, y)"),
         ("words", "are no rows of two numbers"),
+        ("many", "gives more than 131072 points"),
         ("fails", "KeyError: 'weights'"),
     ],
 )

@@ -21,7 +21,7 @@ from ssp_eval.evaluate.clients.models import (
     load_models,
 )
 from ssp_vla_bridge.backend import BACKENDS
-from ssp_vla_bridge.driving.driver import BridgeDriver, DriverModel
+from ssp_vla_bridge.driving.driver import BridgeDriver, DriverModel, prompt_facts
 from ssp_vla_bridge.egodriver.options import HISTORY_S as EGODRIVER_HISTORY_S
 from ssp_vla_bridge.egodriver.options import read_options
 
@@ -145,6 +145,8 @@ def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
         return {
             "model": policy.url,
             "weights_sha256": None,
+            "prompt_sha256": None,
+            "prompt": "the calls of an EgodriverService hold no words",
             "interface": EGODRIVER,
             "adapter": EGODRIVER,
             # All that the camera drew since the question before.
@@ -159,6 +161,7 @@ def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "model": named if isinstance(named, str) else model.backend,
         "weights_sha256": dict(options.get(MODEL, {})).get("weights_sha256"),
+        **prompt_facts(model),
         "interface": model.interface.name,
         "adapter": model.adapter,
         "frames": model.rules.frames,

@@ -243,6 +243,9 @@ def test_each_driver_has_a_card_that_binds_it(done: Path, tmp_path: Path) -> Non
     assert oracle["d_max_mps2"] == 7.0
     assert oracle["limits"]["plan"]["least_end_s"] == 2.0
     assert [one["p99_s"] for one in oracle["latencies"]] == [0.0, 1.0]
+    assert {(one["prompt_sha256"], one["prompt"]) for one in cards} == {
+        (None, "asked without words")
+    }
     for card in cards:
         if card["driver"] in ("no_response", "built_in", "careful"):
             assert [one["p50_s"] for one in card["latencies"]] == [None, None]

@@ -401,8 +401,10 @@ def test_what_a_card_says_of_a_model_is_what_its_driver_does() -> None:
     entry = {"backend": "http", "frames": 4, "weights_sha256": "sha256:1"}
     service = {"url": "http://127.0.0.1:1", "timeout_s": 3.0}
     told = model_facts("mine", driver_options("mine", {"model": {**entry, "options": service}}))
+    assert str(told.pop("prompt_sha256")).startswith("sha256:")
     assert told == {
         "model": "http",
+        "prompt": "task and prompt of the request",
         "weights_sha256": "sha256:1",
         "interface": "waypoints",
         "adapter": "waypoints:ego_xy",

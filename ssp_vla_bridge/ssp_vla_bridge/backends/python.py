@@ -11,6 +11,7 @@ import importlib.util
 import inspect
 import sys
 from collections.abc import Callable, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,8 @@ _KNOWN: dict[str, type] = {
 }
 _FIELD = "backend_options.function"
 _FORMS = "give module:function or package.module.function"
+# A plan has some tens of points. More than these aren't read, however many there are.
+_MOST_POINTS = 1 << 17
 
 
 class PythonFunction:
@@ -74,9 +77,11 @@ class PythonFunction:
 def _points(points: Any, step_s: float, first_time_s: float) -> NativeArray:
     """Read rows (x, y) of anything iterable: lists, numpy arrays, tensors."""
     try:
-        rows = [tuple(float(value) for value in row) for row in points]
+        rows = [tuple(float(value) for value in row) for row in islice(points, _MOST_POINTS + 1)]
     except (TypeError, ValueError, OverflowError) as error:
         raise PeerError(f"the function's points are no rows of two numbers: {error}") from error
+    if len(rows) > _MOST_POINTS:
+        raise PeerError(f"the function gives more than {_MOST_POINTS} points")
     wrong = next((i for i, row in enumerate(rows) if len(row) != 2), None)
     if wrong is not None:
         raise PeerError(

@@ -7,13 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, replace
 from typing import Any
 
-from ssp_core.clock import ns_to_seconds
-from ssp_core.errors import SspError
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.errors import InputError, SspError
+from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import Camera
 from ssp_core.world import driver as core
 from ssp_core.world.camera import intrinsics
-from ssp_vla_bridge.backend import OPTION_TIMEOUT
+from ssp_vla_bridge.backend import BACKENDS, OPTION_TIMEOUT, SERVICES
 from ssp_vla_bridge.driving.process import Measured, ModelProcess, no_answer_within
+from ssp_vla_bridge.http_messages import request_to_json
 from ssp_vla_bridge.messages import (
     TASK,
     CameraGeometry,
@@ -24,6 +26,7 @@ from ssp_vla_bridge.messages import (
     Request,
     Response,
 )
+from ssp_vla_bridge.prompts import native_prompt, words_sha256
 from ssp_vla_bridge.window import Interface, Preprocessing, choose
 
 TIMEOUT_S = 60.0
@@ -31,6 +34,9 @@ TIMEOUT_S = 60.0
 # others ask for what their models were trained on.
 _HORIZON_S = 5.0
 _SLACK_S = 1e-6
+# Of the question whose words a card has the hash of.
+_CARD_STAMP_NS = 60_000_000_000
+_CHAT = "openai"
 
 
 @dataclass(frozen=True)
@@ -188,6 +194,68 @@ def request_of(question: core.Question, model: DriverModel) -> Request:
     )
 
 
+def prompt_facts(model: DriverModel) -> dict[str, str | None]:
+    """Return the hash of the words in which a model is asked, and what they are, for its card.
+
+    Frames' ages and own motion stand in the words of some interfaces. The hash is of a question
+    with as many frames and as long a history as the model's interface has, of a VUT that stands.
+
+    Args:
+        model: as it is to drive.
+
+    Returns:
+        ``prompt_sha256``, None where a model is asked without words, and ``prompt``: what is
+        hashed, or why nothing is.
+    """
+    backend = model.backend
+    request = _card_request(model)
+    if backend == _CHAT:
+        found = words_sha256(backend, {**model.options, "interface": model.interface.name}, request)
+        return {
+            "prompt_sha256": found,
+            "prompt": "system and user texts of each step; its own earlier answers left open",
+        }
+    if backend in SERVICES:
+        what = "task and prompt of the request"
+        try:
+            words = native_prompt(model.interface.name, request)
+        except InputError as error:
+            return {"prompt_sha256": None, "prompt": f"it can't be asked: {error}"}
+    elif backend == "python" or backend not in BACKENDS:
+        words, what = None, "task of the request; the words that it makes of it aren't known here"
+    elif backend == "recorded":
+        return {"prompt_sha256": None, "prompt": "repeats recorded answers, and isn't asked"}
+    else:
+        return {"prompt_sha256": None, "prompt": "reads no words"}
+    sent = request_to_json(request, words)
+    return {
+        "prompt_sha256": sha256_json({"task": sent["task"], "prompt": sent["prompt"]}),
+        "prompt": what,
+    }
+
+
+def _card_request(model: DriverModel) -> Request:
+    """Return a question to a model about a VUT that stands; its frames have no pixels."""
+    rules = model.rules
+    spacing_ns = seconds_to_ns(rules.frame_spacing_s)
+    stamps_ns = [_CARD_STAMP_NS - k * spacing_ns for k in reversed(range(rules.frames))]
+    shown_ns = [stamps_ns[i] for i in choose(stamps_ns, rules.frames - 1, rules)]
+    times_s = [-k * rules.history_spacing_s for k in range(_samples(rules), -1, -1)]
+    question = core.Question(
+        number=1,
+        stamp_ns=_CARD_STAMP_NS,
+        history=tuple(core.EgoSample(t_s, 0.0, 0.0, 0.0, 0.0, 0.0) for t_s in times_s),
+        route_m=(),
+        frames=tuple(core.SeenFrame(stamp_ns, b"") for stamp_ns in shown_ns),
+    )
+    return request_of(question, model)
+
+
+def _samples(rules: Preprocessing) -> int:
+    """Return how many samples of a history lie before the newest one."""
+    return round(rules.history_s / rules.history_spacing_s)
+
+
 def geometry_of_run(camera: Camera) -> CameraGeometry:
     """Return the geometry of a run's camera, as a recording's CameraInfo and mounting give it."""
     lens = intrinsics(camera)
@@ -206,7 +274,7 @@ def geometry_of_run(camera: Camera) -> CameraGeometry:
 def history_by(samples: Sequence[core.EgoSample], rules: Preprocessing) -> tuple[EgoSample, ...]:
     """Return the newest sample at or before each time of the history, oldest first."""
     chosen: list[core.EgoSample] = [samples[-1]]
-    for k in range(1, round(rules.history_s / rules.history_spacing_s) + 1):
+    for k in range(1, _samples(rules) + 1):
         wanted_s = -k * rules.history_spacing_s + _SLACK_S
         before = [sample for sample in samples if sample.t_s <= wanted_s]
         if not before:

@@ -106,8 +106,11 @@ def _sound(response: Response) -> Response:
     numbers = sum(len(array.data) for array in response.arrays)
     try:
         texts = [response.text, response.model_id, *(array.name for array in response.arrays)]
-        texts.append(json.dumps(dict(response.decoding), allow_nan=False))
-        characters = len("".join(texts).encode())
+        characters = sum(map(len, texts))
+        # A text that is far too long isn't copied: each question of a run may bring one.
+        if characters <= _MOST_CHARACTERS:
+            texts.append(json.dumps(dict(response.decoding), allow_nan=False))
+            characters = len("".join(texts).encode())
     except (TypeError, ValueError, RecursionError) as error:
         return failure(_blank(response), ErrorCode.BACKEND, f"the answer can't be kept: {error}")
     if characters <= _MOST_CHARACTERS and numbers <= _MOST_NUMBERS:

@@ -46,6 +46,7 @@ _MEASURED = (
 )
 # The drivers' package, which is used through its names alone, as make_driver is.
 _FACTS_MODULE = "ssp_ot_controller.driving.facts"
+_WORDLESS = "asked without words"
 _VERSIONS = ("numpy", "scipy", "pydantic")
 
 
@@ -133,8 +134,8 @@ def _card(
 def _seen(driver: CampaignDriver, start: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a driver sees, and what is known of its model; None: it has none of it."""
     if not sees_frames(driver.driver):
-        nothing = dict.fromkeys(("model", "weights_sha256", "timeout_s"))
-        return {"cameras": [], **nothing, "sees_route": True}
+        nothing = dict.fromkeys(("model", "weights_sha256", "prompt_sha256", "timeout_s"))
+        return {"cameras": [], **nothing, "prompt": _WORDLESS, "sees_route": True}
     camera = start.get("camera") or {}
     named = ("width_px", "height_px", "hfov_deg", "rate_hz", "renderer")
     return {
