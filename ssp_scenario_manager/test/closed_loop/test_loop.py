@@ -246,6 +246,10 @@ def test_each_driver_has_a_card_that_binds_it(done: Path, tmp_path: Path) -> Non
     assert {(one["prompt_sha256"], one["prompt"]) for one in cards} == {
         (None, "asked without words")
     }
+    # No baseline is a model; that of R157 isn't asked at all.
+    assert {(str(one["cameras"]), one["model"], one["timeout_s"]) for one in cards} == {
+        ("[]", None, None)
+    }
     for card in cards:
         if card["driver"] in ("no_response", "built_in", "careful"):
             assert [one["p50_s"] for one in card["latencies"]] == [None, None]

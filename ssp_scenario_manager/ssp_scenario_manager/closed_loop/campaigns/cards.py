@@ -107,7 +107,7 @@ def _card(
         "kind": driver.driver,
         "options": asdict(CAREFUL_DRIVER) if is_prescribed else driver.options,
         "privileged": driver.is_privileged,
-        "history_s": facts["history_s"],
+        "history_s": None if is_prescribed else facts["history_s"],
         **seen,
         "route_m": None if is_prescribed or not has_route else facts["route_m"],
         "step_s": run.step_s,
@@ -133,7 +133,7 @@ def _card(
 
 def _seen(driver: CampaignDriver, start: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a driver sees, and what is known of its model; None: it has none of it."""
-    if not sees_frames(driver.driver):
+    if driver.driver == CAREFUL or not sees_frames(driver.driver):
         nothing = dict.fromkeys(("model", "weights_sha256", "prompt_sha256", "timeout_s"))
         return {"cameras": [], **nothing, "prompt": _WORDLESS, "sees_route": True}
     camera = start.get("camera") or {}
@@ -149,7 +149,7 @@ def _latency(latency: Latency, driver: str) -> dict[str, Any]:
 
     A quantile is None where it isn't known yet, or nothing is asked.
     """
-    if latency.measured and sees_frames(driver):
+    if latency.measured and driver != CAREFUL and sees_frames(driver):
         figures = dict.fromkeys(_MEASURED)
         return {"given": str(latency), **figures, "contains": MEASURED_CONTAINS}
     seconds = None
