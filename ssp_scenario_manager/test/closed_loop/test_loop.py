@@ -536,6 +536,25 @@ def test_a_headline_that_rises_with_latency_is_told() -> None:
     assert rising(rates, ("oracle",)) == []
 
 
+def test_a_campaign_tells_of_any_driver_that_gets_better_with_latency(
+    done: Path, tmp_path: Path
+) -> None:
+    folder, told = shutil.copytree(done, tmp_path / "rises"), list[str]()
+    driven = rows(folder)
+    for one in driven:
+        if (one["driver"], one["latency"]) == ("constant_velocity", "fixed:1"):
+            one |= {"outcome": "avoided", "needless": ""}
+    with (folder / "runs.csv").open("w", newline="") as stream:
+        written = csv.DictWriter(stream, list(driven[0]), lineterminator="\n")
+        written.writeheader()
+        written.writerows(driven)
+    run_campaign(plan_of(), folder, 1, lambda *_: None, told.append)
+    assert (
+        "gets better with latency: constant_velocity on cut_in: 0.00 at L = 0 s, 1.00 at 1 s"
+        in told
+    )
+
+
 def test_a_measured_latency_is_of_this_machine(tmp_path: Path) -> None:
     plan = plan_of(latencies=["measured"])
     with pytest.raises(InputError, match=r"--engine.*hardware on the driver's card"):

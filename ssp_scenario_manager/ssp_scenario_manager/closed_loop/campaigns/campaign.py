@@ -107,7 +107,7 @@ def _run(
     knowing = {one.shown for one in plan.everybody if one.is_privileged}
     table = [rates_row(one, one.driver in knowing) for one in rates]
     write_text(folder / TABLE_FILE, lines_of([RATE_COLUMNS, *table]))
-    for text in rising(rates, ("oracle", "aeb")):
+    for text in rising(rates, [one.shown for one in plan.everybody]):
         say(f"gets better with latency: {text}")
     return rates, refused_for(rates, ZERO)
 
