@@ -394,6 +394,21 @@ def test_a_campaign_that_is_refused_or_unfinished_says_so(campaign: LoopCampaign
     assert any(text.startswith("Only 71 of 72 runs are done") for text in told)
 
 
+def test_a_baseline_that_is_not_as_its_twin_is_named(campaign: LoopCampaign) -> None:
+    """METHOD 8.10 bounds what plans may change of the speed of contact, 7 m/s here."""
+
+    def named(v_r_mps: str) -> list[str]:
+        runs = [replace(run, cells={**run.cells, "v_r_mps": v_r_mps}) for run in campaign.runs]
+        told = notices_of(replace(campaign, runs=tuple(runs)))
+        return [text for text, strong in told if strong and "no_response" in text]
+
+    assert named("7.04") == []
+    assert named("7.12") == [
+        "Isn't as no_response: constant_velocity on cut_in: v_i differs from v_r by up to "
+        "0.12 m/s, by more than 0.05 m/s in 8 of 8 runs."
+    ]
+
+
 def test_a_vut_that_was_off_its_twin_before_the_event_could_be_answered_is_named(
     campaign: LoopCampaign,
 ) -> None:

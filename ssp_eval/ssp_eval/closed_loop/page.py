@@ -42,6 +42,7 @@ from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES, PRIV
 from ssp_scenario_manager.closed_loop.campaigns.runs import jobs_of
 from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS
 from ssp_scenario_manager.closed_loop.outcomes.rates import refused_for, rising
+from ssp_scenario_manager.closed_loop.outcomes.tables import off_the_twin
 
 PAGE = "index.html"
 _HERE = Path(__file__).parent
@@ -220,6 +221,8 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
     found += [
         (f"Gets better with latency: {text}.", True) for text in rising(rates, campaign.drivers)
     ]
+    off = off_the_twin(one.cells for one in campaign.runs)
+    found += [(f"Isn't as no_response: {text}.", True) for text in off]
     for one in rates:
         if one.headline is None:
             lost = one.planned - one.driven

@@ -32,6 +32,7 @@ class ClosedLoopLimits:
         needless_s: for how long.
         progress_share: of the built-in driver's way in the event-free twin.
         harness_share: of a driver's runs, above which it has no rates.
+        contact_mps: by which `constant_velocity` may be off the twin's speed of contact.
     """
 
     steady_s: float = 1.0
@@ -56,6 +57,7 @@ class ClosedLoopLimits:
     needless_s: float = 0.2
     progress_share: float = 0.8
     harness_share: float = 0.02
+    contact_mps: float = 0.05
 
 
 LIMITS = ClosedLoopLimits()

@@ -20,6 +20,7 @@ from ssp_scenario_manager.closed_loop.outcomes.tables import (
     TABLE_FILE,
     Row,
     lines_of,
+    off_the_twin,
     rates_row,
     read_row,
     rows_there,
@@ -109,6 +110,8 @@ def _run(
     write_text(folder / TABLE_FILE, lines_of([RATE_COLUMNS, *table]))
     for text in rising(rates, [one.shown for one in plan.everybody]):
         say(f"gets better with latency: {text}")
+    for text in off_the_twin(dict(zip(RUN_COLUMNS, row, strict=True)) for row in rows):
+        say(f"isn't as no_response: {text}")
     return rates, refused_for(rates, ZERO)
 
 

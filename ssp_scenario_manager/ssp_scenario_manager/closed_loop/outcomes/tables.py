@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 
 from ssp_core.run_file.latency import parse_latency
-from ssp_scenario_manager.closed_loop.outcomes.outcome import CHAIN, OUTCOMES
+from ssp_scenario_manager.closed_loop.outcomes.outcome import CHAIN, HARNESS, OUTCOMES
 from ssp_scenario_manager.closed_loop.outcomes.rates import Rates, RunRow
 from ssp_scenario_manager.closed_loop.outcomes.severity import Severity
+from ssp_scenario_manager.closed_loop.values import LIMITS
 from ssp_scenario_manager.run.result import rounded
 
 RUNS_FILE, TABLE_FILE = "runs.csv", "table.csv"
@@ -85,6 +86,33 @@ def read_row(row: Row) -> RunRow:
         one["needless"],
         one["starved"] == "true",
     )
+
+
+def off_the_twin(runs: Iterable[Mapping[str, str]]) -> list[str]:
+    """List the events in which `constant_velocity` isn't what `no_response` is (METHOD 8.10).
+
+    Args:
+        runs: columns of ``runs.csv`` by name.
+    """
+    own = [
+        one
+        for one in runs
+        if (one["driver"], one["kind"]) == ("constant_velocity", "critical")
+        and one["v_r_mps"]
+        and one["outcome"] != HARNESS
+    ]
+    found = []
+    for event in dict.fromkeys(one["event"] for one in own):
+        there = [one for one in own if one["event"] == event]
+        # Without a contact it is off by all of v_r.
+        off = [abs(float(one["v_i_mps"] or 0.0) - float(one["v_r_mps"])) for one in there]
+        over = [value for value in off if value > LIMITS.contact_mps]
+        if over:
+            found.append(
+                f"constant_velocity on {event}: v_i differs from v_r by up to {max(over):.2f} m/s, "
+                f"by more than {LIMITS.contact_mps:g} m/s in {len(over)} of {len(there)} runs"
+            )
+    return found
 
 
 def rates_row(one: Rates, is_privileged: bool) -> Row:
