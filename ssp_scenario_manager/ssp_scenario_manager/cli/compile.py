@@ -29,6 +29,8 @@ from ssp_scenario_manager.maps.xml_input import Loading, untold
 
 # Rows of the table of scores for people; --json has them all.
 _MOST_ROWS = 25
+# A block with a longer name, as a route over a ring, has a line for it.
+_MOST_NAME = 100
 
 
 def _login_name() -> str | None:
@@ -196,7 +198,8 @@ def _done(compiled: Compiled, folder: Path, files: Sequence[Path], as_json: bool
 
 def _print_scores(scores: Sequence[BlockScore], winner: str | None) -> None:
     shown = scores[:_MOST_ROWS]
-    wide = max((len(score.block) for score in shown), default=5)
+    names = (len(score.block) for score in shown)
+    wide = max((length for length in names if length <= _MOST_NAME), default=5)
     console.out.print(f"{'block':{wide}}      T      I      C  total", markup=False)
     for score in shown:
         numbers = (score.topology, score.interaction, score.constraints, score.total)
@@ -205,7 +208,11 @@ def _print_scores(scores: Sequence[BlockScore], winner: str | None) -> None:
             told = f"chosen; {told}" if told else "chosen"
         elif not score.eligible:
             told = f"rejected: {told}"
-        row = f"{score.block:{wide}}  " + "  ".join(f"{value:.3f}" for value in numbers)
+        name = f"{score.block:{wide}}"
+        if len(name) > wide:
+            console.out.print(name, markup=False, soft_wrap=True)
+            name = " " * wide
+        row = f"{name}  " + "  ".join(f"{value:.3f}" for value in numbers)
         console.out.print(f"{row}  {told}".rstrip(), markup=False)
     if len(scores) > _MOST_ROWS:
         console.out.print(

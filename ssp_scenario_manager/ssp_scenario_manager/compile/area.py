@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -164,7 +164,10 @@ class OperatingArea:
             return region_polygon(self.site, self.site.geofence, "geofence")
         right = right_kerb_m(block) - block.sidewalk_right_m - FENCE_MARGIN_M
         left = left_kerb_m(block) + block.sidewalk_left_m + FENCE_MARGIN_M
-        fence = strip_polygon(block.line, 0.0, block.length_m, right, left)
+        try:
+            fence = strip_polygon(block.line, 0.0, block.length_m, right, left)
+        except NotOneToOne:
+            fence = _band(block.line, right, left)
         problem = outline_problem(fence)
         if problem is not None:
             raise CannotPlace(f"a fence around the block {problem[0]}")
@@ -184,6 +187,18 @@ class OperatingArea:
         ]
 
 
+def _band(line: ReferenceLine, right_m: float, left_m: float) -> list[Point]:
+    """Return the outline, counter-clockwise, of what lies between two offsets of a line.
+
+    Unlike a strip it may reach beyond the centres of bends.
+    """
+    import shapely  # slow to import, no types
+
+    middle = shapely.LineString(line.path(0.0, line.length_m, 0.0))
+    sides = [middle.buffer(offset_m, single_sided=True) for offset_m in (right_m, left_m)]
+    return _outline(shapely.union_all(sides))
+
+
 def _around(fence: Sequence[Point], ways: Sequence[tuple[Sequence[Point], Size]]) -> list[Point]:
     """Return the outline, counter-clockwise, of a fence and of the room around some ways."""
     import shapely  # type: ignore[import-untyped]  # slow to import, no types
@@ -194,7 +209,14 @@ def _around(fence: Sequence[Point], ways: Sequence[tuple[Sequence[Point], Size]]
         for way, size in ways
         if way
     ]
-    whole = shapely.union_all([shapely.Polygon(fence), *strips]).simplify(_SEAM_M)
+    return _outline(shapely.union_all([shapely.Polygon(fence), *strips]))
+
+
+def _outline(region: Any) -> list[Point]:
+    """Return the outer border of a shape, counter-clockwise and without its last place."""
+    import shapely  # slow to import, no types
+
+    whole = region.simplify(_SEAM_M)
     outline = shapely.get_coordinates(whole.exterior if hasattr(whole, "exterior") else whole)
     if not shapely.Polygon(outline).exterior.is_ccw:
         outline = outline[::-1]

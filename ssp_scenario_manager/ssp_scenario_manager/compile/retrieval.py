@@ -20,7 +20,7 @@ from ssp_scenario_manager.event_spec.model import (
     WordField,
 )
 from ssp_scenario_manager.maps.block import Block, Library, bend_1pm
-from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
+from ssp_scenario_manager.maps.routes import BACK_RAD, STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import Kind
 from ssp_scenario_manager.scenarios.block_places import lanes_of_words
 from ssp_scenario_manager.scenarios.kinds import KINDS
@@ -233,7 +233,7 @@ def turn(event: Event, block: Block) -> list[Met]:
     if side is None or block.passage is None:
         return []
     turned_rad = block.passage.turn_rad
-    if side * turned_rad >= STRAIGHT_ON_RAD:
+    if STRAIGHT_ON_RAD <= side * turned_rad <= BACK_RAD:
         return [MET]
     return [Met(0.0, f"it turns by {math.degrees(turned_rad):.0f} deg, needs {intent}")]
 

@@ -8,6 +8,7 @@ from ssp_core.errors import InputError
 from ssp_scenario_manager.maps import opendrive, sumo
 from ssp_scenario_manager.maps.block import Library
 from ssp_scenario_manager.maps.opendrive import load_opendrive
+from ssp_scenario_manager.maps.rings import with_rings
 from ssp_scenario_manager.maps.site import load_site, site_library
 from ssp_scenario_manager.maps.sumo import load_sumo_net
 from ssp_scenario_manager.maps.xml_input import Loading, outermost, untold
@@ -31,9 +32,9 @@ def load_library(path: str | Path, loading: Loading = untold) -> Library:
         return site_library(site, path)
     root = outermost(path).tag
     if root == opendrive.ROOT:
-        return load_opendrive(path, loading)
+        return with_rings(load_opendrive(path, loading))
     if root == sumo.ROOT:
-        return load_sumo_net(path, loading)
+        return with_rings(load_sumo_net(path, loading))
     raise InputError(
         f"its outermost element is <{root[:40]}>",
         file=path,

@@ -79,6 +79,9 @@ _VERGE_M = 1.0
 _AT_END_M = 0.01
 
 
+_OTHER_END: dict[End, End] = {"start": "end", "end": "start"}
+
+
 @dataclass
 class _Map:
     """The parts of the map that have been read so far."""
@@ -241,10 +244,18 @@ def _add_road(found: _Map, road: RoadRecord) -> None:
 
 
 def _way_end(found: _Map, road_id: str, end: End) -> WayEnd | None:
-    """Return the way that lies at a road's end, None where it is no way."""
+    """Return the way that lies at a road's end, None where it is no way.
+
+    A road of no length, as editors leave them, stands for what follows it.
+    """
     spans = found.spans[road_id]
     if not spans:
-        return None
+        road, beyond = found.roads[road_id], found.roads[road_id].links.get(_OTHER_END[end])
+        if road.length_m > _AT_END_M or beyond is None or beyond.contact is None:
+            return None
+        if beyond.id not in found.roads or found.roads[beyond.id].length_m <= _AT_END_M:
+            return None
+        return _way_end(found, beyond.id, beyond.contact)
     index, low, high = spans[0] if end == "start" else spans[-1]
     at_end = (
         low <= _AT_END_M if end == "start" else high >= found.roads[road_id].length_m - _AT_END_M

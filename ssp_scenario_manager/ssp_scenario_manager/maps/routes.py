@@ -30,6 +30,7 @@ from ssp_scenario_manager.maps.block import (
     conflict_areas,
 )
 from ssp_scenario_manager.maps.reference_line import Unusable, smooth_line
+from ssp_scenario_manager.maps.rings import is_ring
 
 # A lane goes on in another that begins this near to its end, in this direction.
 LANES_MEET_M = 0.3
@@ -39,6 +40,8 @@ APPROACH_M = 150.0
 EXIT_M = 100.0
 # Connecting roads that follow one another inside one junction.
 _MOST_VIA = 4
+# In a ring, whose five arms may have four blocks each.
+_MOST_VIA_RING = 20
 # Routes of one junction whose conflicts are looked for.
 MOST_ROUTES = 200
 # Along bends the middle of a lane is sampled at this, along straights at the other.
@@ -51,6 +54,8 @@ _BEYOND_M = 10.0
 _JOINED_M = 0.2
 # A route that turns by less goes straight on.
 STRAIGHT_ON_RAD = math.radians(30.0)
+# One that turns by more goes back.
+BACK_RAD = math.radians(150.0)
 # Carriageways whose middles are this near to each other where they meet the junction are one arm.
 _ONE_ARM_M = 0.5
 # So much of each arm is part of a junction's surroundings.
@@ -105,7 +110,8 @@ def _follow(chain: list[tuple[Block, BlockLane]], known: dict[str, Block]) -> It
         onward = [b for apart, a, b in _pairs(block, after) if a is lane and apart <= LANES_MEET_M]
         for other in onward[:1]:
             if after.junction == block.junction:
-                if len(chain) <= _MOST_VIA:
+                most = _MOST_VIA_RING if is_ring(block.junction) else _MOST_VIA
+                if len(chain) <= most and all(one is not after for one, _ in chain):
                     yield from _follow([*chain, (after, other)], known)
                 continue
             (first, entry), *inside = chain

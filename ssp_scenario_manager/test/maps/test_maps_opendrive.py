@@ -331,6 +331,18 @@ def test_roads_that_differ_stay_apart(made: Made, words: Words, change: dict[str
     assert only(library, "road a backward").entrances == ("road b backward",)
 
 
+def test_a_road_of_no_length_is_no_gap(made: Made, words: Words) -> None:
+    """CARLA's Town03 has one in its roundabout, which ended there."""
+    made.road("a", 60.0, links=words.to_road("successor", "b", "start"))
+    links = words.to_road("predecessor", "a", "end") + words.to_road("successor", "c", "start")
+    made.road("b", 1.5e-5, geometry=words.at(60, 0, 0, 1.5e-5), links=links)
+    links = words.to_road("predecessor", "b", "end")
+    made.road("c", 40.0, geometry=words.at(60, 0, 0, 40), links=links, sections=words.four_lanes)
+    library = load_library(made.write())
+    assert only(library, "road a forward").exits == ("road c forward",)
+    assert only(library, "road a backward").entrances == ("road c backward",)
+
+
 def test_a_lane_more_parts_roads(made: Made, words: Words) -> None:
     made.road("a", 60.0, links=words.to_road("successor", "b", "start"))
     made.road("b", 40.0, geometry=words.at(60, 0, 0, 40), sections=words.four_lanes)

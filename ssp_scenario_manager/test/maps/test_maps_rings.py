@@ -1,0 +1,189 @@
+"""Roundabouts whose entries and exits are junctions of their own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ssp_core.geometry import FloatArray, outline_problem, point_in_polygon
+from ssp_core.world.reference_line import NotOneToOne
+from ssp_scenario_manager.compile.area import strip_polygon
+from ssp_scenario_manager.compile.compiler import load_area
+from ssp_scenario_manager.maps.block import Library
+from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.rings import MOST_RADIUS_M, is_ring
+from ssp_scenario_manager.maps.routes import routes_of
+from ssp_scenario_manager.scenarios.base import CannotPlace
+
+ARMS = {"east": 0.0, "north": 90.0, "west": 180.0, "south": 270.0}
+ARM_M = 120.0
+# Half of what a junction takes of the ring, how far before it an arm ends, and its lanes' offset.
+HALF_DEG, BEFORE_M, BESIDE_M = 20.0, 14.0, 4.0
+
+Radius = Callable[[FloatArray], FloatArray]
+
+
+def at(radius: Radius, angles_deg: FloatArray) -> FloatArray:
+    """Places on the ring."""
+    angles = np.radians(angles_deg)
+    return radius(angles)[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
+
+
+def bend(start: FloatArray, end: FloatArray) -> FloatArray:
+    """A curve between two pairs of places, tangent to both."""
+    (before, a), (b, after) = start, end
+    reach = 0.4 * math.dist(a, b)
+    first = a + reach * (a - before) / math.dist(before, a)
+    second = b - reach * (after - b) / math.dist(b, after)
+    t = np.linspace(0.0, 1.0, 16)[:, None]
+    return (1 - t) ** 3 * a + 3 * (1 - t) ** 2 * t * first + 3 * (1 - t) * t**2 * second + t**3 * b
+
+
+def network(radius: Radius, mirrored: bool = False) -> str:
+    """A network of four arms around a ring, with a junction at each of them."""
+    edges, connections = [], []
+
+    def add(edge: str, ends: str, shape: FloatArray) -> None:
+        places = " ".join(f"{x:.4f},{-y if mirrored else y:.4f}" for x, y in shape)
+        edges.append(
+            f'<edge id="{edge}" {ends}><lane id="{edge}_0" index="0" speed="10" '
+            f'shape="{places}"/></edge>'
+        )
+
+    def connect(start: str, end: str, over: str) -> None:
+        connections.append(
+            f'<connection from="{start}" to="{end}" fromLane="0" toLane="0" via="{over}_0" '
+            'dir="s" state="M"/>'
+            f'<connection from="{over}" to="{end}" fromLane="0" toLane="0" dir="s" state="M"/>'
+        )
+
+    names = list(ARMS)
+    for arm, following in pairwise([*names, names[0]]):
+        angle = ARMS[arm]
+        own, other = f"{arm}_ring", f"{names[names.index(arm) - 1]}_ring"
+        high = angle + HALF_DEG
+        around = at(radius, np.arange(high, angle + 90.0 - HALF_DEG + 0.1, 5.0))
+        add(own, f'from="{arm}" to="{following}"', around)
+        out = np.array([math.cos(math.radians(angle)), math.sin(math.radians(angle))])
+        left = np.array([-out[1], out[0]])
+        near = float(radius(np.radians([angle]))[0]) + BEFORE_M
+        coming = np.array([out * (near + ARM_M), out * near]) + BESIDE_M * left
+        leaving = np.array([out * near, out * (near + ARM_M)]) - BESIDE_M * left
+        add(f"{arm}_in", f'from="{arm}_far" to="{arm}"', coming)
+        add(f"{arm}_out", f'from="{arm}" to="{arm}_far"', leaving)
+        low = at(radius, np.array([angle - HALF_DEG - 1.0, angle - HALF_DEG]))
+        internal = 'function="internal"'
+        add(f":{arm}_0", internal, bend(coming, around[:2]))
+        add(f":{arm}_1", internal, at(radius, np.arange(angle - HALF_DEG, high + 0.1, 4.0)))
+        add(f":{arm}_2", internal, bend(low, leaving))
+        connect(f"{arm}_in", own, f":{arm}_0")
+        connect(other, own, f":{arm}_1")
+        connect(other, f"{arm}_out", f":{arm}_2")
+    hand = ' lefthand="true"' if mirrored else ""
+    return f'<?xml version="1.0"?><net version="1.20"{hand}>{"".join(edges + connections)}</net>'
+
+
+def circle(radius_m: float) -> Radius:
+    return lambda angles: np.full(len(angles), radius_m)
+
+
+def square(half_m: float) -> Radius:
+    return lambda angles: half_m / np.maximum(np.abs(np.cos(angles)), np.abs(np.sin(angles)))
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Callable[[str], Library]:
+    def library(text: str) -> Library:
+        path = tmp_path / "ring.net.xml"
+        path.write_text(text)
+        return load_library(path)
+
+    return library
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_routes_lead_over_the_junctions_of_a_ring(
+    read: Callable[[str], Library], mirrored: bool
+) -> None:
+    """Before, each of them ended on the first road between two junctions, after some metres."""
+    library = read(network(circle(20.0), mirrored))
+    assert {one.junction for one in library.blocks} == {None, "ring east"}
+    assert {one.block_id for one in library.blocks if one.junction is None} == {
+        f"edge {arm}_{way} forward" for arm in ARMS for way in ("in", "out")
+    }
+    routes, refused = routes_of(library)
+    assert refused == []
+    ways = {(*one.entrances, *one.exits) for one in routes}
+    assert len(routes) == len(ways) == 16
+    turns = {
+        one.exits[0]: math.degrees(one.passage.turn_rad)
+        for one in routes
+        if one.passage is not None and one.entrances == ("edge south_in forward",)
+    }
+    sides = [turns[f"edge {arm}_out forward"] for arm in ("east", "north", "west")]
+    assert sides == pytest.approx([90.0, 0.0, -90.0] if mirrored else [-90.0, 0.0, 90.0], abs=3.0)
+
+
+def test_one_on_the_ring_comes_from_the_left_and_goes_first_or_on(
+    read: Callable[[str], Library],
+) -> None:
+    routes = {one.block_id: one for one in routes_of(read(network(circle(20.0))))[0]}
+    (own,) = (
+        one
+        for one in routes.values()
+        if (*one.entrances, *one.exits) == ("edge south_in forward", "edge north_out forward")
+    )
+    assert own.passage is not None
+    met = {
+        routes[one.route].exits[0]: one
+        for one in own.passage.conflicts
+        if routes[one.route].entrances == ("edge west_in forward",)
+    }
+    assert {name: one.kind for name, one in met.items()} == {
+        "edge east_out forward": "crossing",
+        "edge north_out forward": "merge",
+        "edge west_out forward": "crossing",
+    }
+    leaves_first = met["edge east_out forward"]
+    assert leaves_first.comes_from == "left"
+    # Where both are one lane.
+    other = routes[leaves_first.route]
+    here = own.line.to_map(leaves_first.s_m, 0.0)
+    assert math.dist(here, other.line.to_map(leaves_first.other_s_m, 0.0)) < 0.5
+    assert math.hypot(*here) == pytest.approx(20.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    "shape", [square(25.0), circle(MOST_RADIUS_M + 5.0)], ids=["houses", "too large"]
+)
+def test_a_way_around_a_block_of_houses_is_no_ring(
+    read: Callable[[str], Library], shape: Radius
+) -> None:
+    library = read(network(shape))
+    assert {one.junction for one in library.blocks} == {None, *ARMS}
+    assert not any(is_ring(one.junction) for one in library.blocks)
+
+
+def test_a_fence_goes_around_a_route_that_bends_more_than_it_is_wide(tmp_path: Path) -> None:
+    """Offsets beyond the centre of a bend have no place, which ended the compiler."""
+    path = tmp_path / "small.net.xml"
+    path.write_text(network(circle(9.0)))
+    area = load_area(None, path)[0]
+    tight = 0
+    for one in routes_of(area.library)[0]:
+        with suppress(CannotPlace):
+            fence = area.geofence(one)
+            try:
+                strip_polygon(one.line, 0.0, one.length_m, -5.0, 5.0)
+            except NotOneToOne:
+                tight += 1
+            assert outline_problem(fence) is None
+            middle = one.line.to_map_many(np.linspace(0.0, one.length_m, 50), 0.0)
+            assert all(point_in_polygon(x, y, fence) for x, y in middle[1:-1])
+    assert tight
