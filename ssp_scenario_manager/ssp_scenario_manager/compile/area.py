@@ -192,7 +192,7 @@ def _band(line: ReferenceLine, right_m: float, left_m: float) -> list[Point]:
 
     Unlike a strip it may reach beyond the centres of bends.
     """
-    import shapely  # slow to import, no types
+    import shapely  # type: ignore[import-untyped]  # slow to import, no types
 
     middle = shapely.LineString(line.path(0.0, line.length_m, 0.0))
     sides = [middle.buffer(offset_m, single_sided=True) for offset_m in (right_m, left_m)]
@@ -201,7 +201,7 @@ def _band(line: ReferenceLine, right_m: float, left_m: float) -> list[Point]:
 
 def _around(fence: Sequence[Point], ways: Sequence[tuple[Sequence[Point], Size]]) -> list[Point]:
     """Return the outline, counter-clockwise, of a fence and of the room around some ways."""
-    import shapely  # type: ignore[import-untyped]  # slow to import, no types
+    import shapely  # slow to import, no types
 
     half = _WAY_HALF_M + FENCE_MARGIN_M
     strips = [
