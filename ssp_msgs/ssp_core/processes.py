@@ -10,7 +10,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -45,18 +44,24 @@ def ports_in_use(proc_net_udp: str) -> set[int]:
     return ports
 
 
+# Of what all commands of this host share; the folder that TMPDIR names may be one command's own.
+LOCKS = Path("/tmp")
+
+
 @contextmanager
 def free_domain() -> Iterator[int]:
     """Yield a domain id that is free on this host, held by a file lock to the block's end.
 
+    A container with a network of its own may share /dev/shm, over which participants of one domain
+    reach each other; its ports aren't in /proc/net/udp.
+
     Raises:
         HostError: all of them are in use.
     """
-    folder = _host_folder(Path(tempfile.gettempdir()) / "ssp-domains")
-    try:
-        busy = ports_in_use(Path("/proc/net/udp").read_text())
-    except OSError:
-        busy = set()
+    folder = _host_folder(LOCKS / "ssp-domains")
+    busy = _shared_ports()
+    with suppress(OSError):
+        busy |= ports_in_use(Path("/proc/net/udp").read_text())
     start = os.getpid() % len(DOMAINS)
     for k in range(len(DOMAINS)):
         domain_id = DOMAINS[(start + k) % len(DOMAINS)]
@@ -80,10 +85,6 @@ def free_domain() -> Iterator[int]:
         f"all ROS domains from {DOMAINS.start} to {DOMAINS.stop - 1} are in use on this host; "
         "end other sessions or set ROS_DOMAIN_ID and start the nodes yourself"
     )
-
-
-# Of what all commands of this host share; the folder that TMPDIR names may be one command's own.
-LOCKS = Path("/tmp")
 
 
 @contextmanager
@@ -482,6 +483,16 @@ def remove_stale_shared_memory() -> int:
     for files in domains.values():
         _remove_dead_ports(files)
     return removed
+
+
+def _shared_ports() -> set[int]:
+    """Return the ports in /dev/shm at which a participant listens, wherever its network is."""
+    found = set()
+    for file in _SHM.glob("fastrtps_port*_[es]l"):
+        with _locked(file) as is_free:
+            if (port := _PORT.fullmatch(file.name)) and not is_free:
+                found.add(int(port[1]))
+    return found
 
 
 def _remove_dead_ports(files: Sequence[Path]) -> None:

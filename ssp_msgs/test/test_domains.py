@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import socket
 import subprocess
@@ -18,8 +19,10 @@ from ssp_core.processes import DOMAINS, domain_ports, free_domain, ports_in_use
 # Takes a domain, says which, and gives it back when its standard input ends.
 HOLDER = """
 import sys
-from ssp_core.processes import free_domain
-with free_domain() as domain_id:
+from pathlib import Path
+from ssp_core import processes
+processes.LOCKS = Path(sys.argv[1])
+with processes.free_domain() as domain_id:
     print(domain_id, flush=True)
     sys.stdin.read()
 """
@@ -28,8 +31,7 @@ with free_domain() as domain_id:
 @pytest.fixture(autouse=True)
 def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Locks of this test only; other sessions on this host keep theirs."""
-    monkeypatch.setattr("tempfile.tempdir", None)
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(domains, "LOCKS", tmp_path)
 
 
 def test_ports_of_a_domain() -> None:
@@ -61,13 +63,13 @@ def test_one_process_gets_different_ids_and_gives_them_back() -> None:
         assert again == held[0]
 
 
-def test_processes_get_different_ids_and_a_dead_one_gives_its_back() -> None:
+def test_processes_get_different_ids_and_a_dead_one_gives_its_back(tmp_path: Path) -> None:
     held: list[int] = []
     processes = []
     try:
         for _ in range(6):
             process = subprocess.Popen(
-                [sys.executable, "-c", HOLDER],
+                [sys.executable, "-c", HOLDER, str(tmp_path)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
@@ -94,6 +96,32 @@ def test_a_domain_with_an_open_port_is_skipped() -> None:
         taken.bind(("127.0.0.1", domain_ports(usual).start + 12))
         with free_domain() as other:
             assert other != usual
+
+
+def test_a_port_that_a_participant_of_another_network_shares_is_skipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two sessions in one domain lost each other's answers for good; neither saw the other."""
+    monkeypatch.setattr(domains, "_SHM", tmp_path)
+    with free_domain() as usual:
+        pass
+    with (tmp_path / f"fastrtps_port{domain_ports(usual).start + 10}_el").open("w") as listening:
+        with free_domain() as again:
+            assert again == usual
+        fcntl.flock(listening, fcntl.LOCK_EX)
+        with free_domain() as other:
+            assert other != usual
+
+
+def test_the_folder_that_tmpdir_names_holds_no_locks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may be one command's own, and another's command would take the same domain."""
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "own"))
+    (tmp_path / "own").mkdir()
+    with free_domain():
+        assert list((tmp_path / "own").iterdir()) == []
 
 
 def test_all_taken_is_said_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
