@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
@@ -24,7 +23,7 @@ from ssp_core import __version__, console
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import make_folder, write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
-from ssp_core.processes import die_with_parent
+from ssp_core.processes import LOCKS, die_with_parent, host_folder
 from ssp_core.terminal import on_stop_signals
 from ssp_eval.demo_plan import (
     AT_ONCE,
@@ -144,10 +143,7 @@ def own_folder(out: Path, plan: str) -> Iterator[Progress]:
 
 def _lock_file(folder: Path) -> Path:
     """Return the path of a folder's lock, outside all folders of users."""
-    locks = Path(tempfile.gettempdir()) / "ssp-demos"
-    if not locks.is_dir():
-        locks.mkdir(exist_ok=True)
-        locks.chmod(0o1777)  # for all users of the host
+    locks = host_folder(LOCKS / "ssp-demos")
     return locks / sha256_bytes(str(folder.resolve()).encode()).removeprefix("sha256:")[:32]
 
 

@@ -58,7 +58,7 @@ def free_domain() -> Iterator[int]:
     Raises:
         HostError: all of them are in use.
     """
-    folder = _host_folder(LOCKS / "ssp-domains")
+    folder = host_folder(LOCKS / "ssp-domains")
     busy = _shared_ports()
     with suppress(OSError):
         busy |= ports_in_use(Path("/proc/net/udp").read_text())
@@ -178,7 +178,7 @@ def _lock_both(handle: int, kind: int, gate: int, gate_kind: int) -> None:
     fcntl.flock(handle, kind)
 
 
-def _host_folder(folder: Path) -> Path:
+def host_folder(folder: Path) -> Path:
     """Make a folder of locks for all users of this host, where there is none."""
     if not folder.is_dir():
         folder.mkdir(exist_ok=True)
@@ -188,7 +188,7 @@ def _host_folder(folder: Path) -> Path:
 
 def _open_lock(path: Path) -> int:
     """Open a file for locking, also one that another user left: reading it is enough."""
-    _host_folder(path.parent)
+    host_folder(path.parent)
     try:
         handle = os.open(path, os.O_RDONLY)
     except FileNotFoundError:
