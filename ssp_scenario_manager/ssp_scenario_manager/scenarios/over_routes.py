@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Literal
 
 import numpy as np
@@ -68,6 +68,8 @@ _VUT_BRAKING_MPS2 = 3.0
 # The vehicle's way goes on so far beyond the junction, and is sampled at this step.
 _BEYOND_M = 40.0
 _STEP_M = 1.0
+# The error of a way along the chords of a line.
+_CHORD_M = 0.001
 _BELOW = "constraints.trigger.below"
 # Where routes cross, the other route, and its part in the junction.
 Crossing = tuple[Conflict, Block, Passage]
@@ -213,7 +215,10 @@ def _vut_start(
     """
     vut = size_of(setting.event, setting.event.vut_id)
     needed = vut.front_m + _approach_m(setting, speed_mps, below_s)
-    start = round(ahead_of(setting.block, crossing_s_m, -needed, 0.0), 3)
+    start = crossing_s_m - needed
+    # Chords cut bends, so that the start lies no later than that along the line.
+    if start >= vut.rear_m - _CHORD_M:
+        start = round(ahead_of(setting.block, crossing_s_m, -needed, 0.0), 3)
     if start < vut.rear_m:
         raise CannotPlace(
             f"the VUT needs {needed + vut.rear_m:.0f} m up to where it is crossed, and the route "
@@ -253,17 +258,21 @@ def _way(
 
 
 def _draft(
-    setting: Setting, crossing: Crossing, route_motion: RouteMotion, values: Mapping[str, float]
+    setting: Setting,
+    crossing: Crossing,
+    route_motion: RouteMotion,
+    way_from: Callable[[float], tuple[Wait, tuple[BlockPoint, ...]]],
+    ends: Callable[[], tuple[float, float]],
+    values: Mapping[str, float],
 ) -> Draft:
+    """Return the plan of some values, with the vehicle's way and the zone's ends as they allow."""
     event, block = setting.event, setting.block
     name = event.interaction.initiator
-    conflict, other, passage = crossing
+    conflict = crossing[0]
     vut, vehicle = size_of(event, event.vut_id), size_of(event, name)
     v, below = values["vut_speed"], values["below"]
     rate = approach_acceleration(event, event.vut_id, setting.limits)
-    waits, way = _way(
-        block, other, passage, vehicle, values["line_distance"], route_motion.beyond_m
-    )
+    waits, way = way_from(values["line_distance"])
     near_s = conflict.s_m - corridor_half_m(vehicle.width_m)
     if not is_crossing(waits.heading_rad):
         comes = abs(waits.heading_rad) > AGAINST_RAD
@@ -280,7 +289,7 @@ def _draft(
             rate,
             _VUT_BRAKING_MPS2,
             gives_way=_gives_way(
-                setting, crossing, route_motion, start, values.get("critical_gap")
+                setting, crossing, route_motion, ends, start, values.get("critical_gap")
             ),
         ),
         targets={name: waits},
@@ -305,6 +314,7 @@ def _gives_way(
     setting: Setting,
     crossing: Crossing,
     route_motion: RouteMotion,
+    ends: Callable[[], tuple[float, float]],
     start: BlockPoint,
     critical_gap_s: float | None,
 ) -> GiveWay | None:
@@ -316,7 +326,7 @@ def _gives_way(
     if critical_gap_s is None:
         return None
     event, block, (conflict, other, _) = setting.event, setting.block, crossing
-    near_s, far_s = _zone(setting, crossing)
+    near_s, far_s = ends()
     zone = tuple(round(station_of(block, start.s_m, s, 0.0), 3) for s in (near_s, far_s))
     path = other.line.path(0.0, other.length_m, 0.0)
     vut, vehicle = (size_of(event, who) for who in (event.vut_id, event.interaction.initiator))
@@ -433,7 +443,15 @@ def _plans_over(setting: Setting, crossing: Crossing, route_motion: RouteMotion)
     }
     if route_motion.has_priority:
         choices["critical_gap"] = pick(f"{c}.manoeuvre.critical_gap", "s")
-    draft = partial(_draft, setting, crossing, route_motion)
+    size, beyond_m = size_of(event, name), route_motion.beyond_m
+
+    # Neither depends on most of the values.
+    @cache
+    def way_from(line_distance_m: float) -> tuple[Wait, tuple[BlockPoint, ...]]:
+        return _way(block, other, passage, size, line_distance_m, beyond_m)
+
+    ends = cache(partial(_zone, setting, crossing))
+    draft = partial(_draft, setting, crossing, route_motion, way_from, ends)
     if _BELOW not in setting.preferred:
         choices["below"] = _earliest_fired(setting, choices, draft, route_motion.ahead_s)
     if crossing[0].kind == "merge":
@@ -443,7 +461,7 @@ def _plans_over(setting: Setting, crossing: Crossing, route_motion: RouteMotion)
         )
         return
     half = corridor_half_m(size_of(event, vut).width_m)
-    near_s, far_s = _zone(setting, crossing)
+    near_s, far_s = ends()
 
     def zone(_draft: Draft, _seen: Prediction, _conflict: BlockPoint) -> tuple[BlockPoint, ...]:
         return rectangle(near_s, far_s, -half, half)
