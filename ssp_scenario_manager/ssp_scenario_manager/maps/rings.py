@@ -8,7 +8,8 @@ junction here. Corners of a block of houses make a closed way, too, but no round
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,9 +23,10 @@ _NAME = "ring "
 MOST_RADIUS_M = 60.0
 # They are so near to a circle, as a share of its radius. On CARLA's towns the roundest ways around
 # houses are 0.17 from one.
-MOST_OUT_OF_ROUND = 0.12
-# It turns once around, to within this, and no block of it turns so much to the other side.
+MOST_OUT_OF_ROUND = 0.1
+# It turns once around, to within this.
 _TURN_RAD = 0.5
+_MOST_BLOCKS = 100
 _STEP_M = 2.0
 
 
@@ -46,32 +48,42 @@ def _seam_rad(before: Block, after: Block) -> float:
     return -turn if after.left_hand else turn
 
 
+def _onward(block: Block, known: Mapping[str, Block]) -> list[Block]:
+    """Return the blocks that keep most to the side of the ring, up to the next road.
+
+    What leaves a ring turns away from it, at the latest where its connecting roads end.
+    """
+    found: list[tuple[float, list[Block]]] = []
+    for name in block.exits:
+        chain, turned_rad = [block], 0.0
+        while name in known and known[name] not in chain:
+            turned_rad += _seam_rad(chain[-1], known[name]) + _turn_rad(known[name])
+            chain.append(known[name])
+            if chain[-1].junction is None or len(chain[-1].exits) != 1:
+                break
+            name = chain[-1].exits[0]
+        found.append((turned_rad, chain[1:]))
+    return max(found, key=lambda one: one[0], default=(0.0, []))[1]
+
+
 def _closed_ways(blocks: Sequence[Block]) -> Iterator[tuple[Block, ...]]:
     """Yield the ways along blocks that come back to where they began after one turn."""
-    most_m, most_rad = 2.0 * math.pi * MOST_RADIUS_M, 2.0 * math.pi + _TURN_RAD
-    turns = {one.block_id: _turn_rad(one) for one in blocks if one.length_m <= most_m}
-    known = {one.block_id: one for one in blocks if turns.get(one.block_id, -math.inf) > -_TURN_RAD}
-
-    def onward(way: list[Block], length_m: float, turned_rad: float) -> Iterator[tuple[Block, ...]]:
-        first = way[0].block_id
-        for name in way[-1].exits:
-            if name == first and _is_once(turned_rad + _seam_rad(way[-1], way[0])):
-                yield tuple(way)
-            # Each is found once, from the block whose id is the least.
-            if name not in known or name <= first or known[name] in way:
-                continue
-            after = known[name]
-            longer_m = length_m + after.length_m
-            rad = turned_rad + _seam_rad(way[-1], after) + turns[name]
-            if longer_m <= most_m and rad <= most_rad:
-                yield from onward([*way, after], longer_m, rad)
-
-    for block in known.values():
-        yield from onward([block], block.length_m, turns[block.block_id])
-
-
-def _is_once(turned_rad: float) -> bool:
-    return abs(turned_rad - 2.0 * math.pi) < _TURN_RAD
+    known = {one.block_id: one for one in blocks}
+    for first in blocks:
+        way, length_m, turned_rad = [first], first.length_m, _turn_rad(first)
+        while first.junction is None and length_m <= 2.0 * math.pi * MOST_RADIUS_M:
+            onward = _onward(way[-1], known)
+            after = onward[: onward.index(first)] if first in onward else onward
+            for one in after:
+                turned_rad += _seam_rad(way[-1], one) + _turn_rad(one)
+                length_m += one.length_m
+                way.append(one)
+            if first in onward:
+                if abs(turned_rad + _seam_rad(way[-1], first) - 2.0 * math.pi) < _TURN_RAD:
+                    yield tuple(way)
+                break
+            if not onward or len(way) > _MOST_BLOCKS:
+                break
 
 
 def _is_round(way: Sequence[Block]) -> bool:
@@ -86,27 +98,31 @@ def _is_round(way: Sequence[Block]) -> bool:
 
 
 def with_rings(library: Library) -> Library:
-    """Return a library in which the junctions of a ring, and the roads between them, are one."""
-    names: dict[str, frozenset[str]] = {}
-    between: dict[str, frozenset[str]] = {}
+    """Return a library in which the junctions of a ring, and the roads between them, are one.
+
+    Closed ways that share a junction are those of a grid of streets, and no rings.
+    """
+    rings: dict[frozenset[str], set[str]] = {}
     for way in _closed_ways(library.blocks):
         junctions = frozenset(one.junction for one in way if one.junction is not None)
-        if len(junctions) < 2 or not _is_round(way):
-            continue
-        # A ring of several lanes may be found more than once.
-        junctions = junctions.union(*(names.get(name, ()) for name in junctions))
-        names |= dict.fromkeys(junctions, junctions)
-        between |= {one.block_id: junctions for one in way if one.junction is None}
-    if not names:
-        return library
+        if len(junctions) > 1 and _is_round(way):
+            rings.setdefault(junctions, set()).update(one.block_id for one in way)
+    shared = Counter(name for junctions in rings for name in junctions)
+    names: dict[str, str] = {}
+    for junctions, way_ids in rings.items():
+        if all(shared[name] == 1 for name in junctions):
+            name = _NAME + min(junctions)
+            names |= {
+                one.block_id: name
+                for one in library.blocks
+                if one.junction in junctions or one.block_id in way_ids
+            }
 
     def of_ring(block: Block) -> Block:
-        ring = names.get(block.junction or "") or between.get(block.block_id)
-        if ring is None:
+        if block.block_id not in names:
             return block
-        # Several of its ways may have been found one after the other.
-        name = _NAME + min(names[min(ring)])
         permitted = block.permitted - {"crossing"}
-        return replace(block, junction=name, segment="junction", permitted=permitted)
+        junction = names[block.block_id]
+        return replace(block, junction=junction, segment="junction", permitted=permitted)
 
-    return replace(library, blocks=tuple(of_ring(block) for block in library.blocks))
+    return replace(library, blocks=tuple(map(of_ring, library.blocks))) if names else library

@@ -170,6 +170,59 @@ def test_a_way_around_a_block_of_houses_is_no_ring(
     assert not any(is_ring(one.junction) for one in library.blocks)
 
 
+def streets(count: int, road_m: float) -> str:
+    """A grid of streets with corners that are cut, around blocks that are almost round."""
+    edges, connections = [], []
+    step = np.eye(2, dtype=int)
+    ways = [step[0], step[1], -step[0], -step[1]]
+    corners = [np.array([i, j]) for i in range(count) for j in range(count)]
+
+    def add(edge: str, ends: str, *shape: FloatArray) -> None:
+        places = " ".join(f"{x:.3f},{y:.3f}" for x, y in shape)
+        edges.append(
+            f'<edge id="{edge}" {ends}><lane id="{edge}_0" index="0" speed="10" '
+            f'shape="{places}"/></edge>'
+        )
+
+    def ends_of(corner: FloatArray, way: FloatArray) -> tuple[FloatArray, FloatArray]:
+        start = corner * (road_m + 8.0) + 4.0 * way + 1.6 * np.array([way[1], -way[0]])
+        return start, start + road_m * way
+
+    def street(corner: FloatArray, k: int) -> str:
+        return f"s{corner[0]}_{corner[1]}_{k}"
+
+    for corner in corners:
+        name = f"n{corner[0]}_{corner[1]}"
+        for k, way in enumerate(ways):
+            if not any((corner + way == other).all() for other in corners):
+                continue
+            (x, y), own = corner + way, street(corner, k)
+            add(own, f'from="{name}" to="n{x}_{y}"', *ends_of(corner, way))
+            for i in (k - 1, k, (k + 1) % 4):
+                before = corner - ways[i]
+                if any((before == other).all() for other in corners):
+                    over, start = f":{name}_{4 * (i % 4) + k}", street(before, i % 4)
+                    joint = ends_of(before, ways[i])[1], ends_of(corner, way)[0]
+                    add(over, 'function="internal"', *joint)
+                    connections.append(
+                        f'<connection from="{start}" to="{own}" fromLane="0" toLane="0" '
+                        f'via="{over}_0" dir="s" state="M"/><connection from="{over}" to="{own}" '
+                        'fromLane="0" toLane="0" dir="s" state="M"/>'
+                    )
+    return f'<?xml version="1.0"?><net version="1.20">{"".join(edges + connections)}</net>'
+
+
+def test_closed_ways_that_share_a_junction_are_a_grid_of_streets(
+    read: Callable[[str], Library],
+) -> None:
+    """One junction of all of them would have routes from each street to each other one."""
+    alone = read(streets(2, 15.0))
+    assert {one.junction for one in alone.blocks} == {None, "ring n0_0"}
+    grid = read(streets(3, 15.0))
+    assert len({one.junction for one in grid.blocks} - {None}) == 9
+    assert not any(is_ring(one.junction) for one in grid.blocks)
+
+
 def test_a_fence_goes_around_a_route_that_bends_more_than_it_is_wide(tmp_path: Path) -> None:
     """Offsets beyond the centre of a bend have no place, which ended the compiler."""
     path = tmp_path / "small.net.xml"
