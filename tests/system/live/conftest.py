@@ -90,7 +90,7 @@ class Stage:
         end = time.monotonic() + DEADLINE_S
         while not condition():
             if time.monotonic() > end:
-                pytest.fail(f"waited {DEADLINE_S:g} s in vain for {what}")
+                pytest.fail(f"waited {DEADLINE_S:g} s in vain for {what}\n{self._all_said()}")
             self._answer_prompts()
             time.sleep(0.05)
 
@@ -123,6 +123,11 @@ class Stage:
     def said(self, name: str) -> str:
         file = self.folder / f"{name}.txt"
         return file.read_text() if file.is_file() else ""
+
+    def _all_said(self) -> str:
+        """Return the end of what each process said."""
+        files = sorted(self.folder.glob("*.txt"))
+        return "\n".join(f"--- {file.stem}\n{file.read_text()[-3000:]}" for file in files)
 
     def run_live(
         self,
