@@ -23,7 +23,7 @@ from ssp_core import __version__, console
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import make_folder, write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
-from ssp_core.processes import LOCKS, die_with_parent, host_folder
+from ssp_core.processes import die_with_parent, folder_of_locks
 from ssp_core.terminal import on_stop_signals
 from ssp_eval.demo_plan import (
     AT_ONCE,
@@ -143,7 +143,7 @@ def own_folder(out: Path, plan: str) -> Iterator[Progress]:
 
 def _lock_file(folder: Path) -> Path:
     """Return the path of a folder's lock, outside all folders of users."""
-    locks = host_folder(LOCKS / "ssp-demos")
+    locks = folder_of_locks("ssp-demos")
     return locks / sha256_bytes(str(folder.resolve()).encode()).removeprefix("sha256:")[:32]
 
 

@@ -56,9 +56,9 @@ def free_domain() -> Iterator[int]:
     reach each other; its ports aren't in /proc/net/udp.
 
     Raises:
-        HostError: all of them are in use.
+        HostError: all of them are in use, or the folder of the locks can't be made.
     """
-    folder = host_folder(LOCKS / "ssp-domains")
+    folder = folder_of_locks("ssp-domains")
     busy = _shared_ports()
     with suppress(OSError):
         busy |= ports_in_use(Path("/proc/net/udp").read_text())
@@ -69,7 +69,7 @@ def free_domain() -> Iterator[int]:
             continue
         try:
             handle = _open_lock(folder / str(domain_id))
-        except PermissionError:  # another user's, who lets nobody read it
+        except OSError:  # another user's, who lets nobody read it, or nobody may make one
             continue
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -82,8 +82,9 @@ def free_domain() -> Iterator[int]:
             os.close(handle)
         return
     raise HostError(
-        f"all ROS domains from {DOMAINS.start} to {DOMAINS.stop - 1} are in use on this host; "
-        "end other sessions or set ROS_DOMAIN_ID and start the nodes yourself"
+        f"all ROS domains from {DOMAINS.start} to {DOMAINS.stop - 1} are in use on this host, or "
+        f"their locks in {folder} can't be opened; end other sessions, let every user make files "
+        "there, or set ROS_DOMAIN_ID and start the nodes yourself"
     )
 
 
@@ -178,17 +179,32 @@ def _lock_both(handle: int, kind: int, gate: int, gate_kind: int) -> None:
     fcntl.flock(handle, kind)
 
 
-def host_folder(folder: Path) -> Path:
-    """Make a folder of locks for all users of this host, where there is none."""
+def folder_of_locks(name: str) -> Path:
+    """Return a folder of locks of this host, made for all its users where there is none.
+
+    Raises:
+        HostError: it can't be made.
+    """
+    folder = LOCKS / name
+    try:
+        _make_for_all(folder)
+    except OSError as error:
+        raise HostError(
+            f"{folder}, which keeps commands of this host out of each other's way, can't be made: "
+            f"{error.strerror}; make it a folder in which every user may make files"
+        ) from error
+    return folder
+
+
+def _make_for_all(folder: Path) -> None:
     if not folder.is_dir():
         folder.mkdir(exist_ok=True)
         folder.chmod(0o1777)
-    return folder
 
 
 def _open_lock(path: Path) -> int:
     """Open a file for locking, also one that another user left: reading it is enough."""
-    host_folder(path.parent)
+    _make_for_all(path.parent)
     try:
         handle = os.open(path, os.O_RDONLY)
     except FileNotFoundError:

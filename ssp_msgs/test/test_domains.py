@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import socket
@@ -122,6 +123,29 @@ def test_the_folder_that_tmpdir_names_holds_no_locks(
     (tmp_path / "own").mkdir()
     with free_domain():
         assert list((tmp_path / "own").iterdir()) == []
+
+
+def test_a_folder_of_locks_that_cannot_be_made_is_said_with_a_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a host with a read-only /tmp; before, a session ended there with a traceback."""
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(domains, "LOCKS", tmp_path / "file")
+    words = r"file/ssp-domains, which .* can't be made: Not a directory; make it a folder"
+    with pytest.raises(HostError, match=words), free_domain():
+        pass
+
+
+def test_locks_that_nobody_may_make_are_said_with_a_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read_only(*_: object) -> int:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    (tmp_path / "ssp-domains").mkdir()
+    monkeypatch.setattr(domains.os, "open", read_only)
+    with pytest.raises(HostError, match=r"locks in .*ssp-domains can't be opened"), free_domain():
+        pass
 
 
 def test_all_taken_is_said_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
