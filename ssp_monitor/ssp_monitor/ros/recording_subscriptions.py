@@ -29,6 +29,7 @@ from rclpy.subscription import Subscription
 from ssp_core import names
 from ssp_core.bag.types import BagMessage
 from ssp_core.errors import HostError
+from ssp_core.ros import take_the_rest
 from ssp_monitor.recorder.losses import SOURCES, Arrivals, SimulatedTime, claims, stamp_at
 from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.topics import Importance, TopicSpec, importance
@@ -171,9 +172,6 @@ LOSSES_S = 1.0
 # While a session waits, a picture in so many ns is enough: nothing of it is ever scored.
 WAITING_PERIOD_NS = 1_000_000_000
 _PICTURES = (Importance.RAW_IMAGE, Importance.COMPRESSED_IMAGE, Importance.FRAME)
-# At the end, what is under way is waited for: until nothing came for so long, and no longer than.
-CALM_S = 0.03
-LINGER_S = 0.3
 
 
 @dataclass(slots=True)
@@ -379,14 +377,7 @@ class RecordingSubscriptions:
 
     def _take_the_rest(self) -> None:
         sources = self._sources
-        now_s = time.monotonic()
-        calm_s, end_s = now_s + CALM_S, now_s + LINGER_S
-        while now_s < min(calm_s, end_s):
-            for source in sources:
-                if self._take_all(source):
-                    calm_s = time.monotonic() + CALM_S
-            time.sleep(LOCKSTEP_PAUSE_S)
-            now_s = time.monotonic()
+        take_the_rest(lambda: sum(map(self._take_all, sources)) > 0)
         _ask_losses(sources)
         last = {source.topic.name: source.last for source in sources if source.last}
         for topic, sent in claims(last).items():

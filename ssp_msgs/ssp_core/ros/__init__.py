@@ -8,6 +8,7 @@ from __future__ import annotations
 import faulthandler
 import os
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
@@ -163,6 +164,37 @@ def subscribe_raw(
             callback(message)
 
     return node.create_subscription(kind, topic, take, qos, raw=raw)
+
+
+# At its end a node waits for what is under way: until nothing came for so long, and no longer than.
+CALM_S = 0.03
+LINGER_S = 0.3
+_LOOK_S = 0.004
+
+
+def take_the_rest(take: Callable[[], bool]) -> None:
+    """Take what has arrived and what is under way.
+
+    Args:
+        take: takes what is there, and tells whether that was something.
+    """
+    now_s = time.monotonic()
+    calm_s, end_s = now_s + CALM_S, now_s + LINGER_S
+    while now_s < min(calm_s, end_s):
+        if take():
+            calm_s = time.monotonic() + CALM_S
+        time.sleep(_LOOK_S)
+        now_s = time.monotonic()
+
+
+def take_arrived(subscription: Any) -> bool:
+    """Give the callback what no executor has taken yet; tell whether there was something."""
+    with subscription.handle:
+        found = False
+        while one := subscription.handle.take_message(subscription.msg_type, subscription.raw):
+            subscription.callback(one[0])
+            found = True
+    return found
 
 
 def tolerant(node: Node, topic: str, decode: Callable[[Any], T]) -> Callable[[Any], T | None]:

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -25,6 +26,8 @@ from ssp_core.ros import (
     declare,
     run_node,
     subscribe_raw,
+    take_arrived,
+    take_the_rest,
 )
 from ssp_core.run_file.model import Camera, RunSpec, load_run
 from ssp_core.world.scenery import left_out
@@ -79,7 +82,8 @@ class FrontCamera(Node):
         self._reported = 0
         self._output = CameraPublishers(self, self._camera, LATCHED)
         self._done = self.create_publisher(StepDone, names.STEP_DONE, STATE)
-        subscribe_raw(self, WorldTick, names.WORLD_TICK, steps.decode_tick, self._on_tick, STATE)
+        tick, decode = names.WORLD_TICK, steps.decode_tick
+        self._ticks = subscribe_raw(self, WorldTick, tick, decode, self._on_tick, STATE)
         self.create_timer(_CHECK_PERIOD_S, self._check, clock=self._steady)
         self.create_timer(_DROP_REPORT_PERIOD_S, self._report_drops, clock=self._steady)
 
@@ -153,11 +157,13 @@ class FrontCamera(Node):
             self._reported = self._dropped
 
     def close(self) -> None:
-        """Finish the frame being drawn, drop those that wait, and say what was lost.
+        """Draw what has come, so that a session's last frame is never missing; say what was lost.
 
         Raises the error for which the node stops.
         """
-        self._worker.shutdown(wait=True, cancel_futures=True)
+        if self._failure is None:
+            take_the_rest(partial(take_arrived, self._ticks))
+        self._worker.shutdown(wait=True, cancel_futures=self._failure is not None)
         for line in self._painter.close():
             self.get_logger().error(line)
         self._report_drops()

@@ -155,6 +155,22 @@ def test_a_lockstep_run(world: World, camera_node: subprocess.Popen[str]) -> Non
     assert camera_node.wait(DEADLINE_S) == 0
 
 
+def test_a_frame_whose_tick_came_before_the_end_is_drawn(
+    world: World, camera_node: subprocess.Popen[str]
+) -> None:
+    """A session ends right after its last step, of which a busy camera may not have heard yet."""
+    world.tick(EVERY)
+    world.spin_until(lambda: world.steps("done") == [EVERY], "an answer")
+    camera_node.send_signal(signal.SIGSTOP)
+    for step in range(EVERY + 1, 3 * EVERY + 1):
+        world.tick(step)
+    camera_node.send_signal(signal.SIGTERM)
+    camera_node.send_signal(signal.SIGCONT)
+    world.spin_until(lambda: world.steps("done") == [EVERY, 2 * EVERY, 3 * EVERY], "all answers")
+    world.spin_until(lambda: world.steps("image") == [EVERY, 2 * EVERY, 3 * EVERY], "pictures")
+    assert camera_node.wait(DEADLINE_S) == 0
+
+
 def test_realtime_drops_what_it_cannot_draw_and_says_so(
     world: World, camera_node: subprocess.Popen[str]
 ) -> None:
