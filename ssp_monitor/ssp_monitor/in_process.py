@@ -175,6 +175,7 @@ class InProcessRecorder(Closing):
             self._records.values(),
             counted,
             run_id=self._run.run_id,
+            missing=0,
             lost_limit=0,
             warnings=(),
             sealed=seals(self._attachments),

@@ -18,7 +18,14 @@ from ssp_core.bag.writing.split import Split
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
-from ssp_monitor.bag_tools.info import qos_text, size_text, span_text, summarise_bag, survey_lines
+from ssp_monitor.bag_tools.info import (
+    qos_text,
+    size_text,
+    span_text,
+    summarise_bag,
+    survey_lines,
+    told,
+)
 
 START_NS = 1_700_000_000 * NS_PER_S
 CLOCK = "rosgraph_msgs/msg/Clock"
@@ -213,6 +220,10 @@ def test_what_the_recorder_said_is_told(tmp_path, clock_cdr, capsys):
         "  /a: 1 never received, 2 received and not written",
         "  the disk was slow",
     ]
+    assert (
+        told({**report, "missing": 0})[0]
+        == "1 lost and 2 dropped of 9 received, within the limit of 0"
+    )
     del report["topics"]
     with BagWriter(tmp_path / "bad") as writer:
         writer.attach("recording.json", json.dumps(report).encode(), "application/json")

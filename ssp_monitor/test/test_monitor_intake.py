@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -32,6 +33,7 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.errors import HostError
 from ssp_core.vocabulary import SessionPhase
 from ssp_monitor.recorder.disk import DiskNeeds
+from ssp_monitor.recorder.losses import SETTLED_S
 from ssp_monitor.recorder.plan import RecordingPlan
 from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.topics import Profile, Selection, TopicSpec
@@ -527,3 +529,32 @@ def test_of_a_session_that_waits_few_pictures_are_kept_and_the_rest_is_counted(n
     assert by_name["/camera"]["lost"] == by_name["/camera"]["dropped"] == 0
     assert 31 <= kept < 60
     assert by_name["/state"]["written"] == 60
+
+
+def test_a_loss_before_a_session_is_armed_is_said_and_keeps_nothing_from_arming(
+    node, tmp_path, monkeypatch
+):
+    clock = [100.0]
+    steady = SimpleNamespace(monotonic=lambda: clock[0])
+    monkeypatch.setattr("ssp_monitor.ros.recording.time", steady)
+    plan = RecordingPlan(tmp_path / "bag", Selection(), DiskNeeds(0), (topic("/own"),))
+    recording = Recording(node, plan, {})
+
+    def lost_after(seconds: float) -> tuple[int, int]:
+        clock[0] += seconds
+        recording.poll()
+        return recording.lost, recording.status().lost
+
+    recording.session_is(SessionPhase.CONNECTED)
+    recording.intake._arrivals["/own"].gaps = 3
+    assert lost_after(0.5) == (3, 3)
+    assert lost_after(SETTLED_S) == (0, 0)
+    recording.session_is(SessionPhase.ARMED)
+    recording.intake._arrivals["/own"].gaps = 5
+    assert lost_after(10.0) == (2, 2)
+    said = "3 messages were lost before the session was armed"
+    assert said in recording.status().warnings
+    assert recording.close().lost == 2
+    with BagReader(tmp_path / "bag") as bag:
+        report = json.loads(bag.attachment("recording.json"))
+    assert (report["lost"], report["missing"], said in report["warnings"]) == (5, 2, True)

@@ -232,6 +232,7 @@ def test_the_bag_says_what_is_in_it_and_what_is_missing(tmp_path, clock_cdr):
             recorder.records(),
             Counted({"/clock": 100}, {"/clock": 7}, recorder.dropped_by_topic),
             run_id="r",
+            missing=6,
             lost_limit=5,
             warnings=["w"],
             sealed=seals(attachments),

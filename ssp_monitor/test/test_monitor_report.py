@@ -14,8 +14,10 @@ from ssp_core.vocabulary import Verdict as V
 from ssp_monitor.recorder import plan
 from ssp_monitor.recorder.losses import (
     HEARTBEAT,
+    SETTLED_S,
     TICK,
     Arrivals,
+    LossesOfRun,
     RivalWatch,
     claims,
     losses_beside,
@@ -87,6 +89,57 @@ def test_a_gap_is_a_loss_and_a_start_is_none():
     arrivals = Arrivals()
     assert [arrivals.seen(A, n) for n in (7, 8, 12, 13)] == [0, 0, 3, 0]
     assert (arrivals.received, arrivals.gaps, arrivals.lost) == (4, 3, 3)
+
+
+def test_what_was_lost_while_a_session_waited_is_no_loss_of_its_run():
+    """Before, one stall of a busy machine kept a live session from arming for good."""
+    losses = LossesOfRun()
+    losses.session_is(SessionPhase.CONNECTED)
+    losses.look(86, 10.0)
+    assert losses.of(86) == 86  # it may go on
+    losses.look(86, 10.0 + SETTLED_S - 0.1)
+    assert losses.of(86) == 86
+    losses.look(86, 10.0 + SETTLED_S)
+    assert (losses.of(86), losses.of(87), losses.before) == (0, 1, 86)
+
+
+def test_what_goes_on_losing_may_not_arm():
+    losses = LossesOfRun()
+    for second in range(20):
+        losses.look(second, float(second))
+    assert losses.of(19) == 19
+
+
+@pytest.mark.parametrize("state", [s for s in SessionPhase if s >= SessionPhase.ARMED])
+def test_from_arming_on_every_loss_counts(state):
+    losses = LossesOfRun()
+    losses.look(5, 0.0)
+    losses.look(5, 3.0)
+    losses.session_is(state)
+    for second in range(4, 20):
+        losses.look(7, float(second))
+    assert losses.of(7) == 2
+
+
+def test_a_loss_of_a_run_counts_when_the_manager_is_reset_after_it():
+    losses = LossesOfRun()
+    for state in (SessionPhase.ARMED, SessionPhase.RUNNING, SessionPhase.FINISHED):
+        losses.session_is(state)
+    losses.look(2, 10.0)
+    losses.session_is(SessionPhase.IDLE)
+    losses.look(2, 100.0)
+    assert losses.of(2) == 2
+
+
+def test_a_loss_while_objects_were_armed_is_forgotten_once_they_are_disarmed():
+    losses = LossesOfRun()
+    losses.session_is(SessionPhase.ARMED)
+    losses.look(2, 10.0)
+    losses.look(2, 20.0)
+    assert losses.of(2) == 2
+    losses.session_is(SessionPhase.CONNECTED)
+    losses.look(2, 20.5)
+    assert losses.of(2) == 0
 
 
 def test_publishers_count_for_themselves():

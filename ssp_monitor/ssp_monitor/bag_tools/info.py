@@ -290,6 +290,7 @@ def told(report: dict[str, Any]) -> list[str]:
     try:
         lost, dropped = int(report["lost"]), int(report["dropped"])
         received, limit = int(report["received"]), int(report["lost_limit"])
+        missing = int(report.get("missing", lost + dropped))  # an earlier recorder counted all
         topics = [(str(t["name"]), int(t["lost"]), int(t["dropped"])) for t in report["topics"]]
         warnings = [str(warning) for warning in report["warnings"]]
     except (KeyError, TypeError, ValueError) as error:
@@ -298,7 +299,7 @@ def told(report: dict[str, Any]) -> list[str]:
         ) from error
     if not lost and not dropped:
         return [f"complete: {received} messages received, none lost, none dropped", *warnings]
-    within = "within" if lost + dropped <= limit else "past"
+    within = "within" if missing <= limit else "past"
     lines = [
         f"{lost} lost and {dropped} dropped of {received} received, {within} the limit of {limit}"
     ]

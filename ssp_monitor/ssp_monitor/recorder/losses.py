@@ -13,6 +13,7 @@ from ssp_core.bag.types import typestore
 from ssp_core.cdr.codec import START
 from ssp_core.cdr.messages import leading_stamp_ns
 from ssp_core.cdr.steps import decode_heartbeat, decode_tick_head
+from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.transforms import TF_TYPE
 
 # A warning names so many topics.
@@ -82,6 +83,41 @@ class Arrivals:
         if len(self._last) == 1:
             (last,) = self._last.values()
             self.behind = max(0, sent - last)
+
+
+# What comes now and then while a session waits is no loss once nothing more was for so long.
+SETTLED_S = 2.0
+
+
+class LossesOfRun:
+    """Leaves out what was lost while a session waited, which may be for hours on a busy machine.
+
+    What is still being lost counts: with it nothing may be armed. From arming on all counts, and
+    for good once the run has begun. Reads no clock.
+    """
+
+    def __init__(self) -> None:
+        self.before = 0
+        self._total = 0
+        self._changed_s = 0.0
+        self._waits = True
+        self._ran = False
+
+    def session_is(self, state: SessionPhase) -> None:
+        """Take the session's state."""
+        self._ran |= state is SessionPhase.RUNNING
+        self._waits = state < SessionPhase.ARMED and not self._ran
+
+    def look(self, total: int, now_s: float) -> None:
+        """Take all messages lost so far, as often as the recorder tells of itself."""
+        if total != self._total:
+            self._total, self._changed_s = total, now_s
+        if self._waits and now_s - self._changed_s >= SETTLED_S:
+            self.before = total
+
+    def of(self, total: int) -> int:
+        """Return the run's share of all messages lost so far."""
+        return max(0, total - self.before)
 
 
 class RivalWatch:

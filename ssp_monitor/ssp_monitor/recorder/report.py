@@ -50,6 +50,7 @@ def report_attachment(
     counted: Counted,
     *,
     run_id: str | None,
+    missing: int,
     lost_limit: int,
     warnings: Sequence[str],
     sealed: Mapping[str, str],
@@ -60,7 +61,8 @@ def report_attachment(
         records: of the topics, in the order of the bag.
         counted: of these topics.
         run_id: of the run, None for a recording without one.
-        lost_limit: lost and dropped messages that the run may have.
+        missing: messages lost or dropped that count (``Recording.lost``).
+        lost_limit: as many may be.
         warnings: sentences, in the order in which they were said.
         sealed: hashes of the other attachments.
     """
@@ -88,6 +90,7 @@ def report_attachment(
         "recorder": f"ssp {__version__}",
         "run_id": run_id,
         **sums,
+        "missing": missing,
         "lost_limit": lost_limit,
         "warnings": list(warnings),
         "seals": dict(sealed),

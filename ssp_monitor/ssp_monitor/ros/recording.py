@@ -20,7 +20,7 @@ from ssp_core.errors import HostError, SspError
 from ssp_core.safety.liveness import WATCHED
 from ssp_core.vocabulary import SessionPhase
 from ssp_monitor.recorder.disk import DiskOutlook, DiskWatch
-from ssp_monitor.recorder.losses import RivalWatch, losses_beside
+from ssp_monitor.recorder.losses import LossesOfRun, RivalWatch, losses_beside
 from ssp_monitor.recorder.plan import Attachment, RecordingPlan
 from ssp_monitor.recorder.recorder import Recorder, RecorderState
 from ssp_monitor.recorder.report import (
@@ -66,6 +66,7 @@ class Recording:
         self._missing: list[str] = []
         self._sayings = RepeatedWarnings()
         self._rivals = RivalWatch(plan.alone)
+        self._losses = LossesOfRun()
         self._disk = DiskWatch(plan.needs)
         self._rates = MessageRates(time.monotonic())
         self._own = frozenset(topic.name for topic in plan.topics)
@@ -103,16 +104,23 @@ class Recording:
     def lost(self) -> int:
         """Messages known to be missing of the topics that must be complete.
 
-        They never arrived, or were not written. The topics are the run's own; without a run all.
+        They never arrived, or were not written. The topics are the run's own, of which counts what
+        is lost since arming or shortly before; without a run all.
         """
+        missing = self._missing_of_own()
+        unheard = self._of_own(self.lost_by_topic()) - self._of_own(self.intake.lost_by_topic())
+        return unheard + (self._losses.of(missing) if self._own else missing)
+
+    def _missing_of_own(self) -> int:
         dropped = self.recorder.dropped_by_topic
-        return self._of_own(self.lost_by_topic()) + self._of_own(dropped)
+        return self._of_own(self.intake.lost_by_topic()) + self._of_own(dropped)
 
     def _of_own(self, counts: Mapping[str, int]) -> int:
         return sum(n for name, n in counts.items() if not self._own or name in self._own)
 
     def session_is(self, state: SessionPhase) -> None:
         """Watch from arming to the session's end that topics have the one publisher they should."""
+        self._losses.session_is(state)
         if state in WATCHED:
             self._rivals.begin(self.intake.returned_by_topic())
         elif state in (SessionPhase.FINISHED, SessionPhase.ABORTED):
@@ -134,6 +142,7 @@ class Recording:
             t.name for t in self._plan.topics if self._graph.lacks(t, received[t.name])
         ]
         self._graph.look()
+        self._losses.look(self._missing_of_own(), time.monotonic())
         written = self.recorder.state().bytes
         return self._disk.look(time.monotonic(), written, self.recorder.path)
 
@@ -147,7 +156,7 @@ class Recording:
         status.failure = state.failure or ""
         status.messages, status.bytes, status.files = state.messages, state.bytes, state.files
         status.dropped = self._of_own(dropped)
-        status.lost = self._of_own(lost) + status.dropped
+        status.lost = self.lost
         status.missing_topics = self._missing
         status.queue_bytes, status.queue_limit_bytes = state.queue_bytes, state.queue_limit_bytes
         status.free_bytes = disk.free or 0
@@ -203,6 +212,7 @@ class Recording:
                 self.intake.passed_over_by_topic(),
             ),
             run_id=self._plan.run_id,
+            missing=self.lost,
             lost_limit=self._plan.lost_limit,
             warnings=self._sayings.texts(),
             sealed=seals(self._plan.attachments),
@@ -229,6 +239,8 @@ class Recording:
             found.append("the disk does not keep up: more than half of the queue is in use")
         counts = Counter(self.lost_by_topic()) + self.recorder.dropped_by_topic
         found += losses_beside(counts, self._own)
+        if self._own and self._losses.before:
+            found.append(f"{self._losses.before} messages were lost before the session was armed")
         if topics > MOST_LISTED:
             found.append(f"only the first {MOST_LISTED} topics are listed")
         for text in found:
