@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -75,7 +76,7 @@ class FrontCamera(Node):
         self._indicators = Indicators(self._run.road)
         # Loading kernels or a map takes seconds: do it before anybody can see this node.
         self._painter = self._make_painter(run_file, given["carla"], given["map_file"])
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="render")
         self._waiting: deque[Future[None]] = deque()
         self._dropped = 0
@@ -84,8 +85,8 @@ class FrontCamera(Node):
         self._done = self.create_publisher(StepDone, names.STEP_DONE, STATE)
         tick, decode = names.WORLD_TICK, steps.decode_tick
         self._ticks = subscribe_raw(self, WorldTick, tick, decode, self._on_tick, STATE)
-        self.create_timer(_CHECK_PERIOD_S, self._check, clock=self._steady)
-        self.create_timer(_DROP_REPORT_PERIOD_S, self._report_drops, clock=self._steady)
+        self.create_timer(_CHECK_PERIOD_S, self._check, clock=steady)
+        self.create_timer(_DROP_REPORT_PERIOD_S, self._report_drops, clock=steady)
 
     def _make_painter(self, run_file: str, carla: str, map_file: str) -> Painter:
         run, camera = self._run, self._camera
@@ -113,7 +114,7 @@ class FrontCamera(Node):
     def _on_tick(self, tick: steps.WorldTick) -> None:
         states = tuple(s for s in tick.objects if s.is_finite)
         self._odometer.update(states)
-        now_ns = self._steady.now().nanoseconds
+        now_ns = time.monotonic_ns()
         wanted, self._schedule = self._schedule.decide(tick.step, tick.running, now_ns)
         if not wanted:
             return
