@@ -58,7 +58,7 @@ def free_domain() -> Iterator[int]:
     Raises:
         HostError: all of them are in use, or the folder of the locks can't be made.
     """
-    folder = folder_of_locks("ssp-domains")
+    folder = folder_of_domains()
     busy = _shared_ports()
     with suppress(OSError):
         busy |= ports_in_use(Path("/proc/net/udp").read_text())
@@ -179,8 +179,21 @@ def _lock_both(handle: int, kind: int, gate: int, gate_kind: int) -> None:
     fcntl.flock(handle, kind)
 
 
-def folder_of_locks(name: str) -> Path:
+def folder_of_domains() -> Path:
+    """Return the folder of the domains' locks, without which no session over ROS can be run.
+
+    Raises:
+        HostError: it can't be made.
+    """
+    return folder_of_locks("ssp-domains", ", or use --in-process")
+
+
+def folder_of_locks(name: str, otherwise: str = "") -> Path:
     """Return a folder of locks of this host, made for all its users where there is none.
+
+    Args:
+        name: of the folder.
+        otherwise: further remedy, at the end of the sentence.
 
     Raises:
         HostError: it can't be made.
@@ -191,7 +204,7 @@ def folder_of_locks(name: str) -> Path:
     except OSError as error:
         raise HostError(
             f"{folder}, which keeps commands of this host out of each other's way, can't be made: "
-            f"{error.strerror}; make it a folder in which every user may make files"
+            f"{error.strerror}; make it a folder in which every user may make files{otherwise}"
         ) from error
     return folder
 
@@ -481,14 +494,15 @@ def remove_stale_shared_memory() -> int:
     Each segment has a lock file (``…_el``) that its owner holds locked while it lives, as
     ``fastdds shm clean`` knows too. So have the ports at which it listens (``…_el``, ``…_sl``), but
     not those that it only wrote to: a port goes when no process locks one in its domain and nothing
-    in there is new. What is another user's is left alone.
+    in there is new. Neither does a new segment go: its owner makes the lock file, then locks it.
+    What is another user's is left alone.
     """
     removed = 0
     for lock in _SHM.glob("fastrtps_*_el"):
         if _PORT.fullmatch(lock.name):
             continue
-        with _locked(lock) as is_stale:
-            if is_stale:
+        with suppress(FileNotFoundError), _locked(lock) as is_free:
+            if is_free and not _is_new([lock]):
                 (_SHM / lock.name.removesuffix("_el")).unlink(missing_ok=True)
                 lock.unlink(missing_ok=True)
                 removed += 1
@@ -521,11 +535,14 @@ def _remove_dead_ports(files: Sequence[Path]) -> None:
         for lock in locks:
             if not held.enter_context(_locked(lock)):
                 return
-        facts = [file.stat() for file in files]
-        newest_s = max(fact.st_mtime for fact in facts)
-        if time.time() - newest_s > _NEW_S and {fact.st_uid for fact in facts} == {os.geteuid()}:
+        owners = {file.stat().st_uid for file in files}
+        if not _is_new(files) and owners == {os.geteuid()}:
             for file in files:
                 file.unlink(missing_ok=True)
+
+
+def _is_new(files: Sequence[Path]) -> bool:
+    return time.time() - max(file.stat().st_mtime for file in files) <= _NEW_S
 
 
 @contextmanager

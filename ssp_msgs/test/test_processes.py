@@ -227,9 +227,15 @@ def names(shm: Path) -> list[str]:
     return sorted(p.name for p in shm.iterdir())
 
 
+def make_old(shm: Path, *names: str) -> None:
+    for name in names:
+        os.utime(shm / name, (0, 0))
+
+
 def test_stale_segments_go_and_live_ones_stay(shm: Path) -> None:
     put(shm, "fastrtps_dead", "fastrtps_dead_el", "fastrtps_live", "fastrtps_live_el")
     put(shm, "fastrtps_port7400", "psm_others", "fastrtps_without_lock", "x_el")
+    make_old(shm, "fastrtps_dead_el", "fastrtps_live_el")
     with (shm / "fastrtps_live_el").open("rb") as owner:
         fcntl.flock(owner, fcntl.LOCK_EX)
         assert remove_stale_shared_memory() == 1
@@ -237,6 +243,14 @@ def test_stale_segments_go_and_live_ones_stay(shm: Path) -> None:
         assert names(shm) == [*left, "psm_others", "x_el"]
     assert remove_stale_shared_memory() == 1
     assert "fastrtps_live" not in names(shm)
+
+
+def test_a_new_segment_stays_while_its_owner_may_not_have_locked_it_yet(shm: Path) -> None:
+    put(shm, "fastrtps_new", "fastrtps_new_el")
+    assert remove_stale_shared_memory() == 0
+    assert names(shm) == ["fastrtps_new", "fastrtps_new_el"]
+    make_old(shm, "fastrtps_new_el")
+    assert remove_stale_shared_memory() == 1
 
 
 def test_ports_go_when_nobody_lives_in_their_domain(shm: Path) -> None:
@@ -250,8 +264,7 @@ def test_ports_go_when_nobody_lives_in_their_domain(shm: Path) -> None:
     live = [*port(12650, "P", "M", "sl"), *port(12661, "P", "M"), *port(12663, "M")]
     new = [*port(12900, "P", "M")]
     put(shm, *dead, *live)
-    for name in (*dead, *live):
-        os.utime(shm / name, (0, 0))
+    make_old(shm, *dead, *live)
     put(shm, *new)
     with (shm / "fastrtps_port12650_sl").open("rb") as owner:
         fcntl.flock(owner, fcntl.LOCK_SH)
@@ -307,6 +320,7 @@ def test_segments_of_a_live_participant_are_left_alone() -> None:
         maps = Path(f"/proc/{process.pid}/maps").read_text()
         ours = {name for name in segments() - before if name.removesuffix("_el") in maps}
         assert ours
+        make_old(Path("/dev/shm"), *ours)
         ports = old_ports()
         remove_stale_shared_memory()
         assert ours <= segments()

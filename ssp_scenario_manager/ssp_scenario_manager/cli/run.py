@@ -19,7 +19,7 @@ from ssp_core.carla.address import SCHEME, parse_address
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
 from ssp_core.options import WholeNumber
-from ssp_core.processes import check_shared_memory
+from ssp_core.processes import check_shared_memory, folder_of_domains
 from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
@@ -315,6 +315,8 @@ def run(
             check_twin(spec)
             faults.check(spec, _nodes(spec))
             check_shared_memory()
+            if live is None:
+                folder_of_domains()
         if junit is not None:
             # Whatever ends the runner before the run: a build server finds no older verdict here.
             write_junit(junit, "ssp run", [_case(spec, folder)])

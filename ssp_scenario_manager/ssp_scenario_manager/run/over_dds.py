@@ -25,6 +25,7 @@ from ssp_core.files import write_json, write_text
 from ssp_core.processes import (
     ProcessGroup,
     check_shared_memory,
+    folder_of_domains,
     free_domain,
     live_environment,
     session_environment,
@@ -131,10 +132,12 @@ def run_session(
     Raises:
         InputError: a fault of the run strikes nothing that this session has, or a body is of no
             object.
-        HostError: nodes can't talk here.
+        HostError: nodes can't talk here, or no domain can be held.
     """
     started = time.monotonic()
     check_shared_memory()  # before anything is written
+    if live is None:
+        folder_of_domains()
     if page_port is not None:
         given_token(os.environ)  # a wrong one is said before anything is started
     run_file, bag = folder / "run.yaml", folder / "bag"
