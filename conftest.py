@@ -23,7 +23,7 @@ from hypothesis import settings
 os.environ["SSP_INTERPRETED"] = "1"
 
 import ssp_core
-from ssp_core.processes import session_environment
+from ssp_core.host.environment import session_environment
 from tests.support.order import spread
 
 # The same examples in every run, so that a change is judged by what it changed. To look for new

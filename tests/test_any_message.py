@@ -28,8 +28,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from ssp_core import names, ros
 from ssp_core.cdr import steps
 from ssp_core.cdr.states import encode_state
+from ssp_core.host.domains import free_domain
+from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
 from ssp_core.motion.state import ObjectState
-from ssp_core.processes import free_domain, remove_shared_ports, remove_stale_shared_memory
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.safety.arming import Facts
 from ssp_core.safety.object_rules import rules_of

@@ -12,8 +12,9 @@ import pytest
 
 import ssp_monitor.ros.parameters
 from ssp_core.errors import InputError
+from ssp_core.host.domains import free_domain
+from ssp_core.host.shared_memory import remove_shared_ports
 from ssp_core.node_interface import Parameter
-from ssp_core.processes import free_domain, remove_shared_ports
 from ssp_eval.ros import parameters as ssp_eval_params
 from ssp_ot_controller.ros import parameters as ot_controller_params
 from ssp_scenario_manager.compile.targets.folder import prepare_run

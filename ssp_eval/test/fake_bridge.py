@@ -19,7 +19,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from ssp_core.processes import die_with_parent
+from ssp_core.host.processes import die_with_parent
 from ssp_msgs.msg import NativeArray, VlaRequest, VlaResponse
 
 DIED = 3

@@ -16,7 +16,8 @@ from typing import Any
 
 import pytest
 
-from ssp_core.processes import free_domain, session_environment
+from ssp_core.host.domains import free_domain
+from ssp_core.host.environment import session_environment
 from ssp_eval.evaluate.clients.bridges import PROFILE
 from tests.support.waiting import DEADLINE_S
 

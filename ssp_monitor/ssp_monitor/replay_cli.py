@@ -12,9 +12,8 @@ import click
 import ssp_core
 from ssp_core import names
 from ssp_core.bag.reading.reader import BagReader
-from ssp_core.environment import require_sound
+from ssp_core.host.environment import live_environment, require_sound, session_environment
 from ssp_core.options import Number, WholeNumber, usage_errors
-from ssp_core.processes import live_environment, session_environment
 from ssp_monitor.recorder.topics import Pattern
 from ssp_monitor.replay.plan import DEFAULT_CLOCK_HZ, ReplayOptions, is_name
 from ssp_monitor.replay.player import FASTEST, SLOWEST

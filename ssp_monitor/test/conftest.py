@@ -8,7 +8,8 @@ import pytest
 
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.clock import NS_PER_S
-from ssp_core.processes import free_domain, remove_stale_shared_memory
+from ssp_core.host.domains import free_domain
+from ssp_core.host.shared_memory import remove_stale_shared_memory
 from ssp_monitor.page.server import PageServer
 from support.bags import clock
 from support.runs import small_run

@@ -16,9 +16,9 @@ import click
 
 from ssp_core import __version__
 from ssp_core.cycles import search_as_usual
-from ssp_core.environment import set_log_folder, set_middleware_aside
 from ssp_core.errors import InputError, SspError
-from ssp_core.terminal import lost_output, on_stop_signals, survive_lost_output
+from ssp_core.host.environment import set_log_folder, set_middleware_aside
+from ssp_core.host.terminal import lost_output, on_stop_signals, survive_lost_output
 
 # verb: (module:function, one line of help). A verb's module is imported when it runs or shows
 # its own help, so that `ssp --help` and `ssp score` don't pay for SUMO, OpenCV or ROS.

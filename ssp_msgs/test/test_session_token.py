@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ssp_core.session_token import draw_token, mode_problem, token_problem
+from ssp_core.run_file.session_token import draw_token, mode_problem, token_problem
 
 LIVE, SIM = "live-0123456789", "sim-0123456789"
 

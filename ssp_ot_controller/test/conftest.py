@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from ssp_core import names
-from ssp_core.processes import free_domain, remove_shared_ports, remove_stale_shared_memory
+from ssp_core.host.domains import free_domain
+from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
 from support.runs import small_run
 from tests.support.waiting import DEADLINE_S
 

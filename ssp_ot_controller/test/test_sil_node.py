@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from ssp_core import names, ros
-from ssp_core.processes import session_environment
+from ssp_core.host.environment import session_environment
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs import msg

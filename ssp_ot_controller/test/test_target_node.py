@@ -16,9 +16,9 @@ from lifecycle_msgs.srv import ChangeState
 
 from ssp_core import names, ros
 from ssp_core.geometry import Polyline
+from ssp_core.host.environment import session_environment
 from ssp_core.motion.manoeuvre import drive_along
 from ssp_core.motion.reference import Reference
-from ssp_core.processes import session_environment
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand

@@ -16,7 +16,7 @@ from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
 from sensor_msgs.msg import Imu, NavSatFix
 
 from ssp_core import names, ros
-from ssp_core.processes import session_environment
+from ssp_core.host.environment import session_environment
 from ssp_core.run_file.values import SiteDatum
 from ssp_msgs import msg
 

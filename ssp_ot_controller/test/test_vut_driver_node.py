@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.processes import session_environment
+from ssp_core.host.environment import session_environment
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.world.driver import driver_options

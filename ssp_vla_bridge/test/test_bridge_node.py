@@ -17,13 +17,10 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import CompressedImage
 
+from ssp_core.host.domains import free_domain
+from ssp_core.host.environment import session_environment
+from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
 from ssp_core.names import DIAGNOSTICS, vla_request_topic, vla_response_topic
-from ssp_core.processes import (
-    free_domain,
-    remove_shared_ports,
-    remove_stale_shared_memory,
-    session_environment,
-)
 from ssp_core.ros import STATE, VLA, make_node, stamp_from_ns
 from ssp_msgs.msg import VlaRequest, VlaResponse
 from ssp_vla_bridge.backends.recorded import response_of_message

@@ -45,9 +45,11 @@ from ssp_core import names, ros
 from ssp_core.cdr.references import encode_reference
 from ssp_core.files import write_text
 from ssp_core.geometry import Polyline
+from ssp_core.host.domains import free_domain
+from ssp_core.host.environment import session_environment
+from ssp_core.host.processes import ProcessGroup
 from ssp_core.motion.manoeuvre import drive_along
 from ssp_core.motion.reference import Reference
-from ssp_core.processes import ProcessGroup, free_domain, session_environment
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import Motion
 from ssp_msgs import msg

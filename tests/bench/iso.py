@@ -31,10 +31,12 @@ from ssp_core.cdr.references import encode_reference
 from ssp_core.cdr.states import decode_states, encode_state
 from ssp_core.cdr.steps import Heartbeat, encode_heartbeat
 from ssp_core.clock import seconds_to_ns
+from ssp_core.host.domains import free_domain
+from ssp_core.host.environment import session_environment
+from ssp_core.host.processes import die_with_parent
 from ssp_core.motion.approach import approach_points
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
-from ssp_core.processes import die_with_parent, free_domain, session_environment
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.object_rules import rules_of
 from ssp_core.vocabulary import ControlState, Role, SessionPhase

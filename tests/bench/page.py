@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from measure import LONG, report
 
-from ssp_core.processes import free_domain
+from ssp_core.host.domains import free_domain
 from tests.system.test_page import OBJECTS, TOKEN, Stage
 
 MEASURED_S = 10.0

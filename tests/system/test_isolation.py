@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.processes import free_domain, live_environment, session_environment
+from ssp_core.host.domains import free_domain
+from ssp_core.host.environment import live_environment, session_environment
 
 pytestmark = pytest.mark.ros
 

@@ -18,7 +18,8 @@ from typing import Any
 
 import pytest
 
-from ssp_core.processes import free_domain, session_environment
+from ssp_core.host.domains import free_domain
+from ssp_core.host.environment import session_environment
 from ssp_core.run_file.model import RunSpec
 from tests.support.runs import small_run
 from tests.support.waiting import DEADLINE_S

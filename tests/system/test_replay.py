@@ -34,8 +34,9 @@ from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.references import encode_reference
 from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S
+from ssp_core.host.domains import free_domain
+from ssp_core.host.environment import session_environment
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
-from ssp_core.processes import free_domain, session_environment
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Mounting
 from ssp_core.world.transforms import TF_TYPE, encode_transforms, of_camera, of_state

@@ -12,8 +12,8 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
+from ssp_core.host.terminal import on_stop_signals
 from ssp_core.options import Number, WholeNumber
-from ssp_core.terminal import on_stop_signals
 from ssp_eval.evaluate.driving import EGODRIVER, bridge_model, driver_options
 from ssp_vla_bridge.backend import BACKENDS, parse_options
 from ssp_vla_bridge.egodriver.options import DEADLINE_S, FORWARD_CAMERA, read_options

@@ -12,7 +12,7 @@ from rich.table import Table
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
-from ssp_core.ray_cluster import import_ray
+from ssp_core.host.ray_cluster import import_ray
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import labels_version
 from ssp_eval.data.provenance import find_labels

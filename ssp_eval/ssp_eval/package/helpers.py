@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 from ssp_core.errors import HostError
-from ssp_core.terminal import ignore_stop_signals
+from ssp_core.host.terminal import ignore_stop_signals
 
 Result = TypeVar("Result")
 

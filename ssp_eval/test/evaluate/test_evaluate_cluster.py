@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import HostError
-from ssp_core.ray_cluster import ADDRESS, import_ray, joined, look_for
+from ssp_core.host.ray_cluster import ADDRESS, import_ray, joined, look_for
 from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.run import run_parallel

@@ -12,7 +12,9 @@ from typing import Any
 
 import pytest
 
-from ssp_core.processes import ProcessGroup, free_domain, session_environment
+from ssp_core.host.domains import free_domain
+from ssp_core.host.environment import session_environment
+from ssp_core.host.processes import ProcessGroup
 from ssp_eval.evaluate.clients.bridges import PROFILE
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

@@ -19,7 +19,7 @@ from click.testing import CliRunner
 
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import TAKEN_FILE, taken_folder
-from ssp_core.ray_cluster import import_ray
+from ssp_core.host.ray_cluster import import_ray
 from ssp_eval.data.labels import labels_version, load_labels
 from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.campaign import run_campaign
@@ -274,7 +274,7 @@ from ssp_eval.evaluate.clients.model_client import (InProcessClients)
 from ssp_eval.evaluate.executors import Settings
 from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.run import run_parallel
-from ssp_core.ray_cluster import ADDRESS, import_ray, joined, look_for
+from ssp_core.host.ray_cluster import ADDRESS, import_ray, joined, look_for
 
 from ssp_eval.extract.combined.extractor import Extractor
 

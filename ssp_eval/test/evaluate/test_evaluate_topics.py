@@ -15,7 +15,9 @@ import click
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_core.processes import ProcessGroup, free_domain, session_environment
+from ssp_core.host.domains import free_domain
+from ssp_core.host.environment import session_environment
+from ssp_core.host.processes import ProcessGroup
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cli import evaluate as evaluate_command
 from ssp_eval.evaluate.cli import model_specs

@@ -13,8 +13,8 @@ from typing import Any
 import click
 
 from ssp_core.console import err, note, out
+from ssp_core.host.terminal import on_stop_signals
 from ssp_core.options import Number, WholeNumber, usage_errors
-from ssp_core.terminal import on_stop_signals
 from ssp_monitor.recorder.encoding import CODECS
 from ssp_monitor.recorder.plan import MB, QUEUE_MB, RESERVE_MB, options_plan
 from ssp_monitor.recorder.report import RepeatedWarnings

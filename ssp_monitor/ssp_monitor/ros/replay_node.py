@@ -27,8 +27,8 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_core.clock import ns_to_seconds
 from ssp_core.console import err, note
-from ssp_core.environment import adopt
 from ssp_core.errors import HostError
+from ssp_core.host.environment import adopt
 from ssp_core.run_file.participation import ParticipantKind
 from ssp_monitor.replay.plan import ReplayOptions, make_plan, played, session_signs
 from ssp_monitor.replay.player import Leap, MessageSource, Pause, Player

@@ -27,12 +27,12 @@ from std_msgs.msg import String
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.clock import NS_PER_S, time_ns
 from ssp_core.cycles import search_as_usual
-from ssp_core.environment import require_sound
 from ssp_core.errors import InputError, SspError
+from ssp_core.host.environment import require_sound
+from ssp_core.host.terminal import catch_stop_signals, keep_output_to_ourselves, survive_lost_output
 from ssp_core.names import NAMESPACE, declared_topic
 from ssp_core.node_interface import QOS, Parameter, Status
 from ssp_core.run_file.participation import ParticipantKind
-from ssp_core.terminal import catch_stop_signals, keep_output_to_ourselves, survive_lost_output
 
 T = TypeVar("T")
 

@@ -22,7 +22,7 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Limits, RunSpec
-from ssp_core.session_token import mode_problem, token_problem
+from ssp_core.run_file.session_token import mode_problem, token_problem
 from ssp_core.vocabulary import SessionPhase
 from ssp_ot_controller.sil.disturbance import LinkSizes
 

@@ -19,10 +19,11 @@ import click
 import ssp_core
 from ssp_core.console import report_error
 from ssp_core.errors import InputError, SspError
+from ssp_core.host.environment import live_environment
+from ssp_core.host.processes import ProcessGroup
+from ssp_core.host.terminal import catch_stop_signals, own_command, survive_lost_output
 from ssp_core.options import Number, WholeNumber
-from ssp_core.processes import ProcessGroup, live_environment
 from ssp_core.run_file.model import load_run
-from ssp_core.terminal import catch_stop_signals, own_command, survive_lost_output
 from ssp_ot_controller.rehearsal.iso_server import PlayedIsoObjects
 from ssp_ot_controller.rehearsal.played import PlayedBodies
 

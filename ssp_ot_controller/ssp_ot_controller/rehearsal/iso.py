@@ -9,9 +9,9 @@ from pathlib import Path
 import click
 
 from ssp_core.errors import InputError
+from ssp_core.host.terminal import catch_stop_signals
 from ssp_core.options import WholeNumber
 from ssp_core.run_file.model import load_run
-from ssp_core.terminal import catch_stop_signals
 from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT
 from ssp_ot_controller.rehearsal.iso_faults import KINDS, FaultyObject, IsoFault
 from ssp_ot_controller.rehearsal.iso_object import IsoObject

@@ -14,8 +14,8 @@ from rich.table import Table
 
 from ssp_core import console
 from ssp_core.carla.address import parse_address
-from ssp_core.environment import require_sound
 from ssp_core.errors import InputError
+from ssp_core.host.environment import require_sound
 from ssp_core.options import Number
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.cli.carla import map_sha256

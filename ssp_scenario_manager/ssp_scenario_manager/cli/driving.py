@@ -8,7 +8,7 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.processes import beside_measuring, measuring_alone
+from ssp_core.host.locks import beside_measuring, measuring_alone
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import sees_frames, try_driver
 from ssp_scenario_manager.closed_loop.single_run.single import Drive, parse_drive

@@ -14,8 +14,8 @@ from rich.progress import Progress
 
 from ssp_core import console
 from ssp_core.files import taken_folder
+from ssp_core.host.locks import beside_measuring, measuring_alone
 from ssp_core.options import WholeNumber
-from ssp_core.processes import beside_measuring, measuring_alone
 from ssp_scenario_manager.closed_loop.answers import repeated
 from ssp_scenario_manager.closed_loop.campaigns.again import run_of_row
 from ssp_scenario_manager.closed_loop.campaigns.bags import Bags, bag_rows, write_bags

@@ -18,8 +18,9 @@ from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.carla.address import SCHEME, parse_address
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
+from ssp_core.host.domains import folder_of_domains
+from ssp_core.host.shared_memory import check_shared_memory
 from ssp_core.options import WholeNumber
-from ssp_core.processes import check_shared_memory, folder_of_domains
 from ssp_core.run_file.faults import load_faults, with_faults
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict

@@ -21,15 +21,16 @@ from ssp_core.carla.address import CarlaAddress
 from ssp_core.carla.client import CarlaServer
 from ssp_core.clock import NS_PER_S
 from ssp_core.compiled import state_of_core
-from ssp_core.environment import (
+from ssp_core.errors import HostError, PeerError
+from ssp_core.host.domains import DOMAINS, free_domain
+from ssp_core.host.environment import (
     environment_errors,
     finds_sessions,
     installed_middlewares,
     nobody_listens,
 )
-from ssp_core.errors import HostError, PeerError
+from ssp_core.host.shared_memory import check_shared_memory
 from ssp_core.leap_seconds import TABLE_GOOD_UNTIL, leap_seconds, leap_seconds_may_be_old
-from ssp_core.processes import DOMAINS, check_shared_memory, free_domain
 
 _GB = 1 << 30
 

@@ -11,9 +11,10 @@ import rclpy
 from rclpy.node import Node
 
 from ssp_core import names, ros
-from ssp_core.environment import adopt
 from ssp_core.errors import HostError
-from ssp_core.processes import ProcessGroup, free_domain, session_environment
+from ssp_core.host.domains import free_domain
+from ssp_core.host.environment import adopt, session_environment
+from ssp_core.host.processes import ProcessGroup
 from ssp_msgs.msg import Heartbeat
 from ssp_scenario_manager.doctor.checks import LinkMeasurement
 

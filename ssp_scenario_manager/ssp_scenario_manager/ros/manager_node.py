@@ -22,12 +22,12 @@ from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.ros.conversions import body_status_of
 from ssp_core.run_file.model import load_run
+from ssp_core.run_file.session_token import draw_token, mode_problem
 from ssp_core.safety import body_status
 from ssp_core.safety.arming import recorder_lacks
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import Exchange
 from ssp_core.safety.liveness import WATCHED
-from ssp_core.session_token import draw_token, mode_problem
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.msg import (
     BodyStatus,

@@ -14,9 +14,8 @@ from rclpy.node import Node
 
 from ssp_core import names, ros
 from ssp_core.clock import seconds_to_ns
-from ssp_core.environment import adopt
 from ssp_core.errors import PeerError
-from ssp_core.processes import without_shared_memory
+from ssp_core.host.environment import adopt, without_shared_memory
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.publishers import NAMELESS
 from ssp_core.vocabulary import SessionPhase, Verdict

@@ -14,7 +14,7 @@ from rclpy.node import Node
 
 from ssp_core import names, ros
 from ssp_core.clock import seconds_to_ns
-from ssp_core.session_token import token_problem
+from ssp_core.run_file.session_token import token_problem
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.action import RunScenario
 from ssp_msgs.msg import SessionState

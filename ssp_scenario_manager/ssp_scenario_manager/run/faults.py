@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from ssp_core import names
 from ssp_core.errors import InputError
-from ssp_core.processes import NodeProcess, ProcessGroup
+from ssp_core.host.processes import NodeProcess, ProcessGroup
 from ssp_core.run_file.model import Fault, RunSpec
 
 if TYPE_CHECKING:  # a run in one process needs no ROS

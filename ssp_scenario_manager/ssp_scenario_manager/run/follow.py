@@ -12,7 +12,7 @@ from typing import Any
 
 from ssp_core import names
 from ssp_core.clock import seconds_to_ns
-from ssp_core.processes import NodeProcess, ProcessGroup
+from ssp_core.host.processes import NodeProcess, ProcessGroup
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.liveness import WORLD_SILENT_LOCKSTEP_S

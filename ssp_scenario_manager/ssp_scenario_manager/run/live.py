@@ -15,9 +15,9 @@ import click
 from ssp_core import names
 from ssp_core.bag.seals.declaration import load_declaration
 from ssp_core.errors import InputError
+from ssp_core.host.terminal import own_command
 from ssp_core.options import Number
 from ssp_core.run_file.model import RunSpec
-from ssp_core.terminal import own_command
 
 LEAST_FIXES = ("fix", "sbas", "gbas")
 _OPTIONS = (

@@ -12,8 +12,8 @@ from typing import Any, Literal
 
 from ssp_core import console
 from ssp_core.errors import HostError
-from ssp_core.ray_cluster import import_ray, joined
-from ssp_core.terminal import ignore_stop_signals
+from ssp_core.host.ray_cluster import import_ray, joined
+from ssp_core.host.terminal import ignore_stop_signals
 
 Engine = Literal["processes", "ray"]
 ENGINES: tuple[Engine, ...] = ("processes", "ray")

@@ -22,19 +22,15 @@ from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.compiled import core_in_use
 from ssp_core.errors import HostError, InputError, SspError
 from ssp_core.files import write_json, write_text
-from ssp_core.processes import (
-    ProcessGroup,
-    check_shared_memory,
-    folder_of_domains,
-    free_domain,
-    live_environment,
-    session_environment,
-)
+from ssp_core.host.domains import folder_of_domains, free_domain
+from ssp_core.host.environment import live_environment, session_environment
+from ssp_core.host.processes import ProcessGroup
+from ssp_core.host.shared_memory import check_shared_memory
+from ssp_core.host.terminal import on_stop_signals
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import declaring
+from ssp_core.run_file.session_token import draw_token
 from ssp_core.run_file.verdict import RESULT_FILE, EndWord, read_verdict
-from ssp_core.session_token import draw_token
-from ssp_core.terminal import on_stop_signals
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run import faults
 from ssp_scenario_manager.run.companions import (

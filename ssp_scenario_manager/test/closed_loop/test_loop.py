@@ -26,7 +26,7 @@ from click.testing import CliRunner
 
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder
-from ssp_core.ray_cluster import ADDRESS, import_ray
+from ssp_core.host.ray_cluster import ADDRESS, import_ray
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import load_run
 from ssp_core.run_file.verdict import RecordedVerdict, read_verdict

@@ -21,10 +21,10 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from ssp_core import names, processes
+from ssp_core import names
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.errors import HostError, InputError
-from ssp_core.processes import beside_measuring, measuring_alone
+from ssp_core.host.locks import beside_measuring, measuring_alone
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import Camera, RunSpec
@@ -300,7 +300,7 @@ def test_runs_with_a_measured_latency_share_no_host(measured: Path, tmp_path: Pa
 @pytest.fixture
 def locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of the locks of this test."""
-    monkeypatch.setattr(processes, "LOCKS", tmp_path)
+    monkeypatch.setattr("ssp_core.host.locks.LOCKS", tmp_path)
     return tmp_path
 
 

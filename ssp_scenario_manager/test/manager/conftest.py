@@ -21,13 +21,10 @@ from tf2_msgs.msg import TFMessage
 
 from ssp_core import names, ros
 from ssp_core.errors import InputError
+from ssp_core.host.domains import free_domain
+from ssp_core.host.environment import session_environment
+from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
 from ssp_core.motion.state import ObjectState
-from ssp_core.processes import (
-    free_domain,
-    remove_shared_ports,
-    remove_stale_shared_memory,
-    session_environment,
-)
 from ssp_core.ros.conversions import rules_to_msg
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.object_rules import rules_of

@@ -18,7 +18,7 @@ import pytest
 import rclpy
 
 from ssp_core import names, ros
-from ssp_core.processes import session_environment
+from ssp_core.host.environment import session_environment
 from ssp_core.ros.conversions import rules_to_msg
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.object_rules import rules_of

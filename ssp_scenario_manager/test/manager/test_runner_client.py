@@ -11,9 +11,9 @@ import pytest
 from rclpy.task import Future
 
 from ssp_core import names
-from ssp_core.processes import session_environment
+from ssp_core.host.environment import session_environment
 from ssp_core.run_file.model import RunSpec
-from ssp_core.session_token import draw_token
+from ssp_core.run_file.session_token import draw_token
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.srv import LoadScenario
 from ssp_scenario_manager.ros import runner_client
@@ -160,7 +160,7 @@ def test_a_session_that_went_on_was_loaded_though_no_answer_came(
 _MAPS = """
 import sys, time
 from pathlib import Path
-from ssp_core.processes import session_environment
+from ssp_core.host.environment import session_environment
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.ros.runner_client import RunClient
 env = session_environment(int(sys.argv[1]))

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_core.processes import NodeProcess, ProcessGroup
+from ssp_core.host.processes import NodeProcess, ProcessGroup
 from ssp_core.run_file.model import Fault, RunSpec
 from ssp_scenario_manager.run.faults import (
     FaultInjector,

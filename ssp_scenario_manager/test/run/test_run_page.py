@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from ssp_core.errors import InputError
-from ssp_core.processes import ProcessGroup
+from ssp_core.host.processes import ProcessGroup
 from ssp_core.run_file.verdict import EndWord
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.cli.run import run

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core import processes
 from ssp_core.cli import main
 from ssp_core.errors import HostError
+from ssp_core.host import locks
 from ssp_scenario_manager.cli import run as run_module
 
 
@@ -29,7 +29,7 @@ def test_a_host_on_which_no_domain_can_be_held_keeps_the_folder_free(
 ) -> None:
     """As with a read-only /tmp; before, run.yaml and the task were left there."""
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(processes, "LOCKS", tmp_path / "file")
+    monkeypatch.setattr(locks, "LOCKS", tmp_path / "file")
     assert main(["run", "cut_in", "--out", str(tmp_path / "run")]) == 1
     assert "every user may make files, or use --in-process" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

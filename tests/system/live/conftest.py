@@ -18,7 +18,7 @@ import pytest
 
 import ssp_core
 from ssp_core.files import write_text
-from ssp_core.processes import free_domain
+from ssp_core.host.domains import free_domain
 from ssp_core.run_file.values import SiteDatum
 from ssp_scenario_manager.compile.changes import differences
 from ssp_scenario_manager.compile.compiler import Request, compile_task

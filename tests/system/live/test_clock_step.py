@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from ssp_core.processes import free_domain
+from ssp_core.host.domains import free_domain
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from tests.support.bags import messages
 from tests.system.live.test_live_session import start_driving

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from ssp_core import names
-from ssp_core.processes import free_domain
+from ssp_core.host.domains import free_domain
 from ssp_core.vocabulary import ControlState, SessionPhase
 from tests.support.bags import messages
 from tests.system.conftest import ssp_command

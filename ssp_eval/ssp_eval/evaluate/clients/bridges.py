@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import ssp_core
-from ssp_core.environment import adopted
 from ssp_core.errors import HostError
 from ssp_core.files import Closing
-from ssp_core.processes import NodeProcess, ProcessGroup, free_domain, session_environment
+from ssp_core.host.domains import free_domain
+from ssp_core.host.environment import adopted, session_environment
+from ssp_core.host.processes import NodeProcess, ProcessGroup
 from ssp_eval.evaluate.clients.model_client import ModelClient
 from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers
 from ssp_eval.evaluate.clients.models import ModelSpec

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ssp_core.errors import PeerError
-from ssp_core.processes import NodeProcess
+from ssp_core.host.processes import NodeProcess
 from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers, Loss, ModelReply, unusable
 from ssp_vla_bridge.messages import ErrorCode, Request, Response
 

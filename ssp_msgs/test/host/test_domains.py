@@ -13,17 +13,18 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core import processes as domains
 from ssp_core.errors import HostError
-from ssp_core.processes import DOMAINS, domain_ports, free_domain, ports_in_use
+from ssp_core.host import domains, locks, shared_memory
+from ssp_core.host.domains import DOMAINS, free_domain
+from ssp_core.host.ports import domain_ports, ports_in_use
 
 # Takes a domain, says which, and gives it back when its standard input ends.
 HOLDER = """
 import sys
 from pathlib import Path
-from ssp_core import processes
-processes.LOCKS = Path(sys.argv[1])
-with processes.free_domain() as domain_id:
+from ssp_core.host import domains, locks
+locks.LOCKS = Path(sys.argv[1])
+with domains.free_domain() as domain_id:
     print(domain_id, flush=True)
     sys.stdin.read()
 """
@@ -32,7 +33,7 @@ with processes.free_domain() as domain_id:
 @pytest.fixture(autouse=True)
 def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Locks of this test only; other sessions on this host keep theirs."""
-    monkeypatch.setattr(domains, "LOCKS", tmp_path)
+    monkeypatch.setattr(locks, "LOCKS", tmp_path)
 
 
 def test_ports_of_a_domain() -> None:
@@ -103,7 +104,7 @@ def test_a_port_that_a_participant_of_another_network_shares_is_skipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two sessions in one domain lost each other's answers for good; neither saw the other."""
-    monkeypatch.setattr(domains, "_SHM", tmp_path)
+    monkeypatch.setattr(shared_memory, "_SHM", tmp_path)
     with free_domain() as usual:
         pass
     with (tmp_path / f"fastrtps_port{domain_ports(usual).start + 10}_el").open("w") as listening:
@@ -130,7 +131,7 @@ def test_a_folder_of_locks_that_cannot_be_made_is_said_with_a_remedy(
 ) -> None:
     """As on a host with a read-only /tmp; before, a session ended there with a traceback."""
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(domains, "LOCKS", tmp_path / "file")
+    monkeypatch.setattr(locks, "LOCKS", tmp_path / "file")
     words = r"file/ssp-domains, which .* can't be made: Not a directory; make it a folder"
     with pytest.raises(HostError, match=words), free_domain():
         pass
@@ -143,7 +144,7 @@ def test_locks_that_nobody_may_make_are_said_with_a_remedy(
         raise OSError(errno.EROFS, "Read-only file system")
 
     (tmp_path / "ssp-domains").mkdir()
-    monkeypatch.setattr(domains.os, "open", read_only)
+    monkeypatch.setattr(locks.os, "open", read_only)
     with pytest.raises(HostError, match=r"locks in .*ssp-domains can't be opened"), free_domain():
         pass
 
@@ -167,7 +168,7 @@ def test_a_lock_that_another_user_left_is_taken(monkeypatch: pytest.MonkeyPatch)
             raise PermissionError
         return real(path, flags, *mode)
 
-    monkeypatch.setattr(domains.os, "open", only_to_read)
+    monkeypatch.setattr(locks.os, "open", only_to_read)
     with free_domain() as again:
         assert again == usual
         with pytest.raises(HostError), free_domain():
@@ -184,7 +185,7 @@ def test_a_lock_that_cannot_be_read_is_skipped(monkeypatch: pytest.MonkeyPatch) 
             raise PermissionError
         return real(path, *arguments)
 
-    monkeypatch.setattr(domains.os, "open", not_ours)
+    monkeypatch.setattr(locks.os, "open", not_ours)
     with free_domain() as other:
         assert other != usual
 

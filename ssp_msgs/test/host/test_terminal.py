@@ -11,7 +11,7 @@ import pytest
 
 PROGRAM = """
 import os, signal, sys
-from ssp_core import terminal
+from ssp_core.host import terminal
 {before}
 # Not print: the signal may come while the main program is in one.
 terminal.catch_stop_signals(lambda number: os.write(1, (number.name + chr(10)).encode()))
@@ -75,7 +75,7 @@ def test_nohup_stays_deaf_to_a_closed_terminal() -> None:
 WRITER = """
 import sys
 from ssp_core import console
-from ssp_core.terminal import lost_output, survive_lost_output
+from ssp_core.host.terminal import lost_output, survive_lost_output
 survive_lost_output()
 sys.stdin.readline()
 for _ in range(3):
@@ -104,7 +104,7 @@ def test_libraries_print_to_the_standard_error() -> None:
     """DDS prints its errors to the standard output, which programs read."""
     program = """
 import os
-from ssp_core import terminal
+from ssp_core.host import terminal
 terminal.survive_lost_output()
 terminal.keep_output_to_ourselves()
 os.write(1, b"an error of a library\\n")

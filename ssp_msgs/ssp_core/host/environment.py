@@ -1,4 +1,4 @@
-"""Environment variables of ROS and DDS: which an isolated session drops, and which can't be right.
+"""Environment variables of ROS and DDS: which nodes get, and which can't be right.
 
 A variable that somebody set for another purpose must neither lead a session to strangers nor end it
 30 s later without a reason. Variables that choose Python's own code are settled by ./ssp before the
@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ssp_core.errors import InputError
+from ssp_core.host.shared_memory import check_shared_memory, has_room
 
 # A middleware that isn't installed, moved here by set_middleware_aside.
 _ASIDE = "SSP_RMW_IMPLEMENTATION"
@@ -40,6 +41,10 @@ _UNREACHABLE_S = 3.5
 _REFUSED_S = 0.3
 _ARP = Path("/proc/net/arp")
 _ARP_COMPLETE = 0x2
+_ONE_HOST = Path(__file__).parents[1] / "config" / "fastdds_one_host.xml"
+_ONE_HOST_UDP = _ONE_HOST.with_name("fastdds_one_host_udp.xml")
+# A node's matrices are small, and threads for large ones cost each start 40 ms of a processor.
+_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
 
 
 def finds_sessions(name: str) -> bool:
@@ -253,3 +258,75 @@ def require_sound(env: Mapping[str, str], *, asks_servers: bool = False) -> None
     dead = nobody_listens if asks_servers else None
     if errors := environment_errors(env, installed_middlewares(env), dead):
         raise InputError.of_all(errors, "the environment")
+
+
+def session_environment(domain_id: int, profile: Path | None = None) -> dict[str, str]:
+    """Return variables for node processes: loopback only, a domain of their own, our DDS profile.
+
+    What this process was given to find others by is left out: with a discovery server, say, nodes
+    meet whatever their domains are, and a simulated session would reach a live one.
+
+    Args:
+        domain_id: ROS domain, held by ``free_domain``.
+        profile: Fast DDS profile with a large shared-memory segment, None for the shipped one; left
+            out where /dev/shm is too small for it (a container's default is 64 MB), since a write
+            beyond its end kills the process.
+
+    Raises:
+        HostError: /dev/shm can't be written to.
+    """
+    check_shared_memory()
+    env = isolated(os.environ)
+    env["ROS_DOMAIN_ID"] = str(domain_id)
+    env["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    env["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
+    env["PYTHONUNBUFFERED"] = "1"
+    env.setdefault(*_ONE_THREAD)
+    if has_room():
+        env["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile or _ONE_HOST)
+    return env
+
+
+def without_shared_memory(env: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables of a session for a process that outlives it and needs no large messages.
+
+    A node that is killed may leave a port in shared memory in the middle of a change, and Fast DDS
+    then waits for it without end, with Python's lock held, when another takes its participant down.
+    Over UDP nothing of a dead node can be waited for. A user's own profile stays.
+    """
+    if env.get("FASTRTPS_DEFAULT_PROFILES_FILE", str(_ONE_HOST)) != str(_ONE_HOST):
+        return dict(env)
+    return {
+        **env,
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(_ONE_HOST_UDP),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
+    }
+
+
+def live_environment(profile: Path) -> dict[str, str]:
+    """Return the variables for the nodes of a live session.
+
+    They keep the ROS domain, the discovery and the DDS profile that this process was started with,
+    since others on other hosts share them.
+
+    Args:
+        profile: Fast DDS profile for where the environment names none.
+
+    Raises:
+        InputError: with these variables no node could start, or none would meet another.
+        HostError: /dev/shm can't be written to.
+    """
+    check_shared_memory()
+    require_sound(os.environ, asks_servers=True)
+    env = dict(os.environ)
+    env["ROS_DOMAIN_ID"] = env.get("ROS_DOMAIN_ID") or "0"
+    env.setdefault("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
+    if not env.get("FASTRTPS_DEFAULT_PROFILES_FILE"):
+        env["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
+    if env.get("ROS_DISCOVERY_SERVER"):
+        # A discovery server tells its clients of nobody that they don't talk to: a second manager,
+        # say. A super client hears of everybody.
+        env.setdefault("ROS_SUPER_CLIENT", "TRUE")
+    env["PYTHONUNBUFFERED"] = "1"
+    env.setdefault(*_ONE_THREAD)
+    return env

@@ -6,18 +6,20 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.environment import (
+from ssp_core.errors import HostError, InputError
+from ssp_core.host import shared_memory
+from ssp_core.host.environment import (
     adopted,
     environment_errors,
     installed_middlewares,
     isolated,
+    live_environment,
     nobody_listens,
     require_sound,
+    session_environment,
     set_log_folder,
     set_middleware_aside,
 )
-from ssp_core.errors import InputError
-from ssp_core.processes import live_environment, session_environment
 
 # What finds sessions, security or code of others.
 FINDERS = {
@@ -191,3 +193,48 @@ def test_no_live_node_is_started_with_a_wrong_variable(monkeypatch: pytest.Monke
         live_environment(Path("/x/hosts.xml"))
     assert "ROS_DOMAIN_ID" in str(caught.value)
     assert "ROS_AUTOMATIC_DISCOVERY_RANGE" in str(caught.value)
+
+
+def test_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.1")
+    monkeypatch.setenv("SOMETHING", "kept")
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
+    env = session_environment(42)
+    assert env["ROS_DOMAIN_ID"] == "42"
+    assert env["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert "ROS_STATIC_PEERS" not in env
+    assert env["SOMETHING"] == "kept"
+    assert "ROS_DOMAIN_ID" not in os.environ or os.environ["ROS_DOMAIN_ID"] != "42"
+
+
+@pytest.mark.parametrize(("free_mb", "used"), [(63, False), (512, False), (513, True)])
+def test_the_profile_needs_room_in_shared_memory(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, free_mb: int, used: bool
+) -> None:
+    class Usage:
+        free = free_mb << 20
+
+    monkeypatch.setattr(shared_memory, "_SHM", tmp_path)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: Usage)
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
+    env = session_environment(42, tmp_path / "profile.xml")
+    assert ("FASTRTPS_DEFAULT_PROFILES_FILE" in env) == used
+
+
+def test_shared_memory_that_is_read_only_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    # A file system that is mounted read-only says no to everybody, root included.
+    monkeypatch.setattr(shared_memory, "_SHM", tmp_path)
+    monkeypatch.setattr("os.access", lambda path, mode: not (path == tmp_path and mode & os.W_OK))
+    with pytest.raises(HostError, match=r"must be writable.*--in-process"):
+        session_environment(42)
+    with pytest.raises(HostError, match="must be writable"):
+        live_environment(tmp_path / "profile.xml")
+
+
+def test_without_shared_memory_nodes_talk_over_udp(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(shared_memory, "_SHM", tmp_path / "none")
+    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in session_environment(42)
