@@ -33,7 +33,7 @@ from ssp_eval.audit.paths import Lanes, Spot
 from ssp_eval.data.audit import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_eval.recordings.event import LOCATED_S, EventRules
 from ssp_eval.recordings.geometry import motion_word
-from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
+from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
 
 
 @dataclass(frozen=True)

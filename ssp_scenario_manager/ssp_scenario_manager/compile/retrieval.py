@@ -20,7 +20,8 @@ from ssp_scenario_manager.event_spec.model import (
     WordField,
 )
 from ssp_scenario_manager.maps.block import Block, Library, bend_1pm
-from ssp_scenario_manager.maps.routes import BACK_RAD, STRAIGHT_ON_RAD
+from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
+from ssp_scenario_manager.maps.routes import BACK_RAD
 from ssp_scenario_manager.scenarios.base import Kind
 from ssp_scenario_manager.scenarios.block_places import lanes_of_words
 from ssp_scenario_manager.scenarios.kinds import KINDS

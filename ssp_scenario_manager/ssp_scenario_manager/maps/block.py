@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Literal
@@ -88,6 +89,8 @@ class Passage:
         end_s_m: arc length at which it leaves it.
         turn_rad: heading of the exit's start, relative to that of the approach's end, + left.
         conflicts: in the order in which they are met.
+        arms_s_m: arc lengths between which the route is on the approach, in the junction, or on the
+            exit; what it has beyond them are further roads, which aren't the junction's arms.
     """
 
     via: tuple[str, ...]
@@ -95,6 +98,7 @@ class Passage:
     end_s_m: float
     turn_rad: float
     conflicts: tuple[Conflict, ...] = ()
+    arms_s_m: tuple[float, float] = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True)

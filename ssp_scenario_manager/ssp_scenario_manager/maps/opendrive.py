@@ -248,15 +248,16 @@ def _way_end(found: _Map, road_id: str, end: End) -> WayEnd | None:
 
     A road of no length, as editors leave them, stands for what follows it.
     """
-    spans = found.spans[road_id]
-    if not spans:
+    passed: set[str] = set()
+    while not found.spans[road_id]:
         road, beyond = found.roads[road_id], found.roads[road_id].links.get(_OTHER_END[end])
         if road.length_m > _AT_END_M or beyond is None or beyond.contact is None:
             return None
-        if beyond.id not in found.roads or found.roads[beyond.id].length_m <= _AT_END_M:
+        passed.add(road_id)
+        if beyond.id not in found.roads or beyond.id in passed:
             return None
-        return _way_end(found, beyond.id, beyond.contact)
-    index, low, high = spans[0] if end == "start" else spans[-1]
+        road_id, end = beyond.id, beyond.contact
+    index, low, high = found.spans[road_id][0 if end == "start" else -1]
     at_end = (
         low <= _AT_END_M if end == "start" else high >= found.roads[road_id].length_m - _AT_END_M
     )

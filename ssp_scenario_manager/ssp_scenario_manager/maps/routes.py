@@ -8,14 +8,15 @@ curvature are therefore those of any block.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
 
 import numpy as np
 
-from ssp_core.geometry import FloatArray, Pose2, wrap_angle
+from ssp_core.geometry import FloatArray, wrap_angle
 from ssp_core.run_file.road import JunctionRoad, Lane
 from ssp_core.run_file.values import Start
 from ssp_core.world.reference_line import ReferenceLine
@@ -27,33 +28,39 @@ from ssp_scenario_manager.maps.block import (
     ConflictArea,
     Library,
     Passage,
+    bend_1pm,
     conflict_areas,
+    headings,
+)
+from ssp_scenario_manager.maps.legs import (
+    APPROACH_M,
+    EXIT_M,
+    LANES_MEET_M,
+    STRAIGHT_ON_RAD,
+    Leg,
+    lane_pairs,
+    lanes_beside,
+    prolonged,
 )
 from ssp_scenario_manager.maps.reference_line import Unusable, smooth_line
 from ssp_scenario_manager.maps.rings import is_ring
 
-# A lane goes on in another that begins this near to its end, in this direction.
-LANES_MEET_M = 0.3
-_MEET_RAD = 0.4
-# A route keeps so much of the roads that lead to the junction and away from it.
-APPROACH_M = 150.0
-EXIT_M = 100.0
+# Roads before and beyond a route bend no more than it does; or than this over a metre and over
+# 10 m, as lanes do that meet to a few centimetres.
+_LEAST_BENDS_1PM = (0.01, 0.0015)
+# Of the bends of two lines, of which one is a part of the other.
+_SAME_BEND_1PM = 1e-4
 # Connecting roads that follow one another inside one junction.
 _MOST_VIA = 4
 # In a ring, whose five arms may have four blocks each.
 _MOST_VIA_RING = 20
 # Routes of one junction whose conflicts are looked for.
 MOST_ROUTES = 200
-# Along bends the middle of a lane is sampled at this, along straights at the other.
-_BEND_STEP_M = 1.0
-_STRAIGHT_STEP_M = 5.0
 # Conflicts are looked for at this step, as far as this beyond the junction; routes join where their
 # middles are this near.
 _STEP_M = 0.5
 _BEYOND_M = 10.0
 _JOINED_M = 0.2
-# A route that turns by less goes straight on.
-STRAIGHT_ON_RAD = math.radians(30.0)
 # One that turns by more goes back.
 BACK_RAD = math.radians(150.0)
 # Carriageways whose middles are this near to each other where they meet the junction are one arm.
@@ -64,50 +71,15 @@ ARM_M = 60.0
 _LEAST_ANGLE_RAD = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class _Leg:
-    """A lane of a block, and the part of it that a route takes."""
-
-    block: Block
-    lane: BlockLane
-    start_s_m: float
-    end_s_m: float
-
-    def places(self) -> FloatArray:
-        """Return places along its middle, near enough to each other for its bends."""
-        length = self.end_s_m - self.start_s_m
-        step = _STRAIGHT_STEP_M if self.block.line.is_straight else _BEND_STEP_M
-        s = np.linspace(self.start_s_m, self.end_s_m, max(2, math.ceil(length / step) + 1))
-        return self.block.line.to_map_many(s, self.lane.y_m)
-
-
-def _lane_pose(block: Block, lane: BlockLane, s_m: float) -> Pose2:
-    return Pose2(*block.line.to_map(s_m, lane.y_m), block.line.pose(s_m).yaw_rad)
-
-
-def _pairs(before: Block, after: Block) -> Iterator[tuple[float, BlockLane, BlockLane]]:
-    """Yield lanes that lead the same way at the seam of two blocks, and how far they are apart."""
-    for one in before.forward_lanes:
-        end = _lane_pose(before, one, before.length_m)
-        for other in after.forward_lanes:
-            start = _lane_pose(after, other, 0.0)
-            if abs(wrap_angle(end.yaw_rad - start.yaw_rad)) <= _MEET_RAD:
-                yield math.hypot(end.x_m - start.x_m, end.y_m - start.y_m), one, other
-
-
-def lanes_apart_m(before: Block, after: Block) -> float:
-    """Return the distance of the nearest two lanes that go on in one another, m; inf: none do."""
-    return min((apart for apart, _, _ in _pairs(before, after)), default=math.inf)
-
-
-def _follow(chain: list[tuple[Block, BlockLane]], known: dict[str, Block]) -> Iterator[list[_Leg]]:
+def _follow(chain: list[tuple[Block, BlockLane]], known: dict[str, Block]) -> Iterator[list[Leg]]:
     """Yield the ways on from the end of a chain of lanes, whose first is the approach."""
     block, lane = chain[-1]
     for name in block.exits:
         after = known.get(name)
         if after is None:
             continue
-        onward = [b for apart, a, b in _pairs(block, after) if a is lane and apart <= LANES_MEET_M]
+        pairs = lane_pairs(block, after)
+        onward = [b for apart_m, a, b in pairs if a is lane and apart_m <= LANES_MEET_M]
         for other in onward[:1]:
             if after.junction == block.junction:
                 most = _MOST_VIA_RING if is_ring(block.junction) else _MOST_VIA
@@ -116,13 +88,13 @@ def _follow(chain: list[tuple[Block, BlockLane]], known: dict[str, Block]) -> It
                 continue
             (first, entry), *inside = chain
             yield [
-                _Leg(first, entry, max(0.0, first.length_m - APPROACH_M), first.length_m),
-                *(_Leg(one, its, 0.0, one.length_m) for one, its in inside),
-                _Leg(after, other, 0.0, min(after.length_m, EXIT_M)),
+                Leg(first, entry, max(0.0, first.length_m - APPROACH_M), first.length_m),
+                *(Leg(one, its, 0.0, one.length_m) for one, its in inside),
+                Leg(after, other, 0.0, min(after.length_m, EXIT_M)),
             ]
 
 
-def _chains(blocks: Sequence[Block], junction: str | None) -> Iterator[list[_Leg]]:
+def _chains(blocks: Sequence[Block], junction: str | None) -> Iterator[list[Leg]]:
     """Yield the lanes of each route, from the approach to the exit."""
     known = {block.block_id: block for block in blocks}
     for block in blocks:
@@ -132,12 +104,12 @@ def _chains(blocks: Sequence[Block], junction: str | None) -> Iterator[list[_Leg
             before = known.get(name)
             if before is None or before.junction == block.junction:
                 continue
-            for apart_m, one, other in _pairs(before, block):
+            for apart_m, one, other in lane_pairs(before, block):
                 if apart_m <= LANES_MEET_M:
                     yield from _follow([(before, one), (block, other)], known)
 
 
-def _joined_line(legs: Sequence[_Leg]) -> tuple[ReferenceLine, list[float]]:
+def _joined_line(legs: Sequence[Leg]) -> tuple[ReferenceLine, list[float]]:
     """Return the line along some legs, and the arc lengths at which each of them ends.
 
     Raises:
@@ -153,17 +125,41 @@ def _joined_line(legs: Sequence[_Leg]) -> tuple[ReferenceLine, list[float]]:
     return line, [float(end) for end in ends * (line.length_m / ends[-1])]
 
 
-def _lanes_beside(first: _Leg, last: _Leg) -> list[BlockLane]:
-    """Return the lanes beside that of a route which its approach and its exit have in one place."""
-    beyond = [replace(lane, y_m=lane.y_m - last.lane.y_m) for lane in last.block.lanes]
-    return [
-        BlockLane(y_m, min(lane.width_m, other.width_m), lane.forward, lane.name)
-        for lane in first.block.lanes
-        if lane is not first.lane
-        for other in beyond
-        if other.forward == lane.forward
-        and abs(other.y_m - (y_m := lane.y_m - first.lane.y_m)) <= LANES_MEET_M
-    ]
+def _sharpest(line: ReferenceLine) -> FloatArray:
+    """Return the largest curvature of a line over any metre, and over any 10 m, 1/m."""
+    s = np.linspace(0.0, line.length_m, max(2, math.ceil(line.length_m) + 1))
+    over_a_metre = np.abs(np.diff(headings(line, s)) / np.diff(s)).max()
+    return np.array([over_a_metre, bend_1pm(line)])
+
+
+def _with_roads_beyond(
+    legs: Sequence[Leg], known: Mapping[str, Block], beside: Sequence[BlockLane]
+) -> tuple[list[Leg], list[Leg]]:
+    """Return roads before and beyond a route, by which it bends no more than without them.
+
+    What an event fits on therefore stays so.
+
+    Raises:
+        Unusable: the route's own lanes make no line.
+    """
+    most = np.maximum(_sharpest(_joined_line(legs)[0]), _LEAST_BENDS_1PM) + _SAME_BEND_1PM
+    before: list[Leg] = []
+    after: list[Leg] = []
+    for leg in prolonged(legs, known, beside, back=True):
+        if not _bends_less([leg, *before, *legs], most):
+            break
+        before.insert(0, leg)
+    for leg in prolonged(legs, known, beside, back=False):
+        if not _bends_less([*legs, *after, leg], most):
+            break
+        after.append(leg)
+    return before, after
+
+
+def _bends_less(legs: Sequence[Leg], most_1pm: FloatArray) -> bool:
+    with suppress(Unusable):
+        return bool((_sharpest(_joined_line(legs)[0]) <= most_1pm).all())
+    return False
 
 
 def _if_same(straight: bool, first: Boundary, last: Boundary) -> Boundary:
@@ -171,14 +167,13 @@ def _if_same(straight: bool, first: Boundary, last: Boundary) -> Boundary:
     return first if straight and first == last else "any"
 
 
-def _route(legs: Sequence[_Leg]) -> Block:
+def _route(legs: Sequence[Leg], known: Mapping[str, Block]) -> Block:
     """Return the block of a route, without its conflicts.
 
     Raises:
         Unusable: its lanes make no line.
     """
     first, *inside, last = legs
-    line, ends = _joined_line(legs)
     via = " > ".join(f"{leg.block.block_id} {leg.lane.name}" for leg in inside)
     junction = inside[0].block.junction
     width_m = min(leg.lane.width_m for leg in legs)
@@ -188,7 +183,10 @@ def _route(legs: Sequence[_Leg]) -> Block:
     )
     own = BlockLane(0.0, width_m, forward=True, name=first.lane.name)
     straight = abs(turn_rad) < STRAIGHT_ON_RAD
-    beside = _lanes_beside(first, last) if straight else []
+    beside = lanes_beside(first, last) if straight else []
+    before, after = _with_roads_beyond(legs, known, beside)
+    line, ends = _joined_line([*before, *legs, *after])
+    enters = len(before)
     return Block(
         block_id=f"junction {junction}: {first.block.block_id} > {via} > {last.block.block_id}",
         line=line,
@@ -204,13 +202,19 @@ def _route(legs: Sequence[_Leg]) -> Block:
         exits=(last.block.block_id,),
         speed_limit_mps=min(limits, default=None),
         left_hand=first.block.left_hand,
-        roads=tuple(dict.fromkeys(name for leg in legs for name in leg.block.roads)),
+        roads=tuple(
+            dict.fromkeys(name for leg in [*before, *legs, *after] for name in leg.block.roads)
+        ),
         junction=junction,
         passage=Passage(
             via=tuple(leg.block.block_id for leg in inside),
-            start_s_m=ends[0],
-            end_s_m=ends[-2],
+            start_s_m=ends[enters],
+            end_s_m=ends[enters + len(inside)],
             turn_rad=turn_rad,
+            arms_s_m=(
+                ends[enters - 1] if before else -math.inf,
+                ends[enters + len(legs) - 1] if after else math.inf,
+            ),
         ),
     )
 
@@ -349,10 +353,11 @@ def routes_of(
     """
     by_junction: dict[str, dict[str, Block]] = {}
     refused = []
+    known = {block.block_id: block for block in library.blocks}
     for legs in _chains(library.blocks, junction):
         inner = legs[1].block
         try:
-            route = _route(legs)
+            route = _route(legs, known)
         except Unusable as error:
             refused.append((f"route over {inner.block_id} {legs[1].lane.name}", str(error)))
             continue

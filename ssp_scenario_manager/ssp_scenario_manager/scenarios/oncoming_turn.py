@@ -15,7 +15,7 @@ from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.vocabulary import ObjectClass
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
-from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
+from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
 from ssp_scenario_manager.scenarios.over_routes import Crossing, RouteMotion, met_by, plans_with
 from ssp_scenario_manager.scenarios.values import size_of

@@ -26,7 +26,7 @@ from ssp_core.motion.state import Size
 from ssp_core.run_file.participants import GiveWay
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.maps.block import Block, Conflict, Passage
-from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
+from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import (
     BlockPoint,
     CannotPlace,
@@ -38,6 +38,7 @@ from ssp_scenario_manager.scenarios.base import (
     Wait,
 )
 from ssp_scenario_manager.scenarios.block_places import (
+    END_MARGIN_M,
     ahead_of,
     bend_speed_mps,
     end_of,
@@ -234,15 +235,28 @@ def _way(
     size: Size,
     line_distance_m: float,
     beyond_m: float,
+    *,
+    joins: bool,
 ) -> tuple[Wait, tuple[BlockPoint, ...]]:
     """Return the vehicle's place before the junction, and its way over its own route.
+
+    It keeps to the junction's arms, which the run's road has; one that joins the VUT's route goes
+    on along that.
 
     Raises:
         CannotPlace: its arm is too short, or it leaves the frame of the VUT's route.
     """
     start = passage.start_s_m - line_distance_m - size.front_m
     within_block(other, size, start, "the vehicle that waits")
+    arm_start_m, arm_end_m = passage.arms_s_m
+    if start - size.rear_m < arm_start_m:
+        raise CannotPlace(
+            f"the vehicle that waits needs {passage.start_s_m - start + size.rear_m:.1f} m of its "
+            f"arm, which is {passage.start_s_m - arm_start_m:.1f} m long"
+        )
     end = min(passage.end_s_m + beyond_m, end_of(other, size))
+    if not joins:
+        end = min(end, arm_end_m - size.front_m - END_MARGIN_M)
     if end <= passage.end_s_m:
         short_m = passage.end_s_m - end
         raise CannotPlace(f"the road beyond the junction is {short_m:.1f} m too short for it")
@@ -448,7 +462,8 @@ def _plans_over(setting: Setting, crossing: Crossing, route_motion: RouteMotion)
     # Neither depends on most of the values.
     @cache
     def way_from(line_distance_m: float) -> tuple[Wait, tuple[BlockPoint, ...]]:
-        return _way(block, other, passage, size, line_distance_m, beyond_m)
+        joins = conflict.kind == "merge"
+        return _way(block, other, passage, size, line_distance_m, beyond_m, joins=joins)
 
     ends = cache(partial(_zone, setting, crossing))
     draft = partial(_draft, setting, crossing, route_motion, way_from, ends)

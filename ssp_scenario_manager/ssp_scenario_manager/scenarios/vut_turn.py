@@ -13,7 +13,7 @@ from ssp_core.geometry import wrap_angle
 from ssp_core.motion.encounter import AGAINST_RAD
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
-from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
+from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
 from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
 from ssp_scenario_manager.scenarios.over_routes import (
     Crossing,

@@ -33,13 +33,14 @@ from ssp_scenario_manager.compile.task import PlaceLink, sealed
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.routes import junction_roads, with_routes
 from ssp_scenario_manager.maps.site import find_shipped
 from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
-from ssp_scenario_manager.scenarios.block_places import bend_speed_mps
+from ssp_scenario_manager.scenarios.block_places import END_MARGIN_M, bend_speed_mps
 from ssp_scenario_manager.scenarios.crossing import is_hidden
 from ssp_scenario_manager.scenarios.crossing_car import crossings
 from ssp_scenario_manager.triggers.on_route import off_route
@@ -157,6 +158,29 @@ def test_the_run_has_the_roads_of_the_junction() -> None:
     assert off_route(changed) == []
     (said,) = off_route(changed.model_copy(update={"road": road}))
     assert "lies off the run's road and its surroundings" in said
+
+
+def with_arms_m(area: OperatingArea, before_m: float, beyond_m: float) -> OperatingArea:
+    """An area whose arms are so long before and beyond the junction, and go on in other roads."""
+
+    def cut(block: Block) -> Block:
+        if (part := block.passage) is None:
+            return block
+        arms = (part.start_s_m - before_m, part.end_s_m + beyond_m)
+        return replace(block, passage=replace(part, arms_s_m=arms))
+
+    blocks = tuple(map(cut, area.library.blocks))
+    return replace(area, library=replace(area.library, blocks=blocks))
+
+
+def test_the_car_keeps_to_the_junctions_arms() -> None:
+    """The run's road has nothing of the roads beyond them."""
+    area = ground("crossroads")
+    whole, cut = (way_of(made(event(), one).task.run) for one in (area, with_arms_m(area, 9, 12)))
+    kept_m = 12.0 - DEFAULT_SIZES[ObjectClass.CAR].front_m - END_MARGIN_M
+    assert whole[-1][1] - cut[-1][1] == pytest.approx(40.0 - kept_m, abs=0.01)
+    with pytest.raises(CannotPlace, match=r"needs [\d.]+ m of its arm, which is 4\.0 m long"):
+        made(event(), with_arms_m(area, 4, 12))
 
 
 def test_a_road_without_a_junction_is_written_as_before() -> None:

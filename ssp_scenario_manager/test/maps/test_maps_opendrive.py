@@ -343,6 +343,27 @@ def test_a_road_of_no_length_is_no_gap(made: Made, words: Words) -> None:
     assert only(library, "road a backward").entrances == ("road c backward",)
 
 
+def test_roads_of_no_length_that_follow_one_another_are_no_gap(made: Made, words: Words) -> None:
+    made.road("a", 60.0, links=words.to_road("successor", "b", "start"))
+    for name, before, beyond in (("b", "a", "d"), ("d", "b", "c")):
+        links = words.to_road("predecessor", before, "end")
+        links += words.to_road("successor", beyond, "start")
+        made.road(name, 1.5e-5, geometry=words.at(60, 0, 0, 1.5e-5), links=links)
+    links = words.to_road("predecessor", "d", "end")
+    made.road("c", 40.0, geometry=words.at(60, 0, 0, 40), links=links, sections=words.four_lanes)
+    library = load_library(made.write())
+    assert only(library, "road a forward").exits == ("road c forward",)
+    assert only(library, "road a backward").entrances == ("road c backward",)
+
+
+def test_roads_of_no_length_that_lead_to_one_another_lead_nowhere(made: Made, words: Words) -> None:
+    made.road("a", 60.0, links=words.to_road("successor", "b", "start"))
+    for name, beyond in (("b", "d"), ("d", "b")):
+        links = words.to_road("successor", beyond, "start")
+        made.road(name, 1.5e-5, geometry=words.at(60, 0, 0, 1.5e-5), links=links)
+    assert only(load_library(made.write()), "road a forward").exits == ()
+
+
 def test_a_lane_more_parts_roads(made: Made, words: Words) -> None:
     made.road("a", 60.0, links=words.to_road("successor", "b", "start"))
     made.road("b", 40.0, geometry=words.at(60, 0, 0, 40), sections=words.four_lanes)

@@ -135,6 +135,105 @@ def test_a_lane_that_no_lane_continues_is_told(made: Any, words: Any, crossroads
     assert all("continues one of an approach to 0.3 m" in why for _, why in refused)
 
 
+# -- roads beyond the arms ------------------------------------------------------------------------
+
+FAR_M = 200.0
+
+
+def beyond(made: Any, words: Any, **road: Any) -> dict[str, Block]:
+    """Routes of the crossroads whose southern arm of 60 m continues another road."""
+    shape = {
+        "geometry": words.at(0, -70, -math.pi / 2, FAR_M),
+        "sections": words.section(words.lane(1, 3.6), words.lane(-1, 3.6)),
+    }
+    made.road("far", FAR_M, links=words.to_road("predecessor", "s", "end"), **{**shape, **road})
+    return routes(made.write("beyond.xodr"))
+
+
+def test_a_route_goes_on_over_the_roads_before_its_arm(
+    made: Any, words: Any, crossroads: Path
+) -> None:
+    """Before, a route ended where the map ends a road, after 60 m of the 150 m that it keeps."""
+    short, found = routes(crossroads)[SN], beyond(made, words)
+    straight = found[SN]
+    assert straight.roads == ("far", "s", "sn", "n")
+    assert straight.line.to_map(0.0, 0.0) == pytest.approx((1.8, -160.0))
+    part = passage(straight)
+    assert (part.start_s_m, part.end_s_m) == pytest.approx((150.0, 170.0), abs=0.01)
+    assert straight.length_m == pytest.approx(230.0, abs=0.01)
+    # The arm begins 60 m before the junction; beyond the exit there is nothing.
+    assert part.arms_s_m == (pytest.approx(90.0, abs=0.01), math.inf)
+    assert passage(short).arms_s_m == (-math.inf, math.inf)
+    # All else is as without them.
+    for name in ("block_id", "entrances", "exits", "speed_limit_mps", "left_boundary"):
+        assert getattr(straight, name) == getattr(short, name)
+    assert [(x.y_m, x.width_m) for x in straight.lanes] == [(x.y_m, x.width_m) for x in short.lanes]
+    before, after = conflict(short, WE), conflict(straight, WE)
+    assert after.s_m - before.s_m == pytest.approx(90.0, abs=0.01)
+    assert after.other_s_m == pytest.approx(before.other_s_m)
+
+
+@pytest.mark.parametrize("of", ["narrow", "slow", "bent", "turned"])
+def test_no_road_before_it_makes_a_route_worse(
+    made: Any, words: Any, crossroads: Path, of: str
+) -> None:
+    road = {
+        "narrow": {"sections": words.section(words.lane(1, 3.4), words.lane(-1, 3.5))},
+        "slow": {"head": '<type s="0" type="town"><speed max="10" unit="m/s"/></type>'},
+        "bent": {"geometry": words.at(0, -70, -math.pi / 2, FAR_M, '<arc curvature="0.002"/>')},
+        "turned": {"geometry": words.at(0, -70, -math.pi / 2 + 0.2, FAR_M)},
+    }[of]
+    found, short = beyond(made, words, **road)[SN], routes(crossroads)[SN]
+    assert (found.roads, found.length_m) == (short.roads, short.length_m)
+    assert found.passage == short.passage
+
+
+def test_lanes_beside_a_route_go_on_before_its_arm(made: Any, words: Any, crossroads: Path) -> None:
+    one_way = words.section(words.lane(1))
+    found, short = beyond(made, words, sections=one_way), routes(crossroads)
+    assert found[SN].roads == short[SN].roads
+    # A turn has its own lane alone, and leads over the road.
+    assert found[SW].length_m == pytest.approx(short[SW].length_m + 90.0, abs=0.01)
+
+
+def test_a_route_goes_straight_on_over_the_junction_before_its_own(
+    made: Any, words: Any, crossroads: Path
+) -> None:
+    def link(name: str, came_from: str, x: float, curve: str) -> None:
+        made.road(
+            name,
+            20.0,
+            geometry=words.at(x, -90.0, math.pi / 2, 20.0, curve),
+            sections=words.section("", words.lane(-1)),
+            junction="8",
+            links=words.to_road("predecessor", came_from, "start")
+            + words.to_road("successor", "s", "end"),
+        )
+
+    for name, x in (("far", 0.0), ("beside", -0.5)):
+        made.road(
+            name,
+            FAR_M,
+            geometry=words.at(x, -90.0, -math.pi / 2, FAR_M),
+            links=words.to_junction("predecessor", "8"),
+        )
+    link("straight", "far", 0.0, "<line/>")
+    link("bent", "beside", -0.2, '<arc curvature="-0.001"/>')
+    made.add(
+        '<junction id="8">'
+        + "".join(
+            f'<connection id="{i}" incomingRoad="{a}" connectingRoad="{c}" contactPoint="start">'
+            '<laneLink from="1" to="-1"/></connection>'
+            for i, (a, c) in enumerate((("far", "straight"), ("beside", "bent")))
+        )
+        + "</junction>"
+    )
+    found = routes(made.write("junctions.xodr"))
+    (turn,) = (route for name, route in found.items() if name == SW)
+    assert turn.roads == ("far", "straight", "s", "sw", "w")
+    assert passage(turn).start_s_m == pytest.approx(150.0, abs=0.01)
+
+
 # -- SUMO -----------------------------------------------------------------------------------------
 
 NET = """<?xml version="1.0"?><net version="1.20">

@@ -13,7 +13,7 @@ from ssp_core.errors import InputError
 from ssp_core.run_file.road import CurvePiece, JunctionRoad
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.maps.block import WIDEST_GAP_M, Block, BlockLane
-from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
+from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
 
 # The standard library's, which only builds and writes here: nothing is parsed.
 

@@ -66,7 +66,7 @@ from ssp_scenario_manager.compile.targets.ramps import (
 )
 from ssp_scenario_manager.compile.task import Task
 from ssp_scenario_manager.maps.block import Block
-from ssp_scenario_manager.maps.routes import STRAIGHT_ON_RAD
+from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
 
 MINOR_VERSION = 0
 # What an eye can tell from fog, by Koschmieder's law: contrast 5 %.

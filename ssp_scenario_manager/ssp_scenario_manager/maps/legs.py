@@ -1,0 +1,158 @@
+"""Legs of a route: the part of each road that it takes, and the roads before and beyond it.
+
+A map ends a road at each junction, and SUMO's networks also where a lane is added. What leads to a
+junction, and away from it, is therefore several roads, of which a route takes the straightest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ssp_core.geometry import FloatArray, Pose2, wrap_angle
+from ssp_scenario_manager.maps.block import Block, BlockLane, headings
+
+# A lane goes on in another that begins this near to its end, in this direction.
+LANES_MEET_M = 0.3
+_MEET_RAD = 0.4
+# A route keeps so much of the roads that lead to the junction and away from it.
+APPROACH_M = 150.0
+EXIT_M = 100.0
+# Along bends the middle of a lane is sampled at this, along straights at the other.
+_BEND_STEP_M = 1.0
+_STRAIGHT_STEP_M = 5.0
+# A route that turns by less goes straight on.
+STRAIGHT_ON_RAD = math.radians(30.0)
+# A road before or beyond the first one belongs to a route if both meet in this direction.
+_SEAM_RAD = 0.1
+# Of widths.
+_ROUNDING_M = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A lane of a block, and the part of it that a route takes."""
+
+    block: Block
+    lane: BlockLane
+    start_s_m: float
+    end_s_m: float
+
+    def places(self) -> FloatArray:
+        """Return places along its middle, near enough to each other for its bends."""
+        length = self.end_s_m - self.start_s_m
+        step = _STRAIGHT_STEP_M if self.block.line.is_straight else _BEND_STEP_M
+        s = np.linspace(self.start_s_m, self.end_s_m, max(2, math.ceil(length / step) + 1))
+        return self.block.line.to_map_many(s, self.lane.y_m)
+
+
+def _lane_pose(block: Block, lane: BlockLane, s_m: float) -> Pose2:
+    return Pose2(*block.line.to_map(s_m, lane.y_m), block.line.pose(s_m).yaw_rad)
+
+
+def lane_pairs(before: Block, after: Block) -> Iterator[tuple[float, BlockLane, BlockLane]]:
+    """Yield lanes that lead the same way at the seam of two blocks, and how far they are apart."""
+    for one in before.forward_lanes:
+        end = _lane_pose(before, one, before.length_m)
+        for other in after.forward_lanes:
+            start = _lane_pose(after, other, 0.0)
+            if abs(wrap_angle(end.yaw_rad - start.yaw_rad)) <= _MEET_RAD:
+                yield math.hypot(end.x_m - start.x_m, end.y_m - start.y_m), one, other
+
+
+def lanes_apart_m(before: Block, after: Block) -> float:
+    """Return the distance of the nearest two lanes that go on in one another, m; inf: none do."""
+    return min((apart for apart, _, _ in lane_pairs(before, after)), default=math.inf)
+
+
+def lanes_beside(first: Leg, last: Leg) -> list[BlockLane]:
+    """Return the lanes beside that of a route which its approach and its exit have in one place."""
+    beyond = [replace(lane, y_m=lane.y_m - last.lane.y_m) for lane in last.block.lanes]
+    return [
+        BlockLane(y_m, min(lane.width_m, other.width_m), lane.forward, lane.name)
+        for lane in first.block.lanes
+        if lane is not first.lane
+        for other in beyond
+        if other.forward == lane.forward
+        and abs(other.y_m - (y_m := lane.y_m - first.lane.y_m)) <= LANES_MEET_M
+    ]
+
+
+def _continued(leg: Leg, other: Block, *, back: bool) -> BlockLane | None:
+    """Return the lane of another block that leads to a leg's lane, or that it leads to."""
+    before, after = (other, leg.block) if back else (leg.block, other)
+    turn_rad = after.line.pose(0.0).yaw_rad - before.line.pose(before.length_m).yaw_rad
+    if abs(wrap_angle(turn_rad)) > _SEAM_RAD:
+        return None
+    near: list[tuple[float, str, BlockLane]] = []
+    for apart_m, one, two in lane_pairs(before, after):
+        own, its = (two, one) if back else (one, two)
+        if own == leg.lane and apart_m <= LANES_MEET_M:
+            near.append((apart_m, its.name, its))
+    return min(near, key=lambda found: found[:2])[2] if near else None
+
+
+def _has_lane(block: Block, own: BlockLane, beside: BlockLane) -> bool:
+    """Tell whether a block has a lane where a route has one beside its own."""
+    return any(
+        lane.forward == beside.forward
+        and abs(lane.y_m - own.y_m - beside.y_m) <= LANES_MEET_M
+        and lane.width_m >= beside.width_m - _ROUNDING_M
+        for lane in block.lanes
+    )
+
+
+def _turned_rad(block: Block) -> float:
+    """Return how much a block turns, to either side, rad."""
+    return abs(float(np.ptp(headings(block.line, np.array([0.0, block.length_m])))))
+
+
+def prolonged(
+    legs: Sequence[Leg], known: Mapping[str, Block], beside: Sequence[BlockLane], *, back: bool
+) -> Iterator[Leg]:
+    """Yield the roads before a route's approach, or beyond its exit, nearest first.
+
+    Of several the straightest is taken. It is neither narrower nor slower than the route, has
+    its lanes beside, and together they turn by less than 30 degrees.
+
+    Args:
+        legs: of the route, from the approach to the exit.
+        known: blocks by their ids.
+        beside: lanes beside the route's own.
+        back: before the approach; else beyond the exit.
+    """
+    leg, most_m = (legs[0], APPROACH_M) if back else (legs[-1], EXIT_M)
+    width_m = min(one.lane.width_m for one in legs) - _ROUNDING_M
+    limits = [x for one in legs if (x := one.block.speed_limit_mps) is not None]
+    limit_mps = min(limits, default=math.inf)
+    taken = {one.block.block_id for one in legs}
+    room_m, turned_rad = most_m - leg.block.length_m, 0.0
+    while room_m > 0.0:
+        found: list[tuple[float, str, Leg]] = []
+        for name in leg.block.entrances if back else leg.block.exits:
+            block = known.get(name)
+            if block is None or name in taken or block.junction == legs[1].block.junction:
+                continue
+            lane, limit = _continued(leg, block, back=back), block.speed_limit_mps
+            if lane is None or lane.width_m < width_m:
+                continue
+            if limit is not None and (limit < limit_mps or not limits):
+                continue
+            if not all(_has_lane(block, lane, other) for other in beside):
+                continue
+            part_m = min(room_m, block.length_m)
+            start_m = block.length_m - part_m if back else 0.0
+            onward = Leg(block, lane, start_m, start_m + part_m)
+            found.append((_turned_rad(block), name, onward))
+        if not found:
+            return
+        turn_rad, name, leg = min(found, key=lambda one: one[:2])
+        turned_rad += turn_rad
+        if turned_rad >= STRAIGHT_ON_RAD:
+            return
+        taken.add(name)
+        room_m -= leg.end_s_m - leg.start_s_m
+        yield leg
