@@ -26,7 +26,7 @@ from ssp_eval.statistics.resampling import (
 from ssp_eval.statistics.rows import CellRow
 
 SEED = 5
-DOCS = Path(__file__).parents[2] / "docs/statistics.md"
+DOCS = Path(__file__).parents[3] / "docs/statistics.md"
 
 
 @pytest.mark.parametrize(

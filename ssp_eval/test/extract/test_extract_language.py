@@ -14,7 +14,7 @@ from ssp_eval.extract.language import foreign_language
 from ssp_eval.extract.measure import load_corpus
 from ssp_vla_bridge.messages import Response
 
-CORPUS = Path(__file__).parent / "corpus"
+CORPUS = Path(__file__).parents[1] / "corpus"
 FOREIGN = [
     ("de", "Vor uns bremst ein Lastwagen, wir halten die Spur und bremsen."),
     ("de", "Der Fußgänger quert von rechts. Bremsen!"),

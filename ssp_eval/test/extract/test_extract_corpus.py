@@ -24,7 +24,7 @@ from ssp_eval.extract.llm.support import FILE, count, load_support, written
 from ssp_eval.extract.measure import Example, load_corpus, measure
 from support.llm_server import completion
 
-CORPUS = Path(__file__).parent / "corpus"
+CORPUS = Path(__file__).parents[1] / "corpus"
 DEVELOPMENT, TEST = (load_corpus(CORPUS / f"{name}.jsonl") for name in ("development", "test"))
 # A little under what was measured (docs/text-extraction.md), so that a loss is seen.
 FLOORS = {

@@ -78,7 +78,7 @@ def test_two_models_over_one_backend(make_bag: BagMaker, tmp_path: Path) -> None
 
 
 def test_the_file_in_the_documents_is_one(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[3] / "docs" / "bridges.md").read_text()
+    text = (Path(__file__).parents[4] / "docs" / "bridges.md").read_text()
     (example,) = re.findall(r"```yaml\n(schema: ssp\.models/1\n.*?)```", text, re.S)
     models = load_models(written(tmp_path / "models.yaml", example))
     assert [model.spoken.name for model in models] == ["openemma", "alpamayo"]

@@ -20,7 +20,7 @@ from ssp_eval.evaluate.clients.bridges import PROFILE
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 BagWriter = Callable[..., Path]
-HERE = Path(__file__).parents[1]
+HERE = Path(__file__).parents[2]
 # One campaign of nine label times, and a trouble for each.
 SCRIPT = ("twice", "die", "nan", "other", "html", "huge", "flood", "hang", "garbage")
 ANSWER_S = 2.0

@@ -10,7 +10,7 @@ from itertools import product
 from pathlib import Path
 
 import pytest
-from test_extract_perfect import contradicts
+from label_conventions import contradicts
 
 from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES, Slots
 from ssp_eval.extract import extract
@@ -21,7 +21,7 @@ from ssp_eval.extract.reader.clauses import MAX_CLAUSES
 from ssp_eval.extract.reader.weights import FILE, load_weights, written
 from ssp_vla_bridge.backends.phrases import action_sentence, scene_text
 
-CORPUS = Path(__file__).parent / "corpus"
+CORPUS = Path(__file__).parents[1] / "corpus"
 TEST = load_corpus(CORPUS / "test.jsonl")
 MAX_BYTES = 2_000_000
 
@@ -123,7 +123,7 @@ def test_two_trainings_give_the_same_bytes() -> None:
         "import train_reader as t; rows = t.examples(('blind',), most=6);"
         "print(t.written(t.feature_weights(rows)))"
     )
-    folder = str(Path(__file__).parent)
+    folder = str(Path(__file__).parents[1])
     printed = []
     for seed in ("1", "2"):
         path = os.pathsep.join([folder, os.environ.get("PYTHONPATH", "")])

@@ -45,7 +45,7 @@ def doubles(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def let_import_doubles(patch: pytest.MonkeyPatch) -> None:
-    folder = str(Path(__file__).parents[1])
+    folder = str(Path(__file__).parents[2])
     patch.syspath_prepend(folder)
     patch.setenv(
         "PYTHONPATH", os.pathsep.join(filter(None, (folder, os.environ.get("PYTHONPATH"))))

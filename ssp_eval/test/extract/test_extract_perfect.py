@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import cycle, permutations, product
 
 import pytest
+from label_conventions import contradicts
 
 from ssp_eval.data.records import VOCABULARIES
 from ssp_eval.extract import extract
@@ -12,11 +13,6 @@ from ssp_vla_bridge.backends.phrases import action_sentence, scene_text
 
 ACTIONS = list(product(VOCABULARIES["lon_action"], VOCABULARIES["lat_action"]))
 CLASSES = VOCABULARIES["objects"]
-
-
-def contradicts(critical: str, motion: str | None) -> bool:
-    """Whether a label goes against the conventions: people who come into our lane cross."""
-    return critical == "pedestrian" and (motion or "").startswith("cutting")
 
 
 def read(text: str) -> dict[str, object]:
