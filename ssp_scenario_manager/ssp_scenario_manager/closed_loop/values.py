@@ -12,6 +12,8 @@ class ClosedLoopLimits:
     Args:
         steady_s: the VUT holds its approach speed so long before the hand-over.
         steady_mps: by which its speed may differ meanwhile.
+        asked_mps: by which the speeds at the first frame asked about and at the hand-over may
+            differ, where the run-up leaves the choice.
         before_trigger_s: from the hand-over to the first trigger at least.
         history_s: longest history of a driver.
         after_s: a run goes on for so long after the twin's contact or resolution.
@@ -37,6 +39,7 @@ class ClosedLoopLimits:
 
     steady_s: float = 1.0
     steady_mps: float = 0.03
+    asked_mps: float = 0.003
     before_trigger_s: float = 0.5
     history_s: float = 1.7
     after_s: float = 5.0

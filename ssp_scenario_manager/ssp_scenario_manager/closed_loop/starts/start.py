@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ssp_core.clock import ns_to_seconds
+from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.geometry import Polyline
@@ -164,7 +164,7 @@ def make_start(
     bare = without_operator(drawn)
     run_up = _run_up(bare, latency_max_s, frame_s, history_s)
     hand_over_s, fires_s = run_up.hand_over_s, run_up.fires_s
-    first_s = _floor(hand_over_s - latency_max_s - frame_s, frame_s)
+    first_s = _first_request_s(hand_over_s, latency_max_s, frame_s)
     twin = bare.model_copy(
         update={
             "driven": Driven(
@@ -342,7 +342,9 @@ def _run_up(run: RunSpec, latency_max_s: float, frame_s: float, history_s: float
     """Return what precedes the first trigger while the VUT keeps to its approach.
 
     No frame that a driver is asked about lies before the VUT holds its speed: its plan would be of
-    another speed than the one at the hand-over.
+    another speed than the one at the hand-over. The tracker nears the approach speed, passes it and
+    comes back, so that within what counts as held two frames may still differ: t_h is chosen so
+    that the first frame asked about and t_h itself don't.
     """
     scout = Driven(driver=BUILT_IN, first_request_s=0.0, hand_over_s=0.0, end_s=_SCOUT_S / 2)
     for end_s in (_SCOUT_S / 2, _SCOUT_S):
@@ -364,16 +366,54 @@ def _run_up(run: RunSpec, latency_max_s: float, frame_s: float, history_s: float
     asked_s = latency_max_s + frame_s
     steady_s = ns_to_seconds(since_ns) + max(LIMITS.steady_s, asked_s)
     asked_s += history_s
-    hand_over_s = _ceil(max(steady_s, asked_s), frame_s)
+    earliest_s = _ceil(max(steady_s, asked_s), frame_s)
     fires_s = ns_to_seconds(fires_ns)
-    if hand_over_s > fires_s - LIMITS.before_trigger_s + EPSILON_S:
+    latest_s = fires_s - LIMITS.before_trigger_s
+    if earliest_s > latest_s + EPSILON_S:
         raise OffSpec(
-            f"the run-up is too short: the hand-over would be at {hand_over_s:g} s, the first "
+            f"the run-up is too short: the hand-over would be at {earliest_s:g} s, the first "
             f"trigger fires at {fires_s:g} s"
         )
-    room_s = fires_s - LIMITS.before_trigger_s - hand_over_s - frame_s
+    room_s = latest_s - earliest_s - frame_s
     nearing_mps = _nearing_mps(run, record, fires_ns)
+    times_s = (earliest_s, latest_s)
+    hand_over_s = _hand_over_s(approach, times_s, latency_max_s, frame_s)
     return _RunUp(hand_over_s, fires_s, max(room_s * nearing_mps, 0.0))
+
+
+def _first_request_s(hand_over_s: float, latency_max_s: float, frame_s: float) -> float:
+    """Return the time of the first frame that a driver is asked about, for a hand-over."""
+    return _floor(hand_over_s - latency_max_s - frame_s, frame_s)
+
+
+def _hand_over_s(
+    approach: Sequence[ObjectState],
+    within_s: tuple[float, float],
+    latency_max_s: float,
+    frame_s: float,
+) -> float:
+    """Return t_h: the first frame time with the speed of the first frame that is asked about.
+
+    Where there is none, the frame time at which the two speeds differ least.
+
+    Args:
+        approach: states of the VUT up to the first trigger.
+        within_s: earliest frame time, and the latest time.
+        latency_max_s: largest latency of the campaign.
+        frame_s: between two frames.
+    """
+    speeds = {state.stamp_ns: state.speed_mps for state in approach}
+    earliest_s, latest_s = within_s
+    best_s, least_mps = earliest_s, math.inf
+    for i in range(int((latest_s - earliest_s) / frame_s + 1e-6) + 1):
+        at_s = round(earliest_s + i * frame_s, 9)
+        first_s = _first_request_s(at_s, latency_max_s, frame_s)
+        off_mps = abs(speeds[seconds_to_ns(at_s)] - speeds[seconds_to_ns(first_s)])
+        if off_mps < least_mps:
+            best_s, least_mps = at_s, off_mps
+        if off_mps <= LIMITS.asked_mps:
+            break
+    return best_s
 
 
 def _nearing_mps(run: RunSpec, record: Record, at_ns: int) -> float:
