@@ -9,6 +9,7 @@ from functools import cache
 
 import pytest
 
+from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import PeerError
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.latency import ZERO_LATENCY, Latency
@@ -18,6 +19,7 @@ from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver
 from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start, order_of
+from ssp_scenario_manager.closed_loop.contact import first_contact
 from ssp_scenario_manager.closed_loop.outcomes.needless import needless_in
 from ssp_scenario_manager.closed_loop.starts.start import OffSpec, Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
@@ -208,6 +210,23 @@ def test_constant_velocity_gains_none_either_and_the_oracle_does(
             needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
             assert not needless, name
         assert kinds == {"constant_velocity": "collision", "oracle": "avoided"}, event
+
+
+def test_constant_velocity_is_asked_first_at_its_twins_speed_and_has_its_speed_of_contact(
+    start_of: Callable[[str], tuple[Start, Record]],
+) -> None:
+    """A hundredth of a metre per second more or less is a later contact, in a bend another v_r."""
+    for event in EVENTS:
+        start, _ = start_of(event)
+        first, handed = (
+            start.twin[seconds_to_ns(at_s)].speed_mps
+            for at_s in (start.first_request_s, start.hand_over_s)
+        )
+        assert first == pytest.approx(handed, abs=0.003), event
+        drove = drive_start(start, CampaignDriver(driver="constant_velocity"), LATENCY)
+        contact = first_contact(drove.record.reports, start.run.vut.id)
+        assert contact is not None
+        assert contact.relative_mps == pytest.approx(start.v_r_mps, abs=0.05), event
 
 
 def test_what_is_an_event_by_being_there_stands_beside_the_road_in_the_event_free_twin(
