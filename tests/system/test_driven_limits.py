@@ -119,7 +119,7 @@ def check_end(session: Any, verdict: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("name", "why"), [("veers", "outside_geofence: vut: "), ("races", "over_speed: vut: 15 m/s")]
+    ("name", "why"), [("veers", "outside_geofence: vut: "), ("races", "over_speed: vut: 15")]
 )
 def test_a_model_that_leaves_the_fence_or_is_too_fast_ends_the_session(
     start_session: Any, start_folder: Path, name: str, why: str

@@ -217,9 +217,9 @@ def test_starts_of_another_schema_are_refused_by_its_name(done: Path, tmp_path: 
     """Their distances to line and kerb weren't drawn: their rows are no rows of this campaign."""
     folder = shutil.copytree(done, tmp_path / "older")
     kept = json.loads((folder / "starts.json").read_text())
-    assert kept["schema"] == "ssp.loop_starts/3"
-    (folder / "starts.json").write_text(json.dumps({**kept, "schema": "ssp.loop_starts/2"}))
-    with pytest.raises(InputError, match=r"starts\.json.*must be ssp.loop_starts/3.*starts/2"):
+    assert kept["schema"] == "ssp.loop_starts/4"
+    (folder / "starts.json").write_text(json.dumps({**kept, "schema": "ssp.loop_starts/3"}))
+    with pytest.raises(InputError, match=r"starts\.json.*must be ssp.loop_starts/4.*starts/3"):
         run(plan_of(), folder)
 
 

@@ -27,7 +27,7 @@ from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.ordered_map import Engine, ordered_map
 
 PLAN_FILE, TASKS_FOLDER, STARTS_FILE = "plan.json", "tasks", "starts.json"
-STARTS_SCHEMA = "ssp.loop_starts/3"
+STARTS_SCHEMA = "ssp.loop_starts/4"
 # Their sources decide how a run goes and what it is rated.
 _PACKAGES = (
     "ssp_core",
