@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import time
@@ -34,7 +35,8 @@ from ssp_scenario_manager.session.run_script import RunOutcome
 
 # Seven processes start at once, which a busy host may delay.
 START_TIMEOUT_S = 90.0
-# After a process died, the session itself should end within this time; then it is ended.
+# After a process died, or a person asked for the end, an abort is under way within this time, or the
+# run is ended. A world in lockstep may wait for half of it for who died.
 END_TIMEOUT_S = 20.0
 # Objects that hear no manager any more, or a world that goes on after a pause: time to stand.
 STANDSTILL_S = 30.0
@@ -373,6 +375,7 @@ class _Following:
         """Return the outcome of the run, None where it didn't start while its word held."""
         cancelled, typed = 0, False
         deadline: float | None = None
+        noticed_by_s = math.inf  # that a process died
         outcome: RunOutcome | None = None
         while outcome is None:
             self._client.spin(0.05)
@@ -387,7 +390,7 @@ class _Following:
                 if node.name not in self._told:
                     self._told.add(node.name)
                     self._say(f"{node.name} {node.describe_exit()}")
-                    deadline = time.monotonic() + END_TIMEOUT_S
+                    noticed_by_s = time.monotonic() + END_TIMEOUT_S
             silent = self._silent_manager() or self._stuck_manager() if outcome is None else ""
             if silent:
                 outcome = RunOutcome(Verdict.INVALID_HARNESS, (silent,))
@@ -412,6 +415,9 @@ class _Following:
                 self._client.cancel()
                 deadline = time.monotonic() + END_TIMEOUT_S
             if deadline is not None and time.monotonic() > deadline:
+                break
+            # An abort that is under way has its own time for the result, and a reason.
+            if self._client.session.trouble is None and time.monotonic() > noticed_by_s:
                 break
         return self._explained(outcome or RunOutcome(Verdict.INVALID_HARNESS, ()), typed, cancelled)
 

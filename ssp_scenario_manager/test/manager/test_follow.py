@@ -103,6 +103,39 @@ def test_a_manager_that_lives_and_gives_no_result_doesnt_keep_the_run(
     )
 
 
+@pytest.mark.parametrize("noticed", [True, False])
+def test_an_abort_that_is_under_way_has_its_own_time_for_the_result(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch, noticed: bool
+) -> None:
+    """A world waits 10 s for who died, and a manager as long for a standstill: 20 s in all."""
+    now_s = [100.0]
+    node = dead(names.OBJECT_TARGET)
+    group = MagicMock(processes={names.OBJECT_TARGET: node, names.SCENARIO_MANAGER: MagicMock()})
+    group.ended.side_effect = lambda: [node] if now_s[0] >= 110.0 else []
+    client = quiet_client(was_armed=True)
+    client.outcome = None
+    lost = "participant_lost: object_target: 10.1 s, limit 10 s"
+
+    def spin(timeout_s: float) -> None:
+        now_s[0] += timeout_s
+        if noticed and now_s[0] >= 120.0:
+            client.session.trouble = 120.0, lost
+        if noticed and now_s[0] >= 131.0:
+            client.outcome = RunOutcome(Verdict.INVALID_HARNESS, (lost,))
+
+    client.spin.side_effect = spin
+    monkeypatch.setattr(follow, "RunClient", lambda *_, **__: client)
+    monkeypatch.setattr(follow, "time", MagicMock(monotonic=lambda: now_s[0]))
+    outcome = follow.follow(
+        run, group, Path("run.yaml"), Path("bag"), MagicMock(), follow.Interrupt()
+    ).outcome
+    assert outcome.verdict is Verdict.INVALID_HARNESS
+    told = outcome.reasons[-1]
+    assert told.startswith("object_target exited with status 1")
+    assert outcome.reasons == ((lost, told) if noticed else (told,))
+    assert now_s[0] == pytest.approx(131.0 if noticed else 130.0, abs=0.2)
+
+
 @pytest.mark.parametrize(("world_lives", "ends_s"), [(True, 13.0), (False, 2.2)])
 def test_objects_that_lost_their_manager_stop_however_long_a_world_in_lockstep_waits_for_it(
     run: RunSpec, monkeypatch: pytest.MonkeyPatch, world_lives: bool, ends_s: float
