@@ -166,9 +166,9 @@ def subscribe_raw(
     return node.create_subscription(kind, topic, take, qos, raw=raw)
 
 
-# At its end a node waits for what is under way: until so many looks found nothing (0.1 s of a machine
-# that isn't busy), and for no more than so many altogether (0.4 s). Looks, since on a busy machine
-# those that bring a message wait for a processor as long as who looks for it.
+# At its end a node waits for what is under way, until so many looks found nothing (0.1 s where the
+# machine isn't busy), and for no more than so many altogether (0.4 s). Looks, since on a busy
+# machine those that bring a message wait for a processor as long as who looks for it.
 _LOOK_S = 0.004
 _CALM_LOOKS = 25
 _MOST_LOOKS = 100

@@ -35,8 +35,8 @@ from ssp_scenario_manager.session.run_script import RunOutcome
 
 # Seven processes start at once, which a busy host may delay.
 START_TIMEOUT_S = 90.0
-# After a process died, or a person asked for the end, an abort is under way within this time, or the
-# run is ended. A world in lockstep may wait for half of it for who died.
+# After a process died, or a person asked for the end, an abort is under way within this time, or
+# the run is ended. A world in lockstep may wait for half of it for who died.
 END_TIMEOUT_S = 20.0
 # Objects that hear no manager any more, or a world that goes on after a pause: time to stand.
 STANDSTILL_S = 30.0
