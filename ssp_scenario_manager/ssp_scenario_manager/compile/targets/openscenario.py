@@ -7,7 +7,6 @@ written. What a session does and these files don't stands in docs/exports.md.
 from __future__ import annotations
 
 import datetime
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
@@ -18,9 +17,8 @@ from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships 
 from ssp_core.errors import InputError
 from ssp_core.files import write_bytes
 from ssp_core.geometry import FloatArray, Polyline, wrap_angle
-from ssp_core.motion.state import Size
 from ssp_core.names import VUT_ID
-from ssp_core.run_file.model import Look, RunSpec
+from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import (
     Brake,
     FollowPath,
@@ -28,10 +26,8 @@ from ssp_core.run_file.participants import (
     LaneChange,
     Motion,
     ParticipantSpec,
-    RelativeDistance,
     TriggerSpec,
 )
-from ssp_core.run_file.values import Point
 from ssp_scenario_manager.compile.targets.foreseen import (
     FIRING_LAG_S,
     PLAYER_LAG_S,
@@ -39,21 +35,29 @@ from ssp_scenario_manager.compile.targets.foreseen import (
     Foreseen,
     foresee,
     gaps_m,
-    shorter_m,
-    straight_share,
 )
 from ssp_scenario_manager.compile.targets.goal_lane import goal_lane
 from ssp_scenario_manager.compile.targets.map_file import (
     Heights,
     MapFile,
-    asked_of,
     map_file,
     provenance,
 )
 from ssp_scenario_manager.compile.targets.opendrive import FIXED_DATE, to_bytes
+from ssp_scenario_manager.compile.targets.openscenario_elements import (
+    Start,
+    after,
+    driven,
+    entity,
+    environment,
+    firing,
+    outside_control,
+    path_of,
+    position,
+    stop_at,
+)
 from ssp_scenario_manager.compile.targets.player import play
 from ssp_scenario_manager.compile.targets.ramps import (
-    CLASSES,
     TARGET_START_S,
     Ramp,
     distance_during,
@@ -69,9 +73,6 @@ from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
 
 MINOR_VERSION = 0
-# What an eye can tell from fog, by Koschmieder's law: contrast 5 %.
-_FOG_CONTRAST = 0.05
-_CLEAR_M = 100000.0
 # From firing to a player's act, s: a straight ramp is nearest to a session's rounded one if it
 # begins half of the rounding later. ScenarioRunner takes no longer delay (docs/exports.md).
 ACT_DELAY_S = 0.2
@@ -79,7 +80,6 @@ ACT_DELAY_S = 0.2
 _RAISED_OVER_S = 0.5
 # (t in s, x, y)
 _TimedPoint: TypeAlias = tuple[float, float, float]
-_Start: TypeAlias = "xosc.EntityTrigger | xosc.ValueTrigger"
 _Action: TypeAlias = (
     "xosc.AbsoluteSpeedAction | xosc.RelativeLaneChangeAction | xosc.FollowTrajectoryAction"
 )
@@ -176,9 +176,9 @@ def scenario_xml(task: Task, chart: MapFile, seen: Foreseen, *, external: bool) 
 
 
 def _storyboard(run: RunSpec, chart: MapFile, seen: Foreseen, external: bool) -> xosc.StoryBoard:
-    route, heights = _path_of(run.vut), chart.heights
+    route, heights = path_of(run.vut), chart.heights
     init = xosc.Init()
-    init.add_global_action(xosc.EnvironmentAction(_environment(run.look)))
+    init.add_global_action(xosc.EnvironmentAction(environment(run.look)))
     for who in (run.vut, *run.targets):
         at = who.start
         start = position((at.x_m, at.y_m), heights, at.yaw_rad)
@@ -218,19 +218,12 @@ def _storyboard(run: RunSpec, chart: MapFile, seen: Foreseen, external: bool) ->
 
 
 def _act(
-    name: str, start: _Start, stop: xosc.Trigger, groups: Sequence[xosc.ManeuverGroup]
+    name: str, start: Start, stop: xosc.Trigger, groups: Sequence[xosc.ManeuverGroup]
 ) -> xosc.Act:
     act = xosc.Act(name, start, stop)
     for group in groups:
         act.add_maneuver_group(group)
     return act
-
-
-def _path_of(who: ParticipantSpec) -> Motion:
-    """Return the motion of a participant of a compiled task before any trigger."""
-    if who.approach is None:
-        raise ValueError(f"{who.id} has no approach")
-    return who.approach
 
 
 def _speed(change: Ramp) -> xosc.AbsoluteSpeedAction:
@@ -251,7 +244,7 @@ def _group(entity_id: str, name: str, events: list[xosc.Event]) -> xosc.Maneuver
     return group
 
 
-def _event(name: str, start: _Start, *actions: _Action) -> xosc.Event:
+def _event(name: str, start: Start, *actions: _Action) -> xosc.Event:
     event = xosc.Event(name, xosc.Priority.parallel)
     event.add_trigger(start)
     for i, action in enumerate(actions):
@@ -283,7 +276,7 @@ def _vut_drive(run: RunSpec, seen: Foreseen, heights: Heights) -> xosc.ManeuverG
 
 def _turns(run: RunSpec) -> bool:
     """Tell whether the VUT's route turns at a junction."""
-    path = Polyline(_path_of(run.vut).path)
+    path = Polyline(path_of(run.vut).path)
     first, last = (path.pose(s).yaw_rad for s in (0.0, path.length_m))
     return run.road.junction is not None and abs(wrap_angle(last - first)) >= STRAIGHT_ON_RAD
 
@@ -317,7 +310,7 @@ def _at(name: str, time_s: float) -> xosc.ValueTrigger:
 
 
 def _approach(who: ParticipantSpec, run: RunSpec, seen: Foreseen) -> xosc.ManeuverGroup:
-    name, faster = f"{who.id}_approach", journey(_path_of(who)).start
+    name, faster = f"{who.id}_approach", journey(path_of(who)).start
     if who.id == run.initiator_id:
         faster = seen.approach(faster, TARGET_START_S)
     start = _at(f"{name}_starts", TARGET_START_S)
@@ -341,7 +334,7 @@ def _manoeuvre(
         points = _led_along(who, manoeuvre.motion, seen)
         walk = _walk(who, name, manoeuvre.motion, points, start, faster, chart.heights)
         return _group(who.id, name, walk)
-    cruise, starts_s = _path_of(who).cruise_mps, delay_s + FIRING_LAG_S
+    cruise, starts_s = path_of(who).cruise_mps, delay_s + FIRING_LAG_S
     to_mps = manoeuvre.to_mps if isinstance(manoeuvre, Brake) else manoeuvre.cruise_mps
     nominal = ramp(cruise, to_mps, manoeuvre.deceleration_mps2)
     slower = seen.act(cruise, nominal, starts_s)
@@ -360,7 +353,7 @@ def _lane_change(
     shape nearest to a session's quintic.
     """
     goal = goal_lane(chart.data, seen.poses[who.id], manoeuvre.lateral_shift_m)
-    distance = distance_during(_path_of(who).cruise_mps, slower, manoeuvre.duration_s)
+    distance = distance_during(path_of(who).cruise_mps, slower, manoeuvre.duration_s)
     dynamics = xosc.TransitionDynamics(
         xosc.DynamicsShapes.sinusoidal, xosc.DynamicsDimension.distance, distance
     )
@@ -369,7 +362,7 @@ def _lane_change(
 
 
 def _keeps_speed(who: ParticipantSpec, manoeuvre: LaneChange) -> bool:
-    return abs(_path_of(who).cruise_mps - manoeuvre.cruise_mps) < SAME_MPS
+    return abs(path_of(who).cruise_mps - manoeuvre.cruise_mps) < SAME_MPS
 
 
 def _steady_lane_change(
@@ -388,7 +381,7 @@ def _steady_lane_change(
     the lane change is over. Where the VUT is the user's, when that is isn't known beforehand, and
     the speed stays as it is.
     """
-    name, cruise = trigger.id, _path_of(who).cruise_mps
+    name, cruise = trigger.id, path_of(who).cruise_mps
     start = firing(run, trigger, trigger.lead_time_s, seen, chart.heights)
     shift = _lane_change(who, chart, seen, manoeuvre, ramp(cruise, cruise, 1.0))
     if external:
@@ -445,7 +438,7 @@ def _walk(
     name: str,
     motion: Motion,
     points: Sequence[_TimedPoint],
-    start: _Start,
+    start: Start,
     faster: Ramp,
     heights: Heights,
 ) -> list[xosc.Event]:
@@ -468,161 +461,3 @@ def _walk(
         _event(name, start, follow, _speed(faster)),
         _event(stop_name, stop, _speed(trip.stop)),
     ]
-
-
-def _environment(look: Look) -> xosc.Environment:
-    """Return sun, fog and a dry road; OpenSCENARIO's azimuth is clockwise from north."""
-    far = -math.log(_FOG_CONTRAST) / look.fog_per_m if look.fog_per_m > 0.0 else _CLEAR_M
-    weather = xosc.Weather(
-        xosc.CloudState.free,
-        sun=xosc.Sun(
-            1.0,
-            math.radians((90.0 - look.sun_azimuth_deg) % 360.0),
-            math.radians(look.sun_elevation_deg),
-        ),
-        fog=xosc.Fog(min(far, _CLEAR_M)),
-        precipitation=xosc.Precipitation(xosc.PrecipitationType.dry, 0.0),
-    )
-    noon = datetime.datetime.fromisoformat(FIXED_DATE).replace(hour=12)
-    return xosc.Environment(
-        "environment",
-        xosc.TimeOfDay(False, noon.year, noon.month, noon.day, noon.hour, 0, 0),
-        weather,
-        xosc.RoadCondition(1.0),
-    )
-
-
-def _box(size: Size) -> xosc.BoundingBox:
-    return xosc.BoundingBox(
-        size.width_m,
-        size.length_m,
-        size.height_m,
-        0.5 * (size.front_m - size.rear_m),
-        0.0,
-        0.5 * size.height_m,
-    )
-
-
-def entity(who: ParticipantSpec) -> xosc.Vehicle | xosc.Pedestrian:
-    """Return a participant as OpenSCENARIO 1.0 has it, named by its CARLA blueprint."""
-    facts, box = CLASSES[who.object_class], _box(who.size)
-    made: xosc.Vehicle | xosc.Pedestrian
-    if facts.category is None:
-        walks = xosc.PedestrianCategory.pedestrian
-        made = xosc.Pedestrian(who.object_class, facts.mass_kg, walks, box, model=facts.blueprint)
-    else:
-        wheel, track = facts.wheel_m, facts.track_m
-        made = xosc.Vehicle(
-            facts.blueprint,
-            facts.category,
-            box,
-            xosc.Axle(facts.steering_rad, wheel, track, facts.wheelbase_m, wheel / 2),
-            xosc.Axle(0.0, wheel, track, 0.0, wheel / 2),
-            facts.speed_mps,
-            facts.acceleration_mps2,
-            facts.deceleration_mps2,
-        )
-    made.add_property("type", "ego_vehicle" if who.id == VUT_ID else "simulation")
-    return made
-
-
-def position(place: Point, heights: Heights, yaw_rad: float | None = None) -> xosc.WorldPosition:
-    """Return a place of frame map. On a flat map its height is left to the player."""
-    z = None if heights.is_flat else heights.at(place)
-    return xosc.WorldPosition(place[0], place[1], z, yaw_rad)
-
-
-def outside_control() -> xosc.ControllerAction:
-    """Leave an entity to the user, in the words of ScenarioRunner and of esmini."""
-    properties = xosc.Properties()
-    properties.add_property("module", "external_control")
-    properties.add_property("esminiController", "ExternalController")
-    nothing = xosc.OverrideControllerValueAction()
-    nothing.set_throttle(False)
-    nothing.set_brake(False)
-    nothing.set_clutch(False)
-    nothing.set_parkingbrake(False)
-    nothing.set_steeringwheel(False)
-    nothing.set_gear(False)
-    assign = xosc.AssignControllerAction(xosc.Controller("user", properties))
-    return xosc.ControllerAction(assign, nothing)
-
-
-def after(name: str, time_s: float, point: str = "start") -> xosc.ValueTrigger:
-    """Return a condition that is true from a time after the scenario's start, s."""
-    condition = xosc.SimulationTimeCondition(time_s, xosc.Rule.greaterThan)
-    return xosc.ValueTrigger(name, 0, xosc.ConditionEdge.none, condition, point)
-
-
-def driven(
-    name: str, entity_id: str, distance_m: float, point: str = "start"
-) -> xosc.EntityTrigger:
-    """Return a condition that is true once an entity has driven a distance since the start, m."""
-    far, none = xosc.TraveledDistanceCondition(distance_m), xosc.ConditionEdge.none
-    return xosc.EntityTrigger(name, 0, none, far, entity_id, triggeringpoint=point)
-
-
-def stop_at(
-    name: str, vut_driven_m: float, at_latest_s: float, over_s: float | None
-) -> xosc.Trigger:
-    """End where a session does, by the first of these conditions.
-
-    Args:
-        name: of the act or storyboard that ends; conditions' names begin with it, since
-            ScenarioRunner remembers by names what is done.
-        vut_driven_m: the VUT is at the end of its route.
-        at_latest_s: time is up, s after the scenario's start.
-        over_s: the event is over, s after the scenario's start; None: not known beforehand.
-    """
-    ends: list[_Start] = [
-        driven(f"{name}_vut_at_goal", VUT_ID, vut_driven_m, "stop"),
-        after(f"{name}_time_is_up", at_latest_s, "stop"),
-    ]
-    if over_s is not None:
-        ends.append(after(f"{name}_event_is_over", over_s, "stop"))
-    stop = xosc.Trigger("stop")
-    for end in ends:
-        group = xosc.ConditionGroup("stop")
-        group.add_condition(end)
-        stop.add_conditiongroup(group)
-    return stop
-
-
-# A player's measure that differs by less from a session's is left as K* has it, m or s.
-_SAME = 0.02
-
-
-def firing(
-    run: RunSpec, trigger: TriggerSpec, delay_s: float, seen: Foreseen, heights: Heights
-) -> _Start:
-    """Return the condition that starts a trigger's act, asked of the VUT.
-
-    A session measures along the VUT's path and a player straight ahead. On a bend the condition has
-    the value that a player measures when the session's trigger fires.
-    """
-    condition, less = asked_of(trigger), xosc.Rule.lessThan
-    if isinstance(condition, RelativeDistance):
-        other = next(t for t in run.targets if t.id == condition.object_id)
-        below = condition.below_m - shorter_m(run, seen, other)
-        asked = xosc.RelativeDistanceCondition(
-            condition.below_m if abs(below - condition.below_m) < _SAME else round(below, 3),
-            less,
-            xosc.RelativeDistanceType.longitudinal,
-            condition.object_id,
-            freespace=True,
-        )
-    else:
-        # The anchor is moved back along the VUT's path by its front overhang.
-        path = Polyline(_path_of(run.vut).path)
-        station, _ = path.project(*condition.anchor)
-        place = path.pose(station - run.vut.size.front_m)
-        below = condition.below_s * straight_share(run, seen, condition.anchor)
-        asked = xosc.TimeToCollisionCondition(
-            condition.below_s if abs(below - condition.below_s) < _SAME else round(below, 3),
-            less,
-            alongroute=False,
-            freespace=False,
-            position=position((place.x_m, place.y_m), heights, place.yaw_rad),
-        )
-    name = f"{trigger.id}_fires"
-    return xosc.EntityTrigger(name, delay_s, xosc.ConditionEdge.none, asked, VUT_ID)
