@@ -11,12 +11,11 @@ import pytest
 
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import live_environment, session_environment
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
 
 _CONFIG = Path(__file__).resolve().parents[2] / "ssp_msgs" / "ssp_core" / "config"
-# Long, since nothing is judged by time.
-_DEADLINE_S = 120.0
 _HEARD = 20
 
 # Publishes until its input ends.
@@ -83,7 +82,7 @@ def processes() -> Iterator[Processes]:
 
 
 def say_end(process: subprocess.Popen[str]) -> str:
-    out, _ = process.communicate(timeout=_DEADLINE_S)
+    out, _ = process.communicate(timeout=DEADLINE_S)
     return out.splitlines()[-1]
 
 

@@ -24,8 +24,6 @@ from tests.support.waiting import DEADLINE_S
 from .disks import Disk
 from .load import LoadTopic, Sent, heard_file, read_log, write_spec
 
-# For thousands of topics on a busy machine.
-MOST_S = 120.0
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
 LOAD = Path(__file__).with_name("load.py")
 
@@ -81,7 +79,7 @@ class Recording:
         """Reads its standard error up to a line with a text."""
         stderr = self.process.stderr
         assert stderr is not None
-        in_vain = threading.Timer(MOST_S, self.process.kill)
+        in_vain = threading.Timer(DEADLINE_S, self.process.kill)
         in_vain.start()
         while text not in (line := stderr.readline()):
             self.said += line
