@@ -16,9 +16,10 @@ import pytest
 from ssp_core.bag.operations.check import check_bag
 from ssp_core.bag.operations.repair import recover
 from ssp_core.bag.reading.reader import BagReader
+from tests.support.waiting import DEADLINE_S
 
 from .checks import kept_until_ns, missing
-from .conftest import MOST_S, Field, wait_for
+from .conftest import Field, wait_for
 from .disks import Disk, may_mount, small_disk
 from .load import LoadTopic
 
@@ -90,7 +91,7 @@ def test_a_session_on_a_full_disk_says_its_verdict_and_how_the_bag_is_closed(
         run = disk.point / "run"
         session = long_session("--no-camera", folder=run, enter=disk.enter)
         fill(disk)
-        out, err = session.process.communicate(timeout=MOST_S)
+        out, err = session.process.communicate(timeout=DEADLINE_S)
         assert session.process.returncode == 1
         assert "cut_in on boulevard: invalid_harness, " in out
         assert "because the bag isn't closed: " in out
