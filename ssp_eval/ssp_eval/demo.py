@@ -229,8 +229,8 @@ def follow(
 ) -> list[Gap]:
     """Run all steps; one that fails costs only those that need it.
 
-    Each step is a process group of its own, so that Ctrl-C reaches it once and through here: it is
-    told, and given the time to abort its session and to close its bag.
+    Each step is a process group of its own, so that Ctrl-C reaches it once and through here: it
+    gets the signal, and the time to abort its session and to close its bag.
 
     Args:
         steps: each needs only ones before it.

@@ -141,7 +141,7 @@ class RunBag:
         )
 
     def tick(self, stamp_ns: int, step: int, objects: list[Any]) -> Any:
-        """A tick with its lockstep counters at 0: nobody here reads them."""
+        """A tick with its lockstep counters at 0, which no test here reads."""
         cls: Any = self.types["ssp_msgs/msg/WorldTick"]
         given = {"header": self.header(stamp_ns), "step": step, "running": True, "lockstep": True}
         counters = {

@@ -1,7 +1,7 @@
 """A user's own bridge that does what its script says, one word per request: a real node.
 
 Run as ``python -m fake_bridge --ros-args -p model:=NAME -p script:=twice,die,…``; like a node that
-launch is told to respawn, it is started again when it dies, and goes on in its script.
+launch respawns, it is started again when it dies, and goes on in its script.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ def footage_of(bag: Path) -> Footage:
 
 
 def answers() -> dict[str, Any]:
-    """Of a recording of the shipped cut_in: on two lanes, a car comes over from the left."""
+    """Return the observation of a shipped cut_in: two lanes, a car comes over from the left."""
     return {
         "schema": "ssp.observation/1",
         "recording": None,

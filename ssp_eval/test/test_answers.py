@@ -1,4 +1,4 @@
-"""What counts as a model's answer (METHOD 5.4b): the cases of two files in corpus/, in one process.
+"""The part of a model's output that counts as its answer (METHOD 5.4b): cases of corpus/.
 
 A case is what a server says; the bridge reads it, the adapter and the rules make the record.
 """

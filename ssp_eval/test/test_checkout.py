@@ -1,4 +1,4 @@
-"""Which tests ``ssp test`` runs, and in which order its workers take them."""
+"""The tests that ``ssp test`` runs, and the order in which its workers take them."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ OUT = Path("out")
 
 
 def parse(arguments: tuple[str, ...]) -> click.Context:
-    """What the command line makes of the arguments, without running anything.
+    """Return the context that the command line makes of the arguments, without running anything.
 
     Raises:
         click.UsageError: a command or an option doesn't exist.

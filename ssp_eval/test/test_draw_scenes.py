@@ -74,7 +74,7 @@ def test_each_frame_has_the_worlds_states_of_its_stamp_once(recorded: Path) -> N
 def test_without_a_world_it_is_what_vut_and_objects_reported(
     recorded: Path, tmp_path: Path
 ) -> None:
-    """As on a track; traffic reports nothing."""
+    """A recording on a track has only reported states; traffic, which reports none, is absent."""
     _, told = drawn(without(recorded, TICK, tmp_path / "track"))
     assert [stamp_ns for stamp_ns, _ in told] == FRAMES_NS
     for stamp_ns, scene in told:
@@ -98,7 +98,7 @@ def test_what_has_no_frames_is_refused(recorded: Path, tmp_path: Path) -> None:
 
 
 def test_a_physical_session_that_was_drawn_is_a_stand_in(tmp_path: Path) -> None:
-    """No camera saw it, whoever drove."""
+    """No real camera saw it, although real vehicles may have driven it."""
     bag = record_world(tmp_path / "run", steps=1, run=small_world(domain="physical", mode="live"))
     assert facts_of(bag / "bag").stand_in is False
     append_attachment(bag / "bag", DRAWN_ATTACHMENT, as_drawn(), "application/json")
@@ -113,7 +113,7 @@ def test_a_physical_session_that_was_drawn_is_a_stand_in(tmp_path: Path) -> None
 def test_twins_of_pictures_that_carla_drew_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of a session that it drew, and of a session of our own camera that it drew anew."""
+    """CARLA drew one session at once, and drew the session of our own camera anew."""
     drawn_by_carla = small_world(camera={**CAMERA, "renderer": "carla"})
     session = record_world(tmp_path / "session", steps=1, run=drawn_by_carla)
     anew = record_world(tmp_path / "anew", steps=1)

@@ -1,4 +1,4 @@
-"""Which tests a change reaches, and what counts as a change."""
+"""The tests that a change reaches, and the files that count as changed."""
 
 from __future__ import annotations
 

@@ -412,7 +412,7 @@ def test_a_baseline_that_is_not_as_its_twin_is_named(campaign: LoopCampaign) -> 
 def test_a_vut_that_was_off_its_twin_before_the_event_could_be_answered_is_named(
     campaign: LoopCampaign,
 ) -> None:
-    """As one that drives a little slower than its twin all the time, which is no outcome."""
+    """The VUT drives a little slower than its twin all the time, which is no outcome."""
 
     def named(runs: tuple[Run, ...]) -> list[str]:
         return [text for text, _ in notices_of(replace(campaign, runs=runs)) if "twin" in text]

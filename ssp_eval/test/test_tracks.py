@@ -73,7 +73,7 @@ def moved(track: Track) -> Track:
 
 
 def departing(track: Track) -> Track:
-    """From 9 s on somebody made up another end."""
+    """Return the track with another end made up from 9 s on."""
     return Track(track.times_s, track.places_m + 0.2 * np.maximum(track.times_s - 9.0, 0.0) ** 2)
 
 

@@ -56,7 +56,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Label:
-    """What a labeller gave a slot: the value, where it says so, and what can be defended."""
+    """A labeller's decision about a slot: its value, the words that say so, defensible values."""
 
     value: Any
     spans: list[tuple[int, int]]
@@ -265,7 +265,7 @@ def joining(
 
 @dataclass(frozen=True)
 class Choice:
-    """What is known of a slot before a threshold decides.
+    """The candidates for a slot's value before a threshold decides.
 
     Args:
         rules: the value of the rules, and how likely it is right.
@@ -328,7 +328,7 @@ def threshold(name: str, chosen: Sequence[tuple[Example, Choice]]) -> Threshold:
 
 
 def cross_weights(chosen: Sequence[Example]) -> list[Weights]:
-    """For each part the weights of features that were learnt from the others."""
+    """Return, for each part, the weights of features that were learnt from the other parts."""
     found = []
     for part in range(PARTS):
         found.append(feature_weights([one for one in chosen if one.part != part]))

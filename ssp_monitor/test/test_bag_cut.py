@@ -199,7 +199,7 @@ def test_a_damaged_source_leaves_nothing_behind(session, tmp_path):
 
 
 def test_a_foreign_bag_keeps_its_own_definition(tmp_path, capsys):
-    """A type that nobody here knows, in a compressed file without metadata.yaml."""
+    """The bag is a compressed file without metadata.yaml; its type isn't installed here."""
     path = tmp_path / "foreign.mcap"
     written = b"# theirs\nuint8 level\n"
     with path.open("wb") as stream:

@@ -57,7 +57,7 @@ def scene(number: int, width: int = 64, height: int = 48) -> np.ndarray[Any, np.
 
 
 def shows(image: Any) -> int:
-    """Which of the scenes a picture shows."""
+    """Return the number of the scene that a picture shows."""
     likeness = [cv2.PSNR(image, scene(k)) for k in range(len(STAMPS_NS))]
     assert max(likeness) > 24.0
     return likeness.index(max(likeness))

@@ -1,4 +1,4 @@
-"""How long the disk lasts, and what follows from it."""
+"""The time that the disk lasts, and its consequences for a recording."""
 
 from __future__ import annotations
 

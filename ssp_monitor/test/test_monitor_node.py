@@ -289,7 +289,7 @@ def test_messages_of_two_publishers_in_turn_make_no_valid_recording(
 
 
 def test_the_sessions_last_word_is_waited_for(session, monitor, tmp_path):
-    """Who stops all nodes at once stops a session that has still something to say."""
+    """A signal that stops all nodes at once stops a session that still has something to report."""
     session.offer_all()
     session.wait_ready()
     pub = session.publishers[names.SESSION_STATE]

@@ -1,4 +1,4 @@
-"""What a recorder reports: what its bag carries, what was lost, and the run's verdict."""
+"""A recorder's report: the contents of its bag, the losses, and the run's verdict."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_a_gap_is_a_loss_and_a_start_is_none():
 
 
 def test_what_was_lost_while_a_session_waited_is_no_loss_of_its_run():
-    """Before, one stall of a busy machine kept a live session from arming for good."""
+    """One stall of a busy machine used to keep a live session from arming for good."""
     losses = LossesOfRun()
     losses.session_is(SessionPhase.CONNECTED)
     losses.look(86, 10.0)
@@ -229,7 +229,7 @@ def test_a_claim_proves_nothing_about_several_publishers_or_none():
     st.randoms(use_true_random=False),
 )
 def test_received_and_lost_make_up_the_whole(heard, order):
-    """Whatever the order in which publishers are heard, of each its own messages in theirs."""
+    """Publishers may be heard in any order: each keeps its own messages in its own order."""
     arrivals = Arrivals()
     waiting = {publisher: sorted(numbers) for publisher, numbers in heard.items()}
     while waiting:

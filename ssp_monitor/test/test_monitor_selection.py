@@ -1,4 +1,4 @@
-"""Which topics of a graph are recorded."""
+"""The topics of a graph that are recorded."""
 
 from __future__ import annotations
 

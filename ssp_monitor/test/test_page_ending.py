@@ -82,7 +82,7 @@ def test_the_runners_verdict_counts_and_says_what_comes_next(verdict: Verdict) -
 
 @pytest.mark.parametrize("make", [aborted, finished])
 def test_after_the_end_silence_is_no_news(make) -> None:
-    """What shouted for ever after every orderly end."""
+    """The page used to go on warning of silence after every orderly end."""
     board = make()
     board.hear_states([object_state("ot1", stamp_ns=115 * S, speed_mps=0.0)], 23 * S)
     board.offered = frozenset()

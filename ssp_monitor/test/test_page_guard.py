@@ -1,4 +1,4 @@
-"""Who is let in: hosts, origins, tokens, and how many at once."""
+"""The admission to the page: hosts, origins, tokens, and the number of clients at once."""
 
 from __future__ import annotations
 

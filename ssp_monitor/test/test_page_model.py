@@ -1,4 +1,4 @@
-"""What the page shows, made of what was heard."""
+"""The contents of the page, made of the messages that were heard."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ def test_an_objects_process_that_fell_silent_is_named_and_not_what_it_said(run):
 
 
 def test_the_page_asks_for_all_that_the_manager_asks_for(run):
-    """Of the manager's list nothing is missing when nothing was heard, nor when all is late."""
+    """The page lists all of it if nothing was heard, and if everything is late."""
     blank = Board(run)
     blank.hear_session(SessionFact(5 * S, SessionPhase.CONNECTED), 10 * S)
     asked = [one.text for one in obstacles(Gate.ARM, run, Facts(), None, {}, 0)]

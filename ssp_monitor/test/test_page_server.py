@@ -149,7 +149,7 @@ def test_a_flood_of_commands_is_bounded_and_leaves_abort_free(page, manager):
 
 
 def sent(page: PageServer, data: str) -> bytes:
-    """What the page answers to half a request before it closes the connection."""
+    """Return the page's answer to half a request, read until the connection closes."""
     with socket.create_connection(("127.0.0.1", page.door.port), DEADLINE_S) as stream:
         stream.sendall(data.replace("HOST", f"127.0.0.1:{page.door.port}").encode())
         said = b""

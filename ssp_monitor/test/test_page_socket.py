@@ -103,7 +103,7 @@ def test_who_talks_too_much_or_at_length_is_sent_away(page):
 
 
 def test_the_reason_arrives_though_something_was_to_be_sent_meanwhile(page, monkeypatch):
-    """What is sent to a socket that is being closed fails; the closing goes on."""
+    """A message to a socket that is closing fails, and the closing goes on."""
     send = viewers._send
 
     async def held_back(socket: Any, payload: Any) -> None:

@@ -1,4 +1,4 @@
-"""Which topics are published, as what, and what is left out."""
+"""The plan of a replay: topics that are published, their names, and those that are left out."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _names(plan: Plan) -> list[str]:
 
 
 def test_a_replay_says_that_it_plays_and_not_what_once_took_part():
-    """What the recorded participants declared would pass for a living session's."""
+    """Recorded declarations of participants would be taken for those of a living session."""
     recorded = {
         **RECORDED,
         "/ssp/declared/vut": TopicInfo("std_msgs/msg/String", 1),

@@ -1,4 +1,4 @@
-"""What of a model's output is its answer, and why an answer ended (METHOD 5.4b)."""
+"""The answer in a model's output, and the reason why the answer ended (METHOD 5.4b)."""
 
 from __future__ import annotations
 

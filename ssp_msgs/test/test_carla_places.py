@@ -112,8 +112,10 @@ def test_carlas_camera_sees_a_point_where_ours_does(
 def test_a_box_of_our_size_is_where_our_own_camera_shows_it(
     object_class: ObjectClass, slope: float
 ) -> None:
-    """Along one slope a body and the camera are tilted alike, so that pictures are those of flat
-    ground; wherever CARLA's origin is in the box.
+    """The box is in the same place of both pictures, wherever CARLA's origin is in the box.
+
+    Body and camera stand on one slope and are tilted alike, so that pictures are those of flat
+    ground.
     """
 
     def ground(x_m: float, y_m: float) -> float:

@@ -54,7 +54,7 @@ def test_wrong_usage_is_2(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_verb_is_imported_without_looking_for_cycles_and_runs_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What is imported stays, and the search for cycles in it takes a tenth of the time."""
+    """Imported objects stay; the search for cycles in them takes a tenth of the time."""
     (tmp_path / "verb_of_this_test.py").write_text(
         "import gc, click\ncollects = gc.isenabled()\n"
         "probe = click.command()(lambda: click.echo(f'{collects} {gc.isenabled()}'))\n"
@@ -166,7 +166,7 @@ def test_a_bug_is_a_traceback(verb: Callable[[Callable[[], object]], None]) -> N
 
 
 def test_help_loads_nothing_heavy() -> None:
-    """What takes long to import is for the verb that needs it."""
+    """A module that takes long to import is loaded only by the verb that needs it."""
     code = (
         "import sys; from ssp_core.cli import main; main(['--help']); "
         "heavy = {'numpy', 'cv2', 'rclpy', 'libsumo', 'numba', 'pydantic', 'scipy', 'matplotlib'}; "

@@ -45,7 +45,7 @@ def watched(rows: Iterable[Row], by: Bounds) -> Iterator[ConsistencyWatch]:
 
 
 def ended(rows: Iterable[Row], by: Bounds) -> tuple[float, Contradiction] | None:
-    """When a session would have ended, and why."""
+    """Return when a session would have ended, and the contradiction; None: it goes on."""
     rows = list(rows)
     for row, watch in zip(rows, watched(rows, by), strict=True):
         if watch.contradiction is not None and watch.contradiction.holds:

@@ -14,7 +14,7 @@ _TOLD = "import gc\nprint(*gc.get_threshold(), gc.get_freeze_count() > 0)\n"
 
 
 def _said(folder: Path, *command: str) -> list[str]:
-    """What a program of a folder says of its search."""
+    """Run a program in a folder, and return the words that it prints."""
     done = subprocess.run(
         [sys.executable, *command], cwd=folder, capture_output=True, text=True, check=True
     )

@@ -208,7 +208,7 @@ def test_a_long_fence_that_changes_in_its_place_is_judged_anew() -> None:
 
 
 def test_a_known_room_holds_no_circle_that_is_not_inside() -> None:
-    """Along a way as an object drives it, near the notch and far from it, and beyond the fence."""
+    """The places lie along random ways: near the notch, far from it, and beyond the fence."""
     random = np.random.default_rng(5)
     held = 0
     for _ in range(40):

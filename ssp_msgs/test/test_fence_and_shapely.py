@@ -47,7 +47,7 @@ def outline(random: np.random.Generator) -> list[Point]:
 
 
 def indented(points: list[Point], random: np.random.Generator) -> list[Point]:
-    """With a notch (or, outwards, a sliver) somewhere along one of the edges."""
+    """Add a notch (or, outwards, a sliver) to one of the edges, at a random place."""
     i = int(random.integers(len(points)))
     (xa, ya), (xb, yb) = points[i - 1], points[i]
     length = math.hypot(xb - xa, yb - ya)

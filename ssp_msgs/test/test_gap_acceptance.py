@@ -88,7 +88,7 @@ def test_on_its_way_the_time_of_the_object_decides(
 
 
 def test_one_who_yields_is_at_the_zone_half_a_second_after_the_object_left_it() -> None:
-    """From 20 m at 8 m/s with constant braking: 2 (20 - 8 * 3.5) / 3.5^2 = -1.31 m/s^2."""
+    """The driver brakes evenly, 20 m away at 8 m/s: 2 (20 - 8 * 3.5) / 3.5^2 = -1.31 m/s^2."""
     decision = decide(PLACE, 10.0, 8.0, [Coming("ot1", 1.5, 3.0)], DRIVER)
     assert decision.most_mps2 == pytest.approx(-1.306, abs=1e-3)
 
@@ -112,7 +112,7 @@ def test_in_the_zone_it_goes_on_and_only_who_is_in_it_too_stands_in_its_way() ->
 
 
 def test_a_stop_that_is_too_hard_is_not_begun() -> None:
-    """At 8 m/s, 5 m/s^2 stop within 6.4 m."""
+    """The vehicle stops within 6.4 m at 8 m/s and 5 m/s^2."""
     one = [Coming("ot1", 1.0, 2.0)]
     assert decide(PLACE, 30.0 - 6.3, 8.0, one, DRIVER, "go").word == "go"
     assert decide(PLACE, 30.0 - 6.5, 8.0, one, DRIVER, "go").word != "go"
@@ -132,7 +132,7 @@ def test_times_come_from_the_measured_state() -> None:
 def test_one_that_speeds_up_arrives_by_its_acceleration_and_one_that_brakes_by_its_speed(
     acceleration_mps2: float, sooner: bool
 ) -> None:
-    """After the time it has driven v t + a t^2 / 2; that it stops isn't relied on."""
+    """The car has driven v t + a t^2 / 2 at that time; the driver doesn't rely on it to stop."""
     car = object_state("ot1", CAR, 32.0, 72.0, -math.pi / 2, 10.0)
     car = replace(car, acceleration_mps2=acceleration_mps2)
     [one] = coming_along(places_of(DRIVER)[0], [car])

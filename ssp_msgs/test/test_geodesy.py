@@ -64,7 +64,7 @@ def test_a_point_comes_back(origin: Place, yaw: float, x: float, y: float, z: fl
 
 @given(places)
 def test_a_place_comes_back_from_far_away(place: Place) -> None:
-    """From another continent the rounding is still far below what a receiver can tell."""
+    """The rounding is far below a receiver's resolution even on another continent."""
     datum = Datum(TRACK, 0.3)
     again = datum.to_place(*datum.to_site(place))
     assert again.latitude_deg == pytest.approx(place.latitude_deg, abs=1e-9)
@@ -78,7 +78,7 @@ def test_a_place_comes_back_from_far_away(place: Place) -> None:
     ("away_m", "drop_m", "short_m"), [(1000.0, 0.079, 5e-6), (5000.0, 1.97, 6e-4)]
 )
 def test_the_stated_error_of_the_plane(away_m: float, drop_m: float, short_m: float) -> None:
-    """Along the equator, where the ground's radius is known."""
+    """The places lie along the equator, where the ground's radius is known."""
     a = 6_378_137.0
     x, _, z = Datum(Place(0.0, 0.0, 0.0)).to_site(Place(0.0, math.degrees(away_m / a), 0.0))
     assert -z == pytest.approx(drop_m, rel=0.01)

@@ -230,7 +230,7 @@ def test_what_is_no_path(points: list[tuple[float, ...]]) -> None:
 def test_a_path_gone_through_piece_by_piece_gives_the_same_as_at_once(
     corners: list[tuple[int, int]], points: list[tuple[float, float]]
 ) -> None:
-    """To the last bit: what is quicker is chosen by the path's length."""
+    """Results are equal to the last bit: only the path's length decides which search is used."""
     distinct = [a for a, b in zip(corners, [*corners[1:], None], strict=True) if a != b]
     if len(distinct) < 2:
         return
@@ -246,7 +246,7 @@ def test_a_path_gone_through_piece_by_piece_gives_the_same_as_at_once(
 def test_a_long_path_searched_by_stretches_gives_the_same_as_piece_by_piece(
     way: str, spread_m: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """To the last bit, where several pieces are equally near too."""
+    """Results are equal to the last bit, even if several pieces are equally near."""
     random = np.random.default_rng(1)
     n = np.arange(2000)
     points = {

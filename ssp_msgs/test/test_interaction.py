@@ -1,4 +1,4 @@
-"""How an object stands to the VUT, by hand: gap, TTC, arrivals, conflict (METHOD 1)."""
+"""The relation of an object to the VUT, by hand: gap, TTC, arrivals, conflict (METHOD 1)."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def test_crossing() -> None:
     ],
 )
 def test_what_crosses_has_a_corridor_of_its_own(yaw_deg: float, crosses: bool) -> None:
-    """Inside the VUT's corridor: the zone begins at its corridor, or at its body."""
+    """The zone of an object in the VUT's corridor begins at its own corridor, or at its body."""
     yaw = math.radians(yaw_deg)
     assert is_crossing(yaw) is crosses
     other = state("ot", WALKER, x_m=60.0, yaw_rad=yaw, speed_mps=1.5)
@@ -166,7 +166,7 @@ def test_what_crosses_has_a_corridor_of_its_own(yaw_deg: float, crosses: bool) -
 
 @pytest.mark.parametrize("y_m", [-9.0, -1.0, 0.0, 2.0])
 def test_the_zone_of_a_slanting_path_stays_where_it_is(y_m: float) -> None:
-    """At 60 degrees through (60, 0): from the right edge, 1.3 m out, to the left one."""
+    """The path crosses (60, 0) at 60 degrees, from the right edge, 1.3 m out, to the left one."""
     tan60 = math.tan(math.radians(60.0))
     other = state(
         "ot", WALKER, x_m=60.0 + y_m / tan60, y_m=y_m, yaw_rad=math.radians(60.0), speed_mps=1.5

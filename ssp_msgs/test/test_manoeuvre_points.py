@@ -90,7 +90,7 @@ def test_cruise_speed_is_reached_and_held() -> None:
 @pytest.mark.parametrize("path", [STRAIGHT, arc()])
 @pytest.mark.parametrize("offset_m", [0.0, -1.5])
 def test_braking_goes_down_at_once_and_holds_to_the_end(path: Polyline, offset_m: float) -> None:
-    """From 10 to 4 m/s at 4 m/s^2: 1.5 s and the ramp."""
+    """Braking from 10 to 4 m/s at 4 m/s^2 takes 1.5 s and the ramp."""
     start = path.length_m - 45.0
     points = brake_along(path, start, 10.0, 4.0, 4.0, offset_m)
     assert_consistent(points, 0.02, 0.02)

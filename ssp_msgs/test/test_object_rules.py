@@ -1,4 +1,4 @@
-"""What an object judges by: every group of fields counts, and only stricter limits may differ."""
+"""The rules of an object: every group of fields counts, and only stricter limits may differ."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ NUMBERS = [name for name in Limits.model_fields if isinstance(getattr(OURS.limit
 
 @pytest.mark.parametrize("name", NUMBERS)
 def test_a_limit_is_stricter_on_one_side_at_most(name: str) -> None:
-    """Of each limit a lower or a higher value may stand on the object's host, never both."""
+    """Each limit may be lower, or may be higher, on the object's host, never both."""
     value = getattr(OURS.limits, name)
     lower, higher = (
         check(with_limits(**{name: 0.5 * value})),

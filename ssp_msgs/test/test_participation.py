@@ -1,4 +1,4 @@
-"""What the participants of a session make of it (METHOD 4.4b)."""
+"""Real session, simulation or stand-in: the participants' declarations decide (METHOD 4.4b)."""
 
 from __future__ import annotations
 

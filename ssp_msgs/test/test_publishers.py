@@ -1,4 +1,4 @@
-"""Who may publish what: a stranger is found, and nobody who belongs to a session is one."""
+"""The publishers of a session's topics: a stranger is found, and no member is taken for one."""
 
 from __future__ import annotations
 

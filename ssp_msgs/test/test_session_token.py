@@ -1,4 +1,4 @@
-"""Which session a command is for: a simulated one must not reach a live one, nor the reverse."""
+"""The session that a command is for: simulated ones must not reach live ones, nor the reverse."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ LIMITS = Limits(speed_mps=30.0, acceleration_mps2=5.0, heading_by_course=["one"]
 def judged(
     rows: list[Row], yaw_rad: float, cls: ObjectClass = ObjectClass.CAR, limits: Limits = LIMITS
 ) -> tuple[float, LimitViolation] | None:
-    """When the first metre contradicted a start's heading, and how."""
+    """Return when the first metre contradicted a start's heading, and the limit violated."""
     start = Start(x_m=0.0, y_m=0.0, yaw_rad=yaw_rad)
     one = ParticipantSpec(id="one", object_class=cls.name.lower(), start=start)
     watch, heading = ConsistencyWatch(Bounds.of("one", cls, limits)), start_heading(one, limits)

@@ -81,7 +81,7 @@ STATE = ObjectState(
 
 @given(yaw=st.floats(-7.0, 7.0), ahead=st.floats(-50.0, 50.0), left=st.floats(-50.0, 50.0))
 def test_a_body_stands_where_its_state_says(yaw: float, ahead: float, left: float) -> None:
-    """What is seen from base_link lies on the map where yaw and position put it."""
+    """A point seen from base_link lies on the map where yaw and position put it."""
     found = of_state(replace(STATE, yaw_rad=yaw))
     assert (found.parent, found.child, found.stamp_ns) == ("map", "ot1/base_link", 1_500_000_000)
     point = Rotation.from_quat(found.quaternion_xyzw).apply((ahead, left, 1.0))
@@ -139,7 +139,7 @@ TRANSFORMS = st.builds(
 
 @given(st.lists(TRANSFORMS, max_size=5))
 def test_others_read_the_messages(transforms: list[Transform]) -> None:
-    """As rosbags decodes them, whatever the names do to the alignment."""
+    """The rosbags library decodes the messages, whatever the names do to the alignment."""
     found = typestore().deserialize_cdr(encode_transforms(transforms), TF_TYPE).transforms
     single = [
         typestore().deserialize_cdr(encode_transform(one), "geometry_msgs/msg/TransformStamped")

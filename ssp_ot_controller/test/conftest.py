@@ -1,4 +1,4 @@
-"""What the tests of nodes share: a ROS domain, a run, and a node that plays the others."""
+"""Fixtures shared by tests of nodes: a ROS domain, a run, and a node that plays the others."""
 
 from __future__ import annotations
 

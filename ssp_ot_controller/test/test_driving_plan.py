@@ -93,7 +93,7 @@ def test_a_plan_of_more_points_than_anybody_needs_is_refused_unread() -> None:
 
 @pytest.mark.parametrize(("points_s", "asked_s"), [(0.5, 10.0), (0.1, 0.5)])
 def test_a_plan_at_2_hz_through_30_m_of_braking_is_tracked(points_s: float, asked_s: float) -> None:
-    """Within 0.2 m and 0.3 m/s: one with a point every 0.5 s, and one that is renewed so often."""
+    """Errors stay within 0.2 m and 0.3 m/s, with a point, or a renewed plan, every 0.5 s."""
     speed, begin_s = 13.0, 2.0
     slows = speed**2 / (2.0 * 30.0)
 

@@ -78,7 +78,7 @@ def test_who_is_dropped_is_not_waited_for_any_more() -> None:
 
 @pytest.mark.parametrize("frame_steps", [1, 4, 5])
 def test_the_camera_may_lag_by_one_frame(frame_steps: int) -> None:
-    """To leave step k, the newest frame at or before k + 1 - frame_steps must be there."""
+    """The newest frame at or before k + 1 - frame_steps must be there to leave step k."""
     for step in range(1, 40):
         due = list(range(0, step + 2 - frame_steps, frame_steps))
         b = barrier(camera=CAMERA, frame_steps=frame_steps)

@@ -1,4 +1,4 @@
-"""Whatever the order in which topics deliver, a step's messages are dealt with in one order."""
+"""The order in which a step's messages are processed doesn't depend on that of their delivery."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_a_start_is_left_for_the_first_step() -> None:
 
 @dataclass(frozen=True)
 class Dealt:
-    """What a node did with one tick."""
+    """The actions of a node on one tick."""
 
     step: int
     beats: tuple[int, ...]

@@ -1,4 +1,4 @@
-"""Whom an object listens to: one manager, near neighbours, and how it answers heartbeats."""
+"""The senders that an object listens to: one manager, near neighbours; and its own heartbeats."""
 
 from __future__ import annotations
 

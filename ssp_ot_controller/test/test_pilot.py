@@ -150,7 +150,7 @@ def test_a_driver_whose_answer_can_not_be_read_has_died_or_is_refused(answer: An
 
 
 def test_an_error_counts_from_t_plus_its_latency_on() -> None:
-    """Up to then the plan before is driven: an error comes no sooner than an answer."""
+    """The plan before is driven up to then: an error comes no sooner than an answer."""
 
     def says(question: Question) -> Answer:
         if question.stamp_ns >= 1_100_000_000:

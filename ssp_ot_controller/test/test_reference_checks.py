@@ -274,7 +274,7 @@ def fine(
 
 
 def gently(t: float) -> float:
-    """0.45 m/s^2, which nobody need state, up and down again."""
+    """Return a speed that rises and falls with 0.45 m/s^2, too gently to have to be stated."""
     return max(0.45 * min(t, 5.9 - t), 0.0)
 
 

@@ -1,4 +1,4 @@
-"""What an object drives when references come faster than the link delivers them, or come twice."""
+"""The reference that an object drives when references come twice, or faster than the link is."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def truth(k: int, speed_mps: float = 10.0) -> ObjectState:
 
 
 def stepped(channel: Channel, n: int, work: Callable[[Channel, int], Any]) -> list[Any]:
-    """What ``work`` gives in each of n running steps."""
+    """Return the results of ``work`` in each of n running steps."""
     found = []
     for k in range(n):
         channel.begin(k * STEP_NS, running=True, armed=False)

@@ -112,7 +112,7 @@ def test_without_drive_the_vut_stops_comfortably(run: RunSpec) -> None:
 
 
 def test_a_stopping_vut_does_not_run_into_what_stops_harder(run: RunSpec) -> None:
-    """At the end of a run the OT brakes with 4 m/s^2, the VUT on its own with 2.5 m/s^2.
+    """The OT brakes with 4 m/s^2 at the end of a run, the VUT on its own with 2.5 m/s^2.
 
     From 8 m/s that is 8 m against 12.8 m, more than the gap between them.
     """
@@ -162,7 +162,7 @@ def test_a_body_that_hears_nothing_brakes_hard(run: RunSpec, object_id: str) -> 
 
 
 def test_a_body_that_hears_nothing_in_a_bend_stays_on_its_arc(run: RunSpec) -> None:
-    """As a real one does: the room for a blind stop was judged along that arc."""
+    """A real body stays there too: the room for a blind stop was judged along that arc."""
     world = World(run, MemoryScene())
     for _ in range(60):
         world.advance({"ot1": (world.step_index, Command(2.0, 0.05, 0.0))}, drive_vut=False)

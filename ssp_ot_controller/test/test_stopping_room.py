@@ -162,7 +162,7 @@ def test_a_reference_needs_room_past_its_end(end_m: float, good: bool) -> None:
 
 @pytest.mark.parametrize(("right_m", "good"), [(-12.0, True), (-6.0, False)])
 def test_a_lane_change_needs_room_to_stop_blindly(right_m: float, good: bool) -> None:
-    """Where it steers hardest to the right, held steering leads farthest to the right."""
+    """Held steering leads farthest right from the place of the hardest steering to the right."""
     points = lane_change(PATH, 10.0, 13.0, -3.5, 2.5, 13.0, 2.0)
     lack = room(right_m=right_m).lack(points.columns)
     assert (lack is None) == good

@@ -127,7 +127,7 @@ def test_what_is_wrong_is_said(data: bytes, reason: Reason) -> None:
 
 
 def test_layout_is_that_of_the_docs() -> None:
-    """Whoever builds a body reads docs/body-protocol.md: the offsets there are these."""
+    """The offsets are those in docs/body-protocol.md, from which others build their bodies."""
     assert (STATE_BYTES, COMMAND_BYTES) == (132, 100)
     assert STATE[:8] == b"SSPB\x01\x01" + struct.pack("<H", 132)
     assert STATE[8:40] == b"ot1".ljust(32, b"\0")

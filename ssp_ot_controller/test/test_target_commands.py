@@ -1,4 +1,4 @@
-"""What an object target refuses and obeys: references, its own state, commands."""
+"""The messages that an object target refuses and obeys: references, its own state, commands."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def test_arming_needs_the_same_event_version(rig: Rig) -> None:
     "event", ["INIT_DONE", "PRE_ARM_DONE", "STANDSTILL", "RUN_DONE", "LOCAL_STOP"]
 )
 def test_what_the_object_notices_by_itself_is_no_command(rig: Rig, event: str) -> None:
-    """Whoever sends such a number must not get an object armed that doesn't stand."""
+    """A command with such a number must not arm an object that doesn't stand."""
     rig.target.power_on()
     rig.step()
     rig.target.command(ObjectEvent.ARM, VERSION, 0.0)

@@ -261,7 +261,7 @@ events = st.one_of(
 def test_after_an_abort_nothing_makes_it_accelerate(
     before: list[tuple[Any, ...]], cause: str, after: list[tuple[Any, ...]]
 ) -> None:
-    """Until all_clear, which is left out of the commands here."""
+    """The target accelerates again only after all_clear, which the commands here leave out."""
     rig = Rig()
     rig.drive(seconds=4.0)
 

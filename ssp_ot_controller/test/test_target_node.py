@@ -43,7 +43,7 @@ def run_file(tmp_path: Path, run_mapping: Callable[..., dict[str, Any]]) -> Path
 
 
 class Peers:
-    """World and manager, played by the test; both do something only when they are told to."""
+    """World and manager, played by the test; both act only on the test's request."""
 
     def __init__(self, others: Any) -> None:
         self.node, self.spin, self.spin_until = others.node, others.spin, others.spin_until
@@ -80,7 +80,7 @@ class Peers:
         )
 
     def live_connected(self) -> bool:
-        """As ``connected``, for an object that hears no world."""
+        """Tell the same as ``connected`` for an object that hears no world."""
         return self.commands.service_is_ready() and all(
             p.get_subscription_count() for p in (self.beat_pub, self.reference_pub)
         )

@@ -177,7 +177,7 @@ def out_of_fence(loop: Loop) -> None:
 
 
 def by_fault(loop: Loop) -> None:
-    """What the run file says strikes by itself."""
+    """Do nothing: the fault of the run file strikes by itself."""
 
 
 # Name: fault of the run file, what the test does, code of the event, timeout in s.
@@ -305,7 +305,7 @@ def test_one_that_speeds_up_while_it_is_blind_keeps_the_bound_of_what_it_may_rea
 def test_a_world_that_falls_silent_stops_what_drives_but_not_after_a_pause_of_the_own_process() -> (
     None
 ):
-    """What came during the pause may still be unread at the first look."""
+    """Ticks that came during the pause may still be unread at the first look."""
     loop = Loop(run_of("car"))
     loop.drive(8.0)
     silent_ns = round((WORLD_HANG_S + PAUSE_S) * S)

@@ -26,7 +26,7 @@ MODULE = "ssp_ot_controller.ros.vut_adapter"
 
 
 def arguments(run_file: Path, **given: str) -> list[str]:
-    """Of a process of the node."""
+    """Return the command line of a process of the node."""
     told = {"run_file": str(run_file), "navsat": "fix", "heading": "imu", **given}
     words = [word for name, value in told.items() for word in ("-p", f"{name}:={value}")]
     return [sys.executable, "-m", MODULE, "--ros-args", *words]

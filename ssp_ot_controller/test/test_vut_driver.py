@@ -1,4 +1,4 @@
-"""Who drives the VUT: the built-in driver with its changes and faults, or an external one."""
+"""The driver of the VUT: the built-in one with its changes and faults, or an external one."""
 
 from __future__ import annotations
 

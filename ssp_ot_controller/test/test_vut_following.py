@@ -1,4 +1,4 @@
-"""The built-in driver in closed loop: keeps its lane and speed, hits nobody, goes on afterwards."""
+"""The built-in driver in closed loop: keeps its lane and speed, avoids contact, then goes on."""
 
 from __future__ import annotations
 

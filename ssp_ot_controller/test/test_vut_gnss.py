@@ -205,7 +205,7 @@ def test_a_fix_without_a_usable_heading_says_what_is_wrong_with_it(
 
 
 def test_a_heading_of_no_stated_deviation_is_taken() -> None:
-    """As with odometry; some drivers state none."""
+    """Odometry is treated likewise: some drivers state no deviation."""
     receiver = Receiver()
     receiver.hear(1.0)
     receiver.states.hear_heading(receiver.heading(1.1, variance_rad2=0.0))

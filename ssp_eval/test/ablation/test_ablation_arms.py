@@ -211,7 +211,7 @@ def test_a_recorded_source_is_cut_to_the_clip_of_its_event(
 def test_a_source_in_which_the_vut_stands_first_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As a whole session does, whose VUT starts at its place."""
+    """A recording of a whole session can't be a source: its VUT stands at its start."""
     event = load("cut_in")
     drawn = read_source(event)
     first_s, first = drawn.series[0]

@@ -41,7 +41,7 @@ VIEW = OPTICS.view(VUT.pose)
     [(20.0, 0.0, 1.0), (20.0, 40.0, 0.0), (-20.0, 0.0, 0.0), (900.0, 0.0, 0.0)],
 )
 def test_what_is_in_the_picture(x_m: float, y_m: float, share: float) -> None:
-    """In the middle, out to the side, behind, and too far to be 8 px high."""
+    """The boxes lie in the middle, at the side, behind, and too far away to be 8 px high."""
     assert object_share(VIEW, box("ot1", ObjectClass.PEDESTRIAN, x_m, y_m), []) == share
 
 

@@ -1,4 +1,4 @@
-"""What must not get in, or be kept out, by one source's silence about another's word (METHOD 4)."""
+"""The silence of one source about another's statement neither admits nor refuses (METHOD 4)."""
 
 from __future__ import annotations
 

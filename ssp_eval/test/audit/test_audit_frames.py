@@ -1,4 +1,4 @@
-"""Which frame stands for an instant, and what the page says of it."""
+"""The frame that stands for an instant, and the caption that the page gives it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Changes on site that were forgotten: what is entered beside a recording counts, and is told."""
+"""Changes on site that were forgotten: an entry beside a recording counts, and is reported."""
 
 from __future__ import annotations
 

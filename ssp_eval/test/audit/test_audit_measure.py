@@ -83,7 +83,7 @@ def test_what_is_no_roundabout_is_refused_with_what_differs(made: Scene, code: s
 
 
 def fixed(event: Event, properties: Mapping[str, Property]) -> dict[str, Property]:
-    """Without what may vary."""
+    """Return the properties of an event without the parts that may vary."""
     return {k: q.without(varying_parts(event)) for k, q in properties.items()}
 
 
@@ -185,7 +185,7 @@ def test_where_the_occluder_leaves_is_held_against_k_star(
 def test_noise_of_localisation_moves_the_gap_at_which_an_occluder_leaves_by_its_own_size(
     seed: int,
 ) -> None:
-    """At 20 Hz, two places with 3 cm of noise each differ by 0.8 m/s."""
+    """Two places 50 ms apart (20 Hz), each with 3 cm of noise, falsify a speed by 0.8 m/s."""
     made, drawn, sigma_m = cut_out(), random.Random(seed), 0.03
     noisy = [
         (
@@ -367,7 +367,7 @@ def test_time_gap_of_a_crossing_is_from_departure_to_arrival() -> None:
 
 @pytest.mark.parametrize("slant", [-0.5, 0.5])
 def test_the_zone_of_a_slanting_crossing_is_what_both_corridors_share(slant: float) -> None:
-    """From the right through x = 80 m, with or against the VUT: dx/dy = 0.5 or -0.5."""
+    """The walker crosses from the right through x = 80 m with dx/dy = 0.5 or -0.5."""
 
     def walker(t: float) -> tuple[float, float]:
         y = -4.0 + 1.3 * max(0.0, t - 4.0)

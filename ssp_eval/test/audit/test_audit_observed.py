@@ -49,7 +49,7 @@ def event(tmp_path_factory: pytest.TempPathFactory) -> Event:
 
 @pytest.fixture
 def videos(event: Event, tmp_path: Path) -> dict[str, Path]:
-    """Three imported videos; of the two that aren't the source nobody said anything yet."""
+    """Three imported videos; the two that aren't the source have no observation yet."""
     found = {}
     for number, domain in enumerate(("synthetic", "simulation", "physical")):
         clip = tmp_path / f"{domain}.mp4"
@@ -85,7 +85,7 @@ def videos(event: Event, tmp_path: Path) -> dict[str, Path]:
 
 
 def seen(**changes: Any) -> dict[str, Any]:
-    """What somebody saw who saw K*'s event."""
+    """Return the observation of a person who saw K*'s event, with changes at the named fields."""
     content = answers()
     content["topology"] |= {"lanes_opposite": 2}
     for phase, t_s in (("trigger", 3.3), ("conflict", 3.5), ("resolution", 5.6)):

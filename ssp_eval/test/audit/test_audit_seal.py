@@ -74,7 +74,7 @@ def test_a_verdict_without_its_seal_is_refused(bag: Path, make_bag: Callable[...
 def test_a_session_of_which_nothing_tells_what_it_lacks_is_refused(
     bag: Path, tmp_path: Path
 ) -> None:
-    """What was recovered of a damaged bag is taken where the recorder's report says what was in."""
+    """A recovered bag is taken if it still has the recorder's report of what the original held."""
     append_attachment(bag, "recording.json", b'{"topics": []}', "application/json")
     leave_verdict(bag, Verdict.VALID, [], "runner")
     file = next(bag.glob("*.mcap"))

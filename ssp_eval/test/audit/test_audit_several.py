@@ -247,7 +247,7 @@ def test_labels_go_by_the_initiator_and_are_as_many_in_each_domain(example: str)
 
 
 def test_a_car_behind_a_parked_truck_is_labelled_and_counted_as_hidden() -> None:
-    """The trigger comes while nobody can see it; the labels name it once it is seen."""
+    """The trigger comes while the car is hidden; the labels name the car once it is visible."""
     event = behind_a_parked_truck()
     scene = as_read(event, made(event, ground("crossroads")).task.run)
     found = measure(scene)

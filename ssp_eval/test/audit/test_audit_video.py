@@ -32,7 +32,7 @@ TIMES = source_times(EVENT)
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Nine seconds of grey at 12 Hz: nobody here looks at it."""
+    """Nine seconds of grey at 12 Hz; the tests never look at its pictures."""
     path = tmp_path_factory.mktemp("clip") / "clip.mp4"
     fourcc = cv2.VideoWriter.fourcc(*"mp4v")
     writer = cv2.VideoWriter(str(path), fourcc, 12.0, (96, 54))

@@ -1,4 +1,4 @@
-"""What moved the answer: answerers of known cause are told apart by their twins."""
+"""The causes of an answer: twins distinguish answerers whose cause is known."""
 
 from __future__ import annotations
 

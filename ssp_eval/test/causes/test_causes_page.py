@@ -29,9 +29,10 @@ CAR, PEDESTRIAN = "A car is ahead. I slow down.", "A pedestrian is ahead. I slow
 
 @pytest.fixture
 def campaign(make_bag: BagMaker, tmp_path: Path) -> Path:
-    """A recording that shows a car all the time, and twins with the same states, answered by a
-    model that names a pedestrian every third time and nobody where it is asked about the first.
-    """
+    """A campaign on a recording that shows a car all the time, and on twins with the same states.
+
+    The model answers with a car, but with a pedestrian in every third answer, and with a clear road
+    in the condition that leaves out the object."""
     bag = make_bag()
     for name in TWINS:
         bag_of(bag, name).parent.mkdir(parents=True)
@@ -39,7 +40,7 @@ def campaign(make_bag: BagMaker, tmp_path: Path) -> Path:
     write_twin_set(bag, {name: audit_of_twin() for name in TWINS})
 
     class Namer(Answering):
-        """Whoever is asked, by the condition."""
+        """A client whose answer depends on the model's condition."""
 
         def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
             told = count()

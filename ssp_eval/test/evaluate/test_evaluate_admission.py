@@ -1,4 +1,4 @@
-"""What an audit admits enters evaluation; what it refuses doesn't (METHOD 4)."""
+"""Evaluation takes the recordings that an audit admits, and no others (METHOD 4)."""
 
 from __future__ import annotations
 
@@ -306,7 +306,7 @@ def test_a_status_that_its_own_values_contradict_is_no_audit(
 def test_an_entry_of_another_recording_under_this_bag_s_hash_ends_the_command(
     field: str, value: object, make_bag: BagMaker, tmp_path: Path
 ) -> None:
-    """As an audit is whose entries were exchanged, whatever else of it holds together."""
+    """The entries of an audit were exchanged, and all else in the audit still holds together."""
     bag = make_bag()
     file = audit_file(tmp_path / "audit.json", "admitted", bag)
     audit = json.loads(file.read_text())

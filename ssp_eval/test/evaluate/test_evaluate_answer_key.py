@@ -1,4 +1,4 @@
-"""What invalidates a stored answer, and what doesn't: both ways for each part."""
+"""The key of a stored answer: each part of it either invalidates the answer or doesn't."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def chat(name: str, url: str = "http://127.0.0.1:9/v1", **more: Any) -> str:
 
 
 def said(request: Mapping[str, Any]) -> tuple[int, bytes]:
-    """What a model says that looks, and what it says where there is nothing to look at."""
+    """Answer as a model that looks at pictures, and that guesses if it gets none."""
     seeing = isinstance(request["messages"][-1]["content"], list)
     return 200, completion(SEEN if seeing else GUESSED)
 
@@ -203,7 +203,7 @@ def test_two_blind_models_of_one_name_are_refused(capfd: pytest.CaptureFixture[s
 def test_an_attached_bridge_that_was_shown_nothing_is_blind(
     make_bag: BagMaker, tmp_path: Path
 ) -> None:
-    """Nobody said so beforehand, but its answers do: it isn't taken for one that sees."""
+    """The bridge wasn't declared blind, but its answers show that it saw no picture."""
 
     def reply(_: int, request: Request) -> ModelReply:
         told = Response(request.request_id, request.stamp_ns, "far", "m", GUESSED)

@@ -1,4 +1,4 @@
-"""What of a bag enters a request: frames and history up to a time, and nothing later."""
+"""The parts of a bag that enter a request: frames and history up to a time, and nothing later."""
 
 from __future__ import annotations
 

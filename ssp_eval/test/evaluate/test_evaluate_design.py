@@ -107,7 +107,7 @@ def test_who_looks_uses_the_object_in_a_few_recordings(
 
 @pytest.mark.parametrize(("share", "recordings"), [(0.5, 1), (0.1, 1), (0.05, 1), (0.02, 3)])
 def test_of_coin_flips_hardly_any_is_said_to_use_the_object(share: float, recordings: int) -> None:
-    """Over many seeds, shares and numbers of recordings: docs/twins.md."""
+    """False findings are rare over many seeds, shares and numbers of recordings: docs/twins.md."""
     words = Counter(finding(flipping(share, seed), recordings, MANY).word for seed in range(50))
     assert words[Word.OBJECT] + words[Word.EXPLAINS_LATER] <= 2
     assert share < 0.5 or words == {Word.OPEN: 50}

@@ -28,7 +28,7 @@ MODEL = ModelSpec(
 
 
 class Numbered(Answering):
-    """Numbers its answers, so that one is told from another; errors, or an end, at some of them."""
+    """Numbers its answers, so that they can be distinguished; fails, or stops, at some of them."""
 
     def __init__(self) -> None:
         super().__init__(self.numbered)

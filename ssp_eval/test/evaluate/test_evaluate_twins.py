@@ -47,7 +47,7 @@ def bright(index: int) -> bytes:
 
 @pytest.fixture
 def bag(make_bag: BagMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A recording with two twins: other frames, and another end that nobody is asked about."""
+    """A recording with two twins: other frames, and another end, after the last question."""
     recording = make_bag()
     for name, options in ((WITHOUT, {}), (OTHER, {"duration_s": 8.98})):
         with monkeypatch.context() as patched:

@@ -143,7 +143,7 @@ def test_the_measure_shows_the_extractor_only_the_text() -> None:
 
 
 def test_records_are_made_without_labels() -> None:
-    """What makes the records of a cell takes answers, an adapter and an extractor."""
+    """The functions that make a cell's records take answers, an adapter and an extractor."""
     for make in (answer_records.records_of, answer_records.record_of):
         assert not [name for name in inspect.signature(make).parameters if "label" in name]
     assert not {

@@ -1,4 +1,4 @@
-"""What of the LLM's proposals stands: the rules' own scope and binding hold for its quotes."""
+"""The LLM's proposals that are kept: the scope and binding of the rules apply to its quotes."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ CLASSES = VOCABULARIES["objects"]
 
 
 def read(text: str) -> dict[str, object]:
-    """What the rules take from a text, by slot."""
+    """Return the values that the rules extract from a text, by slot."""
     slots = extract(text)
     found = {name: getattr(slots, name) for name in VOCABULARIES}
     return {name: None if slot is None else slot.value for name, slot in found.items()}

@@ -1,4 +1,4 @@
-"""What holds for every text: spans, legality, speed, and that nothing but the text is seen."""
+"""Properties that hold for every text: spans, legality, speed, dependence on the text alone."""
 
 from __future__ import annotations
 

@@ -118,7 +118,7 @@ def test_the_weights_are_small_and_are_written_as_they_are_read() -> None:
 
 
 def test_two_trainings_give_the_same_bytes() -> None:
-    """Whatever order a process gives its sets; the parts of the whole training are of this kind."""
+    """The result doesn't depend on the order in which a process iterates its sets."""
     script = (
         "import train_reader as t; rows = t.examples(('blind',), most=6);"
         "print(t.written(t.feature_weights(rows)))"

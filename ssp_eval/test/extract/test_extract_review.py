@@ -61,7 +61,7 @@ def review(tmp_path: Path) -> Path:
 
 
 def filled(review: Path, reviewer: int, **changes: str) -> Path:
-    """What a reviewer returns: as the extractor did but for changes to the first text."""
+    """Write a reviewer's answers, equal to the extractor's but for changes to the first text."""
     key = load_key(review / "key.json")
     by_id = {item.review_id: dict(item.extracted) for item in key.items}
     by_id[key.items[0].review_id] |= changes

@@ -88,7 +88,7 @@ def drawn_once(case: str, kind: str) -> dict[str, Drawing]:
 
 
 def gids(figure: Drawing) -> Counter[str]:
-    """How many artists there are by the first word of their name."""
+    """Count the artists of a drawing by the first word of their name."""
     names = [artist.get_gid() for artist in figure.figure.findobj() if artist.get_gid()]
     return Counter(name.split("-")[0] for name in names)
 
@@ -247,7 +247,7 @@ def grey(colour: str) -> float:
 
 
 def test_domains_are_told_apart_without_colour() -> None:
-    """By their marks and, where there is a line alone, by how light it is."""
+    """Markers distinguish the domains; lines without markers differ in lightness."""
     looks = [DOMAIN_LOOKS[domain] for domain in DOMAINS]
     assert len({look.marker for look in looks}) == 3
     for one, other in itertools.combinations(looks, 2):

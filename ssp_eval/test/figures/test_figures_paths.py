@@ -14,13 +14,13 @@ SPEED_MPS, RADIUS_M = 10.0, 40.0
 
 
 def pose_at(t_s: float) -> Pose2:
-    """On a circle to the left, from the origin along x."""
+    """Return the pose at a time on a circle to the left that leaves the origin along x."""
     angle = SPEED_MPS * t_s / RADIUS_M
     return Pose2(RADIUS_M * math.sin(angle), RADIUS_M * (1 - math.cos(angle)), angle)
 
 
 def request(t_s: float, history_s: float = 1.0) -> dict[str, Any]:
-    """What a request at this time says of the circle, in its own frame."""
+    """Return a request at this time, whose history is the circle in its own frame."""
     now = pose_at(t_s)
     samples = []
     for k in range(round(history_s * 10), -1, -1):

@@ -1,4 +1,4 @@
-"""What figures compute before anything is drawn: fronts, places of labels, names, pages."""
+"""The layout that figures compute before they draw: fronts, places of labels, names, pages."""
 
 from __future__ import annotations
 

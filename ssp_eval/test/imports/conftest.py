@@ -1,4 +1,4 @@
-"""What the importers' tests share; the recordings themselves are made in foreign_recordings."""
+"""Fixtures shared by the importers' tests; foreign_recordings makes the recordings themselves."""
 
 from __future__ import annotations
 

@@ -171,7 +171,7 @@ def write_bag(
 
 @dataclass(frozen=True)
 class TrackDay:
-    """What a positioning system and a camera recorded of VUT and object.
+    """A recording of VUT and object by a positioning system and a camera.
 
     Args:
         states: by object id, the stamps count from 0.

@@ -110,7 +110,7 @@ def test_an_imported_track_day_is_drawn_anew(
 def test_a_server_that_does_not_answer_leaves_nothing_behind(
     imports: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One takes the connection and is silent, as a server that hangs; nobody takes the other."""
+    """One server takes the connection and stays silent, as if it hung; one port is closed."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     given = ("draw", imports / "whole", "--map", imports / "map.xodr", "--out", tmp_path / "drawn")
     with socket.socket() as silent, socket.socket() as closed:

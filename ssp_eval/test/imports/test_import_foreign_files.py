@@ -147,7 +147,7 @@ def test_a_topic_that_is_asked_for_and_cannot_be_read_is_refused_without_a_wrong
 def test_a_bag_of_sqlite_is_read_whatever_types_stand_beside(
     day: TrackDay, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As rosbag2 notes a type that it doesn't find, and another program's JSON."""
+    """The bag also holds a type that rosbag2 didn't find, and JSON of another program."""
     source = write_bag(tmp_path / "day", day.messages(), sqlite=True)
     assert run(source, tmp_path / "same") == 0
     (file,) = source.glob("*.db3")
@@ -175,7 +175,7 @@ def test_a_bag_of_sqlite_is_read_whatever_types_stand_beside(
 def test_a_bag_of_sqlite_that_nobody_closed_is_read_and_that_is_said(
     day: TrackDay, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As rosbag2 leaves it when it is killed: it writes metadata.yaml at the end."""
+    """A killed rosbag2 leaves such a bag: it writes metadata.yaml only at the end."""
     source = write_bag(tmp_path / "day", day.messages(), sqlite=True)
     assert run(source, tmp_path / "same") == 0
     (source / "metadata.yaml").unlink()

@@ -1,4 +1,4 @@
-"""What an import of a long recording keeps in memory."""
+"""The memory that an import of a long recording needs."""
 
 from __future__ import annotations
 

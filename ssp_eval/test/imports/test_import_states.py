@@ -311,7 +311,7 @@ def test_ids_that_switch_are_refused_where_they_do(
     video: Path, table: Path, tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     def switched(rows: list[dict[str, Any]]) -> None:
-        """From 6 s on each has the other's id."""
+        """Exchange the ids of VUT and object from 6 s on."""
         for row in rows:
             if float(row["t_s"]) >= 6.0:
                 row["id"] = {"vut": "ot1", "ot1": "vut"}[row["id"]]

@@ -1,4 +1,4 @@
-"""How large the critical object is at each label: in the audit, and in the table of labels."""
+"""The size of the critical object at each label, in the audit and in the table of labels."""
 
 from __future__ import annotations
 

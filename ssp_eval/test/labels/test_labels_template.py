@@ -312,8 +312,11 @@ def test_doubtful_labels_are_warned_about(
 def test_phases_are_held_against_the_events_times(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], shift_s: float, what: str | None
 ) -> None:
-    """In the K*'s crop, from 1 s of its source on, the trigger lies at 4–4.2 s, the conflict at
-    4.4 s, the resolution is unresolved; labels from 3.5 s on."""
+    """The labels start at 3.5 s, and are compared with the times of K*.
+
+    Its crop begins 1 s into its source, so that the trigger lies at 4–4.2 s and the conflict at
+    4.4 s; the resolution is unresolved.
+    """
     event, _ = load_event("cut_in")
     value = event.model_dump(mode="json", by_alias=True)
     value["events"]["trigger"]["start"] = {"min": 5.0, "max": 5.2, "unit": "s"}

@@ -1,4 +1,4 @@
-"""What a person saw in a recording: bound to it, sealed, and in the words of the audit."""
+"""A person's observation of a recording: bound to it, sealed, and in the words of the audit."""
 
 from __future__ import annotations
 

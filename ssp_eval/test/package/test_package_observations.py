@@ -1,4 +1,4 @@
-"""What a person saw goes into the package, bound to the recording by its hash."""
+"""A person's observation goes into the package, bound to the recording by its hash."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was asked about twins walks back to the twins' bags."""
+"""The answers about twins lead back to the twins' bags."""
 
 from __future__ import annotations
 

@@ -294,7 +294,7 @@ def test_a_malformed_table_is_one_finding(
 @settings(max_examples=40, deadline=None)
 @given(st.data())
 def test_no_table_makes_verify_raise(made: Path, data: st.DataObject) -> None:
-    """Whatever stands in a table, resealed or not, verify says something and never raises."""
+    """Any content of a table, resealed or not, makes verify report something, never raise."""
     value = json.loads((made / "package.json").read_text())
     place, key = value, data.draw(st.sampled_from(["files", "links", "chains", "missing", "id"]))
     if isinstance(place[key], list) and place[key]:

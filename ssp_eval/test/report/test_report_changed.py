@@ -1,4 +1,4 @@
-"""What was changed since it was evaluated is refused by name, and the report goes on."""
+"""A file changed since its evaluation is refused by name, and the report goes on."""
 
 from __future__ import annotations
 

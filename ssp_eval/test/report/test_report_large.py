@@ -39,7 +39,7 @@ def rows(page: str) -> dict[str, Any]:
 
 
 def steps(file: Path) -> list[tuple[str, str]]:
-    """What each step of the first record's way back is, and its hash."""
+    """Return name and hash of each step of the way back from the first record."""
     text = file.read_text()
     html = json.loads("[" + text.removeprefix("sspCell(").removesuffix(");\n") + "]")[1]
     walk = html.split('<details class="walk">')[1].split("</details>")[0]

@@ -1,4 +1,4 @@
-"""What a reader of the page must be told: cells and ranks that can't be compared."""
+"""The warnings of the page: cells and ranks that can't be compared."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_a_gap_is_named_and_a_recording_without_twins_is_none() -> None:
 
 
 class Troubled(Extractor):
-    """With an LLM that is away."""
+    """An extractor whose LLM can't be reached."""
 
     def __call__(self, text: str) -> Extracted:
         return replace(super().__call__(text), trouble="no answer: it is away")
@@ -120,7 +120,7 @@ class Troubled(Extractor):
 
 
 class German(Extractor):
-    """Of a model that answers in German, whatever its words are here."""
+    """An extractor that reads a fixed German answer in place of any text."""
 
     def __call__(self, text: str) -> Extracted:
         return super().__call__("Vor uns bremst ein Lastwagen, wir halten die Spur.")
@@ -237,7 +237,7 @@ def test_what_the_lead_says_follows_from_the_cells() -> None:
 
 
 def test_by_whose_word_a_recording_is_of_its_domain_is_told(campaign: Path) -> None:
-    """On the page, under every table and in every caption."""
+    """The declaration stands on the page, under every table and in every caption."""
     word = "A. Engineer, 2026-03-01, north track"
     for folder in campaign.glob("cells/cut_in__physical__*"):
         resealed(folder, lambda facts: facts["clip"].update(declared_by=word))

@@ -50,7 +50,7 @@ GEOMETRY = {
 
 
 class Collector(HTMLParser):
-    """What a page refers to, and whether its tags close."""
+    """A parser that collects the references of a page, and checks that its tags close."""
 
     VOID = frozenset({"meta", "link", "img", "input", "br"})
 
@@ -380,7 +380,7 @@ def test_a_control_by_another_name_is_one_still(make_bag: BagMaker, tmp_path: Pa
 
 @pytest.mark.programs
 def test_from_a_score_back_by_clicking(campaign: Path) -> None:
-    """In a browser: matrix → cell → label time → evidence, and each step's file; on a phone too."""
+    """Clicks lead from the matrix to cell, label time, evidence and files; on a phone too."""
     page = write_report(campaign)
     cell = "cut_in__simulation__constant_velocity"
     with Browser(dark=False) as browser:

@@ -132,7 +132,7 @@ def lines(file: Path) -> list[list[str]]:
 
 
 def rounded(kind: str, value: Any) -> str | None:
-    """What a person reads of an unrounded value; None for what isn't a number to round."""
+    """Return a value as a table shows it to people; None for one that isn't a number to round."""
     if value is None:
         return "–"
     if kind in DIGITS:

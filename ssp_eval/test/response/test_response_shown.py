@@ -1,4 +1,4 @@
-"""Where responses are shown: the terminal, the audit's page, the campaign's report and tables."""
+"""The places that show responses: terminal, audit page, the campaign's report and tables."""
 
 from __future__ import annotations
 

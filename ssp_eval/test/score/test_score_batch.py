@@ -48,7 +48,7 @@ def naive():
 
 
 def near(first, second):
-    """Whether two score outputs agree to 1e-12 in every key of METHOD 6.14."""
+    """Assert that two score outputs agree to 1e-12 in every key of METHOD 6.14."""
     assert list(first) == list(second)
     for key, value in first.items():
         if key in EXACT or value is None or second[key] is None:
@@ -58,7 +58,7 @@ def near(first, second):
 
 
 def same(first, second):
-    """Whether two score outputs are the same to the last bit."""
+    """Assert that two score outputs are the same to the last bit."""
     assert list(first) == list(second)
     assert first == second
 

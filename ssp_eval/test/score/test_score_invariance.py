@@ -1,4 +1,4 @@
-"""What must not move a score, and what may only raise it (METHOD 6)."""
+"""Changes that must not move a score, and changes that may only raise it (METHOD 6)."""
 
 from dataclasses import replace
 

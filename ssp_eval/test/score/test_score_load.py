@@ -1,4 +1,4 @@
-"""From files to scores without records between: the same columns, the same refusals."""
+"""Scores made from files without records between: the same columns, the same refusals."""
 
 import json
 import shutil

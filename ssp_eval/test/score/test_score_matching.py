@@ -118,7 +118,7 @@ def test_what_one_label_leaves_of_the_tolerance_is_the_next_ones():
 
 
 def test_where_nothing_of_the_tolerance_is_left_the_best_choice_still_is_one():
-    """In powers of two nothing is rounded: the first choice costs the tolerance and no more."""
+    """Powers of two aren't rounded: the first choice costs exactly the tolerance."""
     thresholds = Thresholds(tolerance=2.0**-30)
     records = [-(2.0**-5) - 2.0**-30, 2.0**-5, 1.0, 1.0625]
     assert match([0.0, 1.0], records, thresholds) == (0, 2)

@@ -1,4 +1,4 @@
-"""What must hold for any labels and any outputs (METHOD 6)."""
+"""Properties of the scores of any labels and any outputs (METHOD 6)."""
 
 import json
 from dataclasses import replace

@@ -59,7 +59,7 @@ def test_columns_stand_in_any_order_and_notes_before_the_header(tmp_path, encodi
 
 
 def test_a_published_matrix_says_what_was_left_aside(tmp_path):
-    """A column of its own, a macro that was rounded, a response that isn't told."""
+    """The file has a column of its own, a macro that was rounded, a response that is missing."""
     told: list[str] = []
     lines = (
         "cut_in,Physical,a,1.00,0.80,0.50,0.70,0.60,0.40,S@1.50,0.72,2024",
@@ -77,7 +77,7 @@ def test_a_published_matrix_says_what_was_left_aside(tmp_path):
 
 
 def test_a_matrix_of_ours_gives_the_same_rows_again(tmp_path):
-    """With controls, lost and unadmitted cells, runs, facts, and names that are hard to write."""
+    """The rows are controls, lost and unadmitted cells, runs, facts, and names hard to write."""
     rows = [
         row(run="=1+1", seed=10, rsr=1, rl_s=1 / 3, total_b=7.5, active_b=0.1, architecture="a, b"),
         row(run="=1+1", seed=2, value=1 / 3, total_b=7.5, active_b=0.1, architecture="a, b", n=9),
@@ -423,7 +423,7 @@ def test_sound_names_are_told_nothing(tmp_path):
 
 
 def test_a_controls_name_is_no_models(tmp_path):
-    """Where the file doesn't say which rows are controls, it is told; if it denies it, refused."""
+    """A file that doesn't mark its controls gets a notice; one that denies them is refused."""
     told: list[str] = []
     lines = lines_of("a", "perfect", "a+black", "constant_velocity", "Silent")
     rows = rows_from_csv(write(tmp_path, *lines), told.append)

@@ -149,7 +149,7 @@ def test_the_mean_of_0_and_1_has_the_binomial_distribution():
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 999), places=st.lists(st.integers(0, 8), min_size=9, max_size=9))
 def test_a_resample_scores_as_if_its_labels_stood_there(seed, places):
-    """Against METHOD 6.2 to 6.8 computed plainly over the labels drawn."""
+    """The scores are those of METHOD 6.2 to 6.8, computed plainly over the labels drawn."""
     cell = terms(seed=seed)
     weights = np.bincount(places, minlength=9).astype(float)[None]
     found = {name: value[0] for name, value in resampled_scores(cell, weights).items()}
@@ -252,7 +252,7 @@ def test_repetitions_and_like_models_make_no_interval_narrower():
 
 
 def test_two_models_on_one_clip_have_an_interval_over_its_labels():
-    """By hand: the same draws for both, the ends where those of few blocks lie."""
+    """Both models have the same draws; the ends are those of intervals from few blocks."""
     chosen = cells()[:2]
     found = bootstrap_records(chosen, [], 500, SEED).differences
     (row, first), (_, second) = chosen
@@ -274,7 +274,7 @@ def test_models_that_answer_alike_differ_by_nothing_in_any_resample():
 
 
 def test_differences_over_labels_are_of_the_clips_that_both_models_have():
-    """Without c in two thirds of the clips, a and b are compared as before, and c where it is."""
+    """Model c lacks two thirds of the clips: a and b compare as before, c where it has clips."""
     every = cells()
     whole = bootstrap_records(every, [], 200, SEED).differences
     fewer = [one for one in every if one[0].model != "c" or one[0].domain == "physical"]

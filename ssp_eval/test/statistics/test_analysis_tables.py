@@ -185,7 +185,7 @@ def test_csv_has_all_digits_and_reads_back():
 
 
 def test_json_is_a_table_schema_with_all_digits():
-    """What ``pandas.read_json(file, orient="table")`` takes: typed fields and flat rows of them."""
+    """``pandas.read_json(file, orient="table")`` reads it: typed fields and flat rows of them."""
     found = json.loads(json.dumps(to_data(SMALL), allow_nan=False))
     assert [(f["name"], f["type"], f["kind"]) for f in found["schema"]["fields"]] == [
         ("name", "string", "text"),

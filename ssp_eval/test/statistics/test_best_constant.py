@@ -178,7 +178,7 @@ def test_a_difference_of_domains_stands_beside_that_of_the_labels_alone():
 
 
 def test_no_difference_of_domains_stands_bare():
-    """With two scenarios there is an interval over these two, however many models there are."""
+    """Two scenarios give an interval over these two, for any number of models."""
     rows = [
         row(s, d, m, 0.4 + 0.1 * (d == "physical") + 0.1 * (s == "t") * (d == "physical"))
         for s in "st"

@@ -1,4 +1,4 @@
-"""What a change makes of recorded states, and how it is written."""
+"""The effect of a change on recorded states, and its written form."""
 
 from __future__ import annotations
 

@@ -131,7 +131,7 @@ def test_exif_orientation_is_read_and_applied(order: str) -> None:
 
 
 def mosaic_of(picture: np.ndarray, pattern: str) -> np.ndarray:
-    """What a sensor behind a Bayer filter sees; two letters are a row of it."""
+    """Return the values of a sensor behind a Bayer filter; two letters are a row of its pattern."""
     channel = {"b": 0, "g": 1, "r": 2}
     found = np.zeros(picture.shape[:2], np.uint8)
     for place, colour in enumerate(pattern):

@@ -1,4 +1,4 @@
-"""What BagWriter writes, rosbags, mcap and mcap_ros2 read as our own reader does."""
+"""The bags of BagWriter in rosbags, mcap and mcap_ros2: they read them as our own reader does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What BagWriter writes, our reader and rosbags read back, from the bag alone."""
+"""The bags of BagWriter, read back by our reader and rosbags from the bag alone."""
 
 from __future__ import annotations
 

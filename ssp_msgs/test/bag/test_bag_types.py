@@ -1,4 +1,4 @@
-"""Where the message types come from, and what a bag's own definitions may do."""
+"""The sources of the message types, and the limits of a bag's own definitions."""
 
 from __future__ import annotations
 

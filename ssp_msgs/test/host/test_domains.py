@@ -129,7 +129,7 @@ def test_the_folder_that_tmpdir_names_holds_no_locks(
 def test_a_folder_of_locks_that_cannot_be_made_is_said_with_a_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As on a host with a read-only /tmp; before, a session ended there with a traceback."""
+    """A host with a read-only /tmp is such a case; a session used to end there with a traceback."""
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(locks, "LOCKS", tmp_path / "file")
     words = r"file/ssp-domains, which .* can't be made: Not a directory; make it a folder"

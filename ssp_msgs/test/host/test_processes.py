@@ -1,4 +1,4 @@
-"""Node processes: always gone at the end, whoever dies first."""
+"""Node processes: always gone at the end, in whatever order processes die."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_parameters_name_and_log(group: ProcessGroup) -> None:
 
 
 def test_a_node_is_in_a_session_of_its_own(group: ProcessGroup) -> None:
-    """Control-C in the terminal reaches whoever runs the session, and nobody else."""
+    """Control-C in the terminal reaches only the process that runs the session."""
     pid = start(group, "good")
     assert os.getsid(pid) == pid != os.getsid(0)
 

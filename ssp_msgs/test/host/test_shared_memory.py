@@ -100,7 +100,7 @@ time.sleep(600)
 
 @pytest.mark.ros
 def test_segments_of_a_live_participant_are_left_alone() -> None:
-    """With real Fast DDS: its own locks say that it lives, and that it is gone."""
+    """The locks of real Fast DDS tell whether the participant lives."""
 
     def segments() -> set[str]:
         return {p.name for p in Path("/dev/shm").glob("fastrtps_*_el") if "port" not in p.name}

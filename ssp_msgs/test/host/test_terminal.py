@@ -1,4 +1,4 @@
-"""A closed terminal, a wish to end, output that nobody reads: each is answered in order."""
+"""A closed terminal, a wish to end, output without a reader: each is answered in order."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def program(before: str = "") -> subprocess.Popen[str]:
 
 
 def told(process: subprocess.Popen[str], *numbers: str) -> list[str]:
-    """What it says of signals that come one at a time, up to the end of its input."""
+    """Send signals one at a time, and return what the process says of them until its input ends."""
     said = []
     assert process.stdin is not None
     assert process.stdout is not None

@@ -86,7 +86,7 @@ class PlayedVehicle:
 
     @property
     def now_ns(self) -> int:
-        """Up to when it was moved."""
+        """Return the time up to which the VUT was moved."""
         return self._now_ns
 
     def _state(self) -> ObjectState:

@@ -153,7 +153,7 @@ def test_a_road_that_hardly_bends_looks_straight() -> None:
 
 @pytest.mark.parametrize("radius", [60.0, -60.0, 200.0])
 def test_markings_follow_the_line(radius: float) -> None:
-    """Along the right edge line the picture is brighter than half a metre to its left."""
+    """The picture is brighter along the right edge line than half a metre to its left."""
     block = road(turn(radius), walk_m=0.0)
     image = picture(block, 50.0).astype(float).sum(axis=2)
     line, view = ReferenceLine.of_road(block), view_from(car(block, 50.0).pose, CAMERA)

@@ -1,4 +1,4 @@
-"""What comes between scene and sensor: roll, motion blur, rain, dusk; and lamps that signal."""
+"""Conditions between scene and sensor: roll, motion blur, rain, dusk; and lamps that signal."""
 
 from __future__ import annotations
 

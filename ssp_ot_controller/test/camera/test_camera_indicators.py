@@ -1,4 +1,4 @@
-"""When indicators blink: while a vehicle moves sideways along the road, and a little longer."""
+"""Indicators blink while a vehicle moves sideways along the road, and a little longer."""
 
 from __future__ import annotations
 

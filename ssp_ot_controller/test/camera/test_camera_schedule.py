@@ -1,4 +1,4 @@
-"""Which ticks become frames, and the distances that move legs."""
+"""The ticks that become frames, and the distances that move legs."""
 
 from __future__ import annotations
 

@@ -400,7 +400,7 @@ def test_a_message_full_of_unknown_items_is_told_of_in_short() -> None:
 
 
 def test_the_longest_trajectory_is_read_in_good_time() -> None:
-    """Once for each point, not once for each pair of points."""
+    """The work grows with the number of points, not with that of pairs of points."""
     many = (TrajPoint(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, None, None, None, None),) * 30_000
     sent = encode(Traj(1, 2, "", many))
     (frame,) = StreamDecoder(LONGEST_TRAJECTORY_BYTES).feed(sent)

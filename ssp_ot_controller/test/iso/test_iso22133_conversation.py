@@ -1,4 +1,4 @@
-"""What a control centre says to a test object, and what it finds wrong with it."""
+"""The messages of a control centre to a test object, and the faults that it finds in the object."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def test_addresses(text: str, expected: IsoAddress | None) -> None:
 
 
 class Peer:
-    """An object that hears, and says what it is told to."""
+    """An object that receives messages, and sends those that a test chooses."""
 
     def __init__(self, sockets: ObjectSockets) -> None:
         self._udp = sockets.udp

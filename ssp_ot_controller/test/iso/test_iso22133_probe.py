@@ -74,7 +74,7 @@ class SetClock(Clock):
 
 
 class SetLink:
-    """As ``Link``, to an object in the same process.
+    """A stand-in for ``Link`` to an object in the same process.
 
     Args:
         lost: messages of the object that get lost.

@@ -1,4 +1,4 @@
-"""When an object that is told to stop has become slower, by the places that it reports."""
+"""The time at which a commanded stop has slowed an object, by the places that it reports."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STIMULUS_S = 2.0
 
 
 def stopped(speed: Callable[[float], float], seconds: float = 12.0) -> Finding:
-    """What the probe finds of an object that goes this fast, by seconds of the step."""
+    """Return the probe's finding of an object that drives at this speed, by seconds of the step."""
     step, x_m = Step(BEGIN_NS), 0.0
     for k in range(round(seconds / PERIOD_S)):
         x_m += speed(k * PERIOD_S) * PERIOD_S

@@ -50,7 +50,7 @@ def test_a_whole_session() -> None:
 
 
 def test_a_simulated_object_says_so_before_it_is_armed() -> None:
-    """By its DRES: the gateway can't know otherwise what is at the other end."""
+    """Its DRES says so: the gateway can't otherwise know what is at the other end."""
     loop = Loop()
     assert loop.live.simulated == ()
     loop.session = SessionPhase.CONNECTED
@@ -78,7 +78,7 @@ def test_an_object_that_misses_its_start_is_told_so_before_its_place_stands_for_
 
 
 def test_an_object_whose_target_refuses_to_arm_it_contradicts_no_session_that_is_armed() -> None:
-    """As when others are armed, or the heartbeat comes before the call to arm."""
+    """The session may be armed by other objects, or its heartbeat comes before the call to arm."""
     loop = Loop(waive="")
     loop.session = SessionPhase.CONNECTED
     loop.forward(5.0)
@@ -117,7 +117,7 @@ def test_a_manoeuvre_is_driven_from_its_time_on() -> None:
 
 @dataclass(frozen=True)
 class Fault:
-    """What is done to a session, what must be told, and how soon the object must brake.
+    """A fault of a session, the event that it must cause, and the time until the object must brake.
 
     Args:
         reaction_s: until brakes, at most; the rest of its way is that of the braking.

@@ -53,7 +53,7 @@ def test_what_is_no_fault_is_refused(text: str) -> None:
 
 
 def test_a_cut_link_stops_it_and_nothing_is_heard_of_it() -> None:
-    """For 0.5 s, longer than the timeout."""
+    """The cut lasts 0.5 s, longer than the timeout."""
     centre = driving("link_cut@5+0.5", for_s=4.9)
     centre.run(0.2)
     heard, speed = len(centre.monrs), centre.played.body.speed_mps

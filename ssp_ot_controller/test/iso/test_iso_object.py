@@ -229,7 +229,7 @@ def test_a_deleted_trajectory_isnt_driven() -> None:
 
 
 def ahead_of(centre: Centre, in_s: float) -> Message:
-    """From where it will be in a while: to a standstill."""
+    """Return a trajectory from its place in so many seconds to a standstill."""
     began_ns = centre.played.started_ns or 0
     at_ns = centre.now_ns - began_ns + round(in_s * S)
     at_ns -= at_ns % 50_000_000

@@ -45,7 +45,7 @@ def test_an_abort_stops_it_and_is_latched_until_it_is_cleared() -> None:
 
 
 def test_a_centre_that_dies_while_it_drives_stops_it_within_its_stop_way() -> None:
-    """After the OSEM's timeout, which is shorter than its own; then it waits for another one."""
+    """It stops after the OSEM's timeout, shorter than its own; then it waits for another centre."""
     centre = driving()
     limit_m = bound_m(centre, 0.2 + 0.01)
     centre.status = None

@@ -133,7 +133,7 @@ def test_a_run_over_sockets_and_a_connection_that_breaks(served: Served) -> None
 
 
 def test_a_centre_that_connects_again_at_once_is_taken(served: Served) -> None:
-    """What it sent last, and that it has gone, is read before the new connection."""
+    """The last messages and the end of the old connection are read before the new connection."""
     link = served.link
     for _ in range(20):
         link.connect()

@@ -1,4 +1,4 @@
-"""Which answers count: the first one to the open request, and no other."""
+"""The answers that count: the first one to the open request, and no other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever a bridge does costs its record, never the campaign: real nodes, real topics."""
+"""A bridge that fails costs its record, never the campaign: real nodes, real topics."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ANSWER_S = 2.0
 
 
 class Campaign:
-    """What a campaign left of its one cell."""
+    """The files that a campaign of one cell has left."""
 
     def __init__(self, out: Path, stdout: str) -> None:
         self.line: dict[str, Any] = json.loads(stdout)

@@ -280,7 +280,7 @@ _VALUES = st.recursive(
 
 @given(entry=_VALUES, name=_WORDS | st.text())
 def test_no_entry_makes_anything_but_a_refusal(entry: Any, name: str) -> None:
-    """Whatever stands in a models file or after ``--bridge NAME=``: a model, or an InputError."""
+    """A models file or ``--bridge NAME=`` with any content yields a model or an InputError."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "models.yaml"
         text = json.dumps({"schema": "ssp.models/1", "models": {name: entry}})

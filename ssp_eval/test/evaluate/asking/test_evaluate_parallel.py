@@ -65,7 +65,7 @@ def cluster() -> Iterator[None]:
 
 @pytest.fixture(params=["processes", pytest.param("ray", marks=pytest.mark.programs)])
 def engine(request: pytest.FixtureRequest) -> str:
-    """What runs the workers, ready to."""
+    """The name of an engine that runs the workers; for Ray, its cluster is up."""
     if request.param == "ray":
         request.getfixturevalue("cluster")
     return str(request.param)

@@ -1,4 +1,4 @@
-"""What is wrong with a command is said before anything is asked or written."""
+"""Faults of a command are reported before any question is asked or any file written."""
 
 from __future__ import annotations
 
