@@ -96,7 +96,10 @@ def sightings_of(who: str, states: Sequence[ObjectState]) -> list[Sighting]:
 
 
 def of_session(seed: int, _: Path, *, is_live: bool) -> str:
-    """What is found in true states, or in those that arrived: to 2 cm, late, with losses."""
+    """Return the contradictions in a session's states.
+
+    The states are true, or, in a live session, as they arrive: to 2 cm, late, with losses.
+    """
     record = session(seed)
     found: list[object] = []
     for who in ("vut", "ot1"):
@@ -135,7 +138,7 @@ def day_of(seed: int) -> TrackDay:
 
 
 def imported(verb: str, source: Path, folder: Path, *options: str) -> str:
-    """What an import refuses; empty: it takes the recording."""
+    """Return the reasons for which an import refuses the recording; empty: it takes it."""
     told = io.StringIO()
     command = (verb, str(source), "--domain", "physical", "--out", str(folder / "out"), *options)
     with contextlib.redirect_stderr(told), contextlib.redirect_stdout(io.StringIO()):
@@ -207,7 +210,7 @@ KINDS: dict[str, Callable[[int, Path], str]] = {
 
 
 def refusal(kind: str, seed: int) -> str:
-    """What refuses the recording of a kind and a seed; empty: nothing does."""
+    """Return the reason that refuses the recording of a kind and a seed; empty: nothing does."""
     with tempfile.TemporaryDirectory() as folder:
         return KINDS[kind](seed, Path(folder))
 

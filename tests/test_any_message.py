@@ -330,7 +330,7 @@ class Objects(Struck):
 
 
 class Recorder(Struck):
-    """What the recorder writes it never reads; what it listens to goes another way."""
+    """The recorder, which decodes the messages that it listens to, and none that it writes."""
 
     def hears(self) -> list[tuple[str, Any, Callable[[bytes], None]]]:
         return [

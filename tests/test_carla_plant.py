@@ -44,7 +44,7 @@ def a_physics(seed: int) -> Physics:
 
 
 def response_of(physics: Physics, off: float = 1.0) -> Response:
-    """What a measurement would find, wrong by a factor."""
+    """Return the response that a measurement would find, wrong by a factor."""
     steer_1pm = math.tan(math.radians(0.1 * physics.most_deg)) / physics.wheelbase / 0.1
     lag = physics.lag
     return Response(

@@ -1,4 +1,4 @@
-"""What the documents say must be there is there."""
+"""The things that the documents refer to exist."""
 
 from __future__ import annotations
 

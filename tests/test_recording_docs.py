@@ -1,4 +1,4 @@
-"""What docs/recording.md promises stands in the code that keeps it."""
+"""The statements of docs/recording.md, held against the code that keeps them."""
 
 from __future__ import annotations
 

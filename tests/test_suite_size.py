@@ -1,4 +1,4 @@
-"""How much of the suite waits for processes of ROS: what costs most of its time."""
+"""The share of tests that wait for processes of ROS, which cost most of the suite's time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ MOST = 200
 
 
 def test_at_most_200_tests_start_processes_of_ros(request: pytest.FixtureRequest) -> None:
-    """Of all that this run has collected, so of all tests where all are run."""
+    """Only the tests that this run has collected count, so all of them if all are run."""
     starting = [
         item.nodeid
         for item in request.session.items

@@ -390,7 +390,7 @@ def write_bag(
 
     Args:
         told: write verdict.json too, as the runner does.
-        like_k_star: what the shipped cut_in asks for, rather than the simpler scene: from the left,
+        like_k_star: the scene of the shipped cut_in rather than the simpler one: from the left,
             far enough ahead, and seen by a camera of 640×360 px.
         pace: the scene of K* so many seconds later and at another pace, see k_star_poses.
         reported: no world states, as in a live session; both report their own with this control

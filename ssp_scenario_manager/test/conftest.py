@@ -177,7 +177,7 @@ def violations(facts: list[Any]) -> list[SafetyCode]:
 
 
 class SessionTools:
-    """What several tests of sessions do to one."""
+    """Tools with which several tests act on a session."""
 
     bring = staticmethod(bring)
     changes = staticmethod(changes)

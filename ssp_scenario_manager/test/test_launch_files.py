@@ -39,7 +39,7 @@ class Thing:
         return type(self).__name__
 
     def perform(self, context: dict[str, str]) -> str:
-        """As a LaunchConfiguration does."""
+        """Return the argument's value in the context, as a LaunchConfiguration does."""
         return context[self.args[0]]
 
 
@@ -227,7 +227,7 @@ def test_a_folder_that_holds_something_is_left_alone(
 
 
 def on_track(entities: Callable[[Path], list[Thing]], **given: str) -> list[Thing]:
-    """What a host of a live session starts."""
+    """Return the actions that the launch file of a live session's host starts."""
     made = entities(TRACK)
     arguments = [t for t in things(made) if t.kind == "DeclareLaunchArgument"]
     context = {t.args[0]: t.kwargs.get("default_value", "") for t in arguments}

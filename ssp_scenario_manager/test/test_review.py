@@ -47,7 +47,7 @@ SHIPPED = tuple(sorted(KINDS))
 
 @cache
 def unreviewed(name: str = "cut_in") -> Event:
-    """A shipped event whose part U says that a model said it all and nobody has looked."""
+    """A shipped event whose part U names a model as its only source, and no review."""
     event, _ = load_event(name)
     doubt = Doubt(
         confidence=0.6, provenance="model", source="seer-7b; frames 4, 9", review="unreviewed"

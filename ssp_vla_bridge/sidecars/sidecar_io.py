@@ -1,4 +1,4 @@
-"""What sidecars read out of a request, and how a model's arrays become JSON.
+"""Conversions of sidecars: from a request to a model's inputs, from its arrays to JSON.
 
 Arrays are converted by what numpy arrays and torch tensors have in common (`shape`, `reshape`,
 `tolist`), so that neither is imported here. A float32 keeps its exact value.

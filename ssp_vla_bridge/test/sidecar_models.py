@@ -1,4 +1,4 @@
-"""What stands in for the weights in tests of the sidecars: functions that `--loader` names.
+"""Stand-ins for the weights in tests of the sidecars: functions that `--loader` names.
 
 They run in the sidecar's process, and give arrays of the real models' shapes and types.
 """
@@ -17,7 +17,7 @@ import numpy as np
 
 
 def _wait_for(variable: str) -> None:
-    """Until the file that a variable names is there; a test makes it."""
+    """Wait until the file that a variable names is there; a test makes it."""
     path = os.environ.get(variable)
     deadline_s = time.monotonic() + 300.0
     while path and not Path(path).exists() and time.monotonic() < deadline_s:

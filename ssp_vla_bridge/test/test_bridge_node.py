@@ -232,7 +232,7 @@ def test_overload_and_timeout_are_said(bridge, asker, make_request):
 
 
 def test_a_refusal_waits_for_who_can_hear_it(bridge, asker, make_request):
-    """Who asks may be known to the bridge before it can be reached from there."""
+    """The bridge may know of an asker before its answers can reach the asker."""
     process = bridge(model="odd", backend="odd_backend:make")
     client = asker("odd")
     client.node.destroy_subscription(client.subscription)

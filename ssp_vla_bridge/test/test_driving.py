@@ -171,7 +171,7 @@ def test_a_service_that_fails_ends_the_driver_or_costs_one_answer(
 
 
 def test_a_card_has_the_hash_of_the_words_that_a_service_gets(service: Service) -> None:
-    """Of a question about a VUT that stands, since ages and motion stand in the words, too."""
+    """The question is about a VUT that stands: ages and motion are in the words, too."""
     asked = model(service.url)
     still = tuple(EgoSample(0.0 - 0.1 * k, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(20, -1, -1))
     at_ns, jpeg = 60_000_000_000, question().frames[0].jpeg
@@ -298,7 +298,7 @@ class Verbose:
 
 
 def test_an_answer_that_is_far_too_long_is_refused_without_a_copy_of_it() -> None:
-    """Of a model that answers hundreds of MB, each question would take seconds."""
+    """Each question to a model that answers hundreds of MB would take seconds."""
     verbose = Verbose()
     asked = request_of(question(), model("http://127.0.0.1:1"))
     tracemalloc.start()

@@ -28,7 +28,7 @@ CAMERA = CameraGeometry(470.0, 470.5, 359.5, 202.0, 720, 405, None, 0.03)
 
 
 def wired(value):
-    """What arrives of a value that is sent."""
+    """Return a value as it arrives at the other end."""
     return parse_json(json.dumps(value, allow_nan=False).encode())
 
 

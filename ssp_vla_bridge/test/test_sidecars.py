@@ -112,7 +112,7 @@ def popen(script, *arguments, cwd, **variables):
 
 @pytest.fixture
 def drive_request(make_request, straight_history, grey_jpeg):
-    """What the interface of Alpamayo asks: four frames at 10 Hz and 2 s of history."""
+    """The request that Alpamayo's interface needs: four frames at 10 Hz and 2 s of history."""
     return make_request(jpegs=[grey_jpeg] * 4, history=straight_history(8.0))
 
 
@@ -419,7 +419,7 @@ def test_sidecars_are_python_3_10_and_import_nothing_of_ours(script):
 
 
 class TensorLike:
-    """What a tensor on a GPU can do: nothing before it is detached and on the CPU."""
+    """A tensor on a GPU, which can't be read before it is detached and on the CPU."""
 
     def __init__(self, values, where="cuda", attached=True):
         self._values, self._where, self._attached = values, where, attached

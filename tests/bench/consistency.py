@@ -1,4 +1,4 @@
-"""What it costs to hold an object's states against its places, beside a bare chord and a mean."""
+"""The cost of holding an object's states against its places, beside a bare chord and a mean."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How processor time and peak memory of whole commands grow with the size of their input.
+"""The growth of processor time and peak memory of whole commands with the size of their input.
 
 Each command runs in a process of its own at three sizes. The exponent is that of its processor time
 between the two larger ones, without what the command takes for nothing. Above 1.2 the work grows

@@ -1,4 +1,4 @@
-"""Who is on the other side of an ISO 22133 gateway in ``iso``, each as one process until SIGTERM.
+"""The other side of an ISO 22133 gateway in ``iso``, each part as one process until SIGTERM.
 
 ``python iso_objects.py objects RUN_FILE`` plays all objects of a run: they take the states that
 messages ask for, drive along x what their TRAJ says, and send MONR at 100 Hz, one after the other.

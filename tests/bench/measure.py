@@ -1,4 +1,4 @@
-"""What a benchmark prints: one JSON line per figure, read by ``ssp bench``."""
+"""The output of a benchmark: one JSON line per figure, read by ``ssp bench``."""
 
 from __future__ import annotations
 

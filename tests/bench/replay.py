@@ -136,7 +136,7 @@ def bare_read(folder: Path, times: list[float], decode: bool) -> float:
 
 
 def whole_read(folder: Path) -> float:
-    """Every byte of the bag once, as whoever names it by its hash must read it."""
+    """Every byte of the bag once, as a reader that names it by its hash must read it."""
     started = time.perf_counter()
     for file in (folder / "bag").glob("*.mcap"):
         with open(file, "rb", buffering=0) as stream:

@@ -1,4 +1,4 @@
-"""What surrounds the node under test in ``dispatch``: VUT, object targets, world, recorder.
+"""The surroundings of the node under test in ``dispatch``: VUT, object targets, world, recorder.
 
 One node plays them all at 100 Hz, with messages as bytes, so that little of what is measured is its
 own. Twenty targets send their states as one message, as the product's do.

@@ -1,9 +1,9 @@
-"""What ``recording`` records: cameras and objects, published by a process of its own.
+"""The load that ``recording`` records: cameras and objects, published by a process of its own.
 
-``python traffic.py LOAD SECONDS`` waits until somebody has subscribed to every topic, publishes
+``python traffic.py LOAD SECONDS`` waits until every topic has a subscriber, publishes
 and says on standard output, one JSON line each, when it begins, and when it ends how many messages
 it sent on each topic. Messages are ready bytes; the first thing in each is a stamp that counts
-them, so that each can be told from all others.
+them, so that each can be distinguished from all others.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Load:
 
     @property
     def topics(self) -> tuple[TopicSpec, ...]:
-        """All topics, as a recorder is told of them."""
+        """All topics, in the form that a recorder gets them."""
         kinds = (
             ("jpeg", self.jpegs, JPEG_TYPE, Profile.SENSOR),
             ("raw", self.raws, RAW_TYPE, Profile.SENSOR),

@@ -1,4 +1,4 @@
-"""What is fuzzed: functions of bytes that raise nothing but what their reader documents."""
+"""The fuzzed functions: of bytes, and raising nothing but what their reader documents."""
 
 from __future__ import annotations
 

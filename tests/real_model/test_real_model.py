@@ -155,7 +155,7 @@ class Short:
 
 
 def test_extraction_is_hardly_less_precise_with_it(model_url: str, show: Show) -> None:
-    """On texts in which rules and reader leave a slot empty; its grammar holds the schema."""
+    """The texts have a slot that rules and reader leave empty; its grammar holds the schema."""
     without = Extractor()
 
     def empty(text: str) -> list[str]:

@@ -44,7 +44,7 @@ class Scene:
     """The facts that an answer may come from.
 
     Args:
-        side: where the object is; None: nobody is there, or nothing shows him.
+        side: where the object is; None: there is none, or nothing shows it.
         speed_mps: by the own history.
         is_clear: no fog lies on it.
         reason: the side that a text given back tells of; None: no text was given back.
@@ -119,7 +119,7 @@ def copies_its_history(scene: Scene) -> Said:
 
 
 def looks_at_the_weather(scene: Scene) -> Said:
-    """Slows down in fog, whoever is there."""
+    """Slows down in fog, with or without an object."""
     text = "I can see far." if scene.is_clear else "I see little, so I slow down."
     lon = "maintain" if scene.is_clear else "decelerate"
     return text, said(text, None, lon), path(10.0, 0.0 if scene.is_clear else -2.0)

@@ -20,7 +20,7 @@ def block_of(
     width_m: float = 3.5,
     **changes: Any,
 ) -> Block:
-    """A town road with sidewalks, 400 m straight along x unless told otherwise.
+    """A town road with sidewalks, 400 m straight along x by default.
 
     Args:
         pieces: of the reference line.

@@ -61,10 +61,10 @@ def drive(
 def stand_in_drive(
     lag_s: float, gain: float, deceleration_mps2: float = 6.0, speed_mps: float = 15.0
 ) -> Drive:
-    """The stand-in vehicle that is told to brake 0.6 s after the trigger, and a lag later.
+    """The stand-in vehicle whose command to brake comes 0.6 s after the trigger, and a lag later.
 
     Args:
-        gain: share of the deceleration that it is told.
+        gain: share of the commanded deceleration.
     """
     body = BodyState(0.0, 0.0, 0.0, speed_mps)
     t_s = STEP_S * np.arange(round(5.0 / STEP_S))

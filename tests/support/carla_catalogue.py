@@ -1,4 +1,4 @@
-"""What the CARLA counterpart offers: bodies with their boxes, cameras, and their attributes."""
+"""The catalogue of the CARLA counterpart: bodies with boxes, cameras, and their attributes."""
 
 from __future__ import annotations
 

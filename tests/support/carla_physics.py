@@ -18,7 +18,7 @@ _GRAVITY_MPS2 = 9.81
 
 @dataclass(frozen=True)
 class Physics:
-    """What a vehicle is capable of.
+    """The capabilities of a vehicle.
 
     Args:
         engine: m/s^2 at full throttle, standing.
@@ -28,7 +28,7 @@ class Physics:
         most_deg: of the front wheels, at a full turn of the wheel.
         wheelbase: m.
         drag: 1/s, of the speed.
-        drifts: m/s^2 to the front that nobody asks for, as on a slope.
+        drifts: m/s^2 to the front without a command, as on a slope.
     """
 
     engine: float = 5.0

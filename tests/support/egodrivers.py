@@ -126,7 +126,7 @@ class Straight(proto.EgodriverServiceServicer):
 
 @contextmanager
 def nobody() -> Iterator[str]:
-    """Hold a port of loopback on which nobody listens, as long as the block runs."""
+    """Hold a port of loopback that accepts no connection, as long as the block runs."""
     with socket.socket() as held:
         held.bind(("127.0.0.1", 0))
         yield f"grpc://127.0.0.1:{held.getsockname()[1]}"

@@ -181,7 +181,7 @@ class Centre:
             self.played.disconnect(self.now_ns)
 
     def armed(self, traj: Traj | None) -> Centre:
-        """Up to ARMED, with a trajectory."""
+        """Connect and go on to ARMED, with a trajectory."""
         self.connect()
         if traj is not None:
             assert self.send(traj).response == 1
@@ -192,7 +192,7 @@ class Centre:
         return self
 
     def driving(self, traj: Traj, for_s: float) -> Centre:
-        """Up to RUNNING, for so long."""
+        """Go on to RUNNING, and run for so long."""
         self.armed(traj)
         assert self.start() == 1
         self.status = CentreStatus.RUNNING

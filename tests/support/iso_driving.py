@@ -20,7 +20,7 @@ def driving(for_s: float = 6.0, **limits: Any) -> Centre:
 
 
 def stop_way_m(centre: Centre, for_s: float = 8.0) -> float:
-    """How far it goes until it stands."""
+    """Return the way that the object drives until it stands."""
     since = centre.played.body
     centre.run(for_s, until=lambda: centre.played.body.speed_mps == 0.0)
     assert centre.played.body.speed_mps == 0.0

@@ -92,7 +92,7 @@ class Loop:
     """The control loop of one target that approaches along x from (40, 3.5) at up to 7 m/s.
 
     Args:
-        waive: who lets the object be armed without a probe report; empty: nobody.
+        waive: person who lets the object be armed without a probe report; empty: none.
 
     Attributes:
         way: what happens to bytes on their way.

@@ -1,4 +1,4 @@
-"""In which order several workers take the files of tests."""
+"""The order in which several workers take the files of tests."""
 
 from __future__ import annotations
 

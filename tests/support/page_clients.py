@@ -20,7 +20,7 @@ Work = Callable[[aiohttp.ClientSession], Awaitable[Any]]
 
 
 class Manager:
-    """Accepts everything at once but what it is told to leave unanswered."""
+    """Accepts everything at once, except commands that it must leave unanswered."""
 
     def __init__(self) -> None:
         self.asked: list[tuple[str, str]] = []
@@ -65,7 +65,7 @@ def post(
 
 
 def get(page: PageServer, path: str = "/", **headers: str) -> tuple[int, Any]:
-    """Over a bare socket, so that nobody tidies the path up."""
+    """Get a path over a bare socket, so that no client library tidies the path up."""
     lines = {"Host": f"127.0.0.1:{page.door.port}", "Connection": "close", **headers}
     text = "".join(f"{name}: {value}\r\n" for name, value in lines.items())
     with socket.create_connection(("127.0.0.1", page.door.port), DEADLINE_S) as stream:

@@ -39,7 +39,7 @@ class Shown:
         )
 
     def gap_differs_s(self, corridor_of: Callable[[Sequence[ObjectState]], Corridor]) -> float:
-        """By how much the player's time gap (METHOD 1) is longer, in corridors of the VUT."""
+        """Return how much longer the player's time gap (METHOD 1) is, in corridors of the VUT."""
         gaps_s = []
         for vut, other in (self.player, self.session):
             corridor = corridor_of(vut)

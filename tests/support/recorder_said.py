@@ -1,4 +1,4 @@
-"""What recorder processes say, apart from what a busy disk makes any of them say."""
+"""The messages of recorder processes, apart from those that a busy disk causes."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ class Exchange:
         return True
 
     def drip(self, data: bytes) -> None:
-        """One byte every 20 ms until nobody reads any more."""
+        """One byte every 20 ms, as long as the other side reads."""
         for value in data:
             if self.ended.wait(0.02) or not self.send(bytes([value])):
                 return

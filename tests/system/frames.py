@@ -1,4 +1,4 @@
-"""What a recording tells tf2, beside its states."""
+"""The transforms of a recording for tf2, compared with its states."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from ssp_msgs import msg
 def main(topic: str) -> None:
     """Says another place of an object with each of its states, or is merely there.
 
-    It joins the session's domain and publishes from when it is told to, by a line on its input.
+    It joins the session's domain and publishes after a line on its input asks for it.
     """
     rclpy.init()
     node = ros.make_node("stranger")

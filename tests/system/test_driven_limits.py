@@ -1,4 +1,4 @@
-"""What ends a session that a model drives over DDS: the fence, a limit, the operator's abort."""
+"""The ends of a session that a model drives over DDS: fence, limit, the operator's abort."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ OF_THE_CLOCK = {
 
 
 def contents(bag: Path) -> dict[str, list[str]]:
-    """What each topic of a bag says, at which time, in any order."""
+    """Return the messages of each topic with their times, in any order."""
     found: dict[str, set[str]] = {}
     with BagReader(bag) as reader:
         known = {name: topic.msgtype for name, topic in reader.topics.items()}
@@ -162,7 +162,7 @@ def test_faults_are_the_same(start_session: Any, tmp_path: Path) -> None:
 
 
 def test_states_depend_on_the_seed_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a camera, on a busy machine and started the other way round, over disturbed links."""
+    """The runs have a camera, a busy machine, a reversed order of starts and disturbed links."""
     folder = make_folder(tmp_path / "filmed")
     spec = prepare_run("cut_in", "north_track", folder, seed=5, mode="lockstep")
     assert spec.disturbance.position_noise_m > 0.0

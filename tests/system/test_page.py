@@ -413,7 +413,7 @@ rclpy.spin(node)
 def test_that_abort_would_not_be_heard_is_seen_before_it_is_pressed(
     stage: Stage, tab: Browser
 ) -> None:
-    """As long as a manager is heard whose services aren't there."""
+    """The page hears a manager whose services aren't there."""
     stage.start("early", "-c", TALKING)
     _, port = stage.page(run=False)
     tab.go(f"http://127.0.0.1:{port}/#token={TOKEN}")
@@ -524,7 +524,7 @@ def test_an_orderly_end_is_heard_and_stays_on_the_page(
 def test_the_death_of_the_manager_goes_on_shouting(
     long_session: Callable[..., Any], tab: Browser
 ) -> None:
-    """The run ends, but nobody has said that everything stands."""
+    """The run ends, but no participant has confirmed that everything stands."""
     session = long_session("--page", "0")
     tab.go(page_url(session))
     tab.wait(f"{STATE} === 'RUNNING'")

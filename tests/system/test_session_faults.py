@@ -112,7 +112,7 @@ def test_killed_runner_takes_its_nodes_along(long_session: Any, live_processes: 
 def test_a_session_outlives_its_page_and_waits_for_a_recorder_that_stands_still(
     start_session: Any,
 ) -> None:
-    """In lockstep the world waits for the recorder, of which a stall of some length is tested.
+    """The world waits in lockstep for the recorder, which the test stalls twice.
 
     The page dies last, when it has found everybody. Killed while it creates a port in shared
     memory, it would leave half of one, for which the DDS of the others waits without end.

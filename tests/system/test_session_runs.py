@@ -1,4 +1,4 @@
-"""Whole sessions: valid, told as JSON, and with a bag that others can read."""
+"""Whole sessions: valid, reported as JSON, and with a bag that others can read."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_a_recording_holds_the_event(recordings: Recordings) -> None:
 
 
 def test_a_recording_of_one_process_holds_the_event(recordings: Recordings) -> None:
-    """On a track, over whose links states are lost."""
+    """The session is that of a track, over whose links states are lost."""
     folder = recordings.get("vru_crossing", "physical")
     check_event(folder, json.loads((folder / "result.json").read_text()))
 

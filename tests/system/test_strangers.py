@@ -1,4 +1,4 @@
-"""Whoever publishes what a part of a session does is named, and the run isn't valid."""
+"""A stranger that publishes for a part of a session is named, and the run isn't valid."""
 
 from __future__ import annotations
 

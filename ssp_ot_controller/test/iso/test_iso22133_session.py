@@ -121,7 +121,7 @@ class Fault:
 
     Args:
         reaction_s: until brakes, at most; the rest of its way is that of the braking.
-        told: by the object target; None: it isn't there any more to tell.
+        told: code of the object target's event; None: the target is gone.
     """
 
     do: Callable[[Loop], None]

@@ -63,7 +63,7 @@ def drives(url: str, **given: Any) -> EgodriverDriver:
 
 
 def reason(url: str, asked: int = 1, **given: Any) -> str:
-    """Why a driver isn't loaded, ended, or its last plan isn't driven; empty: it is."""
+    """Return why a driver isn't loaded, ended, or doesn't drive its last plan; empty: it does."""
     one = drives(url, **given)
     try:
         if one.problem:
@@ -317,17 +317,17 @@ def _from(count: int, then: Callable[..., Any]) -> Bad:
 
 
 def _too_late(_good: Any, _request: Any, context: Any) -> Any:
-    """What its client sees of a policy that hangs, without the wait."""
+    """Answer as a client sees a policy that hangs, without the wait."""
     context.abort(grpc.StatusCode.DEADLINE_EXCEEDED, "")
 
 
 def _is_gone(_good: Any, _request: Any, context: Any) -> Any:
-    """What its client sees of a server that dies."""
+    """Answer as a client sees a server that dies."""
     context.abort(grpc.StatusCode.UNAVAILABLE, "Socket closed")
 
 
 def _is_too_large(_good: Any, _request: Any, context: Any) -> Any:
-    """What its client sees of an answer that it doesn't take, without making one."""
+    """Answer as a client sees an oversized answer that it refuses, without making one."""
     words = "Received message larger than max (1073741824 vs. 16777216)"
     context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, words)
 

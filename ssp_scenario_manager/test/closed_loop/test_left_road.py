@@ -67,7 +67,7 @@ def test_a_vut_that_turns_as_its_lane_does_stays_in_it(
 
 
 def outside_m(start: Start, led: Sequence[StepReport]) -> float:
-    """How far a corner of the VUT comes out of its lane at the most."""
+    """Return how far a corner of the VUT comes out of its lane at the most."""
     corners = [corner for report in led for corner in vut_of(report).box.corners()]
     line = ReferenceLine.of_road(start.run.road)
     (lane,) = start.run.road.lanes
@@ -79,7 +79,7 @@ def outside_m(start: Start, led: Sequence[StepReport]) -> float:
 def test_a_swing_out_of_the_lane_within_the_junction_stays_on_the_road(
     start_of: Callable[[str], Start], site: str
 ) -> None:
-    """Over connecting roads, and over the ground that the roads of a junction enclose."""
+    """The way leads over connecting roads and the ground that the roads of a junction enclose."""
     start = start_of(site)
     drove = drive_start(start, CampaignDriver(driver="built_in"), ZERO_LATENCY, event=False)
     led = until(drove.record.reports, start.hand_over_s, start.end_s)
@@ -127,7 +127,7 @@ def test_a_corner_that_is_cut_over_the_grass_is_off_the_road(
 def test_a_vut_where_the_road_has_no_coordinates_is_off_the_road(
     start_of: Callable[[str], Start],
 ) -> None:
-    """Beyond the middle of the bend, on the grass, as far from one arm as from the other."""
+    """The VUT is on the grass beyond the middle of the bend, equally far from both arms."""
     start = start_of("crossroads")
     drove = drive_start(start, CampaignDriver(driver="built_in"), ZERO_LATENCY, event=False)
     led = until(drove.record.reports, start.hand_over_s, start.end_s)[:1]

@@ -134,7 +134,7 @@ def test_starts_are_sealed_before_a_driver_runs(done: Path) -> None:
 def test_a_campaign_that_was_killed_goes_on_to_the_same_table(
     done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At 15 moments, and every second time its newest row is cut off anywhere."""
+    """It is killed at 15 moments; every second time its newest row is cut off anywhere."""
     for file in ("plan.json", "starts.json"):
         shutil.copy(done / file, tmp_path / file)
     kept = rows_there(done / "runs.csv")
@@ -387,7 +387,7 @@ def test_one_run_is_driven_again_by_one_command_to_the_same_outcome(
 
 
 def test_a_run_that_is_another_than_its_row_is_no_valid_result(done: Path, tmp_path: Path) -> None:
-    """Of the states of one row, and the outcome of another one."""
+    """One row has the hash of other states, and another row has another outcome."""
     folder = shutil.copytree(done, tmp_path / "campaign")
     lines = (folder / "runs.csv").read_text().splitlines(keepends=True)
     number, one = next((k, o) for k, o in enumerate(rows(done), 1) if o["driver"] == "aeb")

@@ -220,7 +220,7 @@ def test_who_crosses_stands_at_a_drawn_distance_to_the_kerb(
 
 
 def test_a_distance_is_drawn_from_what_the_fence_leaves(task_of: Callable[[str], Task]) -> None:
-    """Behind the vehicle at least a metre is free, and K* would have three."""
+    """The fence leaves a metre free behind the vehicle, where K* would have three."""
     task, event = task_of("vut_turn"), load_event("vut_turn")[0]
     one, _ = initiator(task.run)
     rear_x = one.start.pose.to_parent(-one.size.rear_m - 1.0, 0.0)[0]
@@ -258,7 +258,7 @@ def test_a_vehicle_over_a_junction_is_as_fast_as_road_and_bend_allow(
 def test_what_the_compiler_knew_alone_stays_as_compiled_without_its_task(
     task_of: Callable[[str], Task],
 ) -> None:
-    """What was drawn before has the values that it had."""
+    """The quantities drawn without the task keep their values with it."""
     task, event = task_of("oncoming_turn"), load_event("oncoming_turn")[0]
     with_task = drawn_run(task.run, event, 3, task.tunings_of(task.run))[1]
     without = drawn_run(task.run, event, 3)[1]

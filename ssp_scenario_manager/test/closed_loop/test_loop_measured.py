@@ -133,7 +133,7 @@ def test_a_measured_latency_stands_in_its_row_and_on_its_card(measured: Path) ->
 def test_a_campaign_that_was_cut_off_repeats_the_answers_that_were_given(
     measured: Path, tmp_path: Path
 ) -> None:
-    """Without the model: its answers, and what they took, lie beside the rows."""
+    """The model isn't needed: its answers, and the time that they took, lie beside the rows."""
     folder = shutil.copytree(measured, tmp_path / "cut off")
     (folder / "table.csv").unlink()
     text = (folder / "runs.csv").read_text()
@@ -241,7 +241,7 @@ def test_answers_that_were_removed_are_missed(measured: Path, tmp_path: Path) ->
 def test_a_run_of_a_campaign_leaves_the_bag_of_the_run_that_its_row_is_of(
     measured: Path, tmp_path: Path
 ) -> None:
-    """Without the model, and once: a second call finds it there."""
+    """The model isn't needed, and the bag is written once: a second call finds it there."""
     folder = shutil.copytree(measured, tmp_path / "campaign")
     told: list[tuple[int, int]] = []
     for _ in range(2):
@@ -307,7 +307,7 @@ def locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_two_commands_that_measure_go_one_after_the_other(
     locks: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Wherever each of them has its temporary files."""
+    """The commands wait for one another even if their folders for temporary files differ."""
     waits, order = threading.Event(), []
 
     def second() -> None:

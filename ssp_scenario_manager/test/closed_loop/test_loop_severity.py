@@ -68,7 +68,7 @@ def careful_steps(run: RunSpec, other: Any, end_s: float = 8.0) -> tuple[Any, li
 
 
 def cutting_in(t_s: float) -> ObjectState:
-    """From 1 s on an object 35 m ahead at 6 m/s comes over sideways by 1 m/s, from 3.5 m."""
+    """Return an object 35 m ahead at 6 m/s that comes over from 3.5 m by 1 m/s from 1 s on."""
     aside_m = max(3.5 - max(t_s - 1.0, 0.0), 0.0)
     return object_state(x_m=85.0 + 6.0 * t_s, y_m=aside_m, speed_mps=6.0)
 

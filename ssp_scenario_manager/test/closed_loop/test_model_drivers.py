@@ -201,7 +201,7 @@ def test_a_model_drives_by_the_frames_and_the_motion_of_its_interface(
 def test_a_model_is_given_the_centre_line_of_its_lane_where_its_entry_says_so(
     start: Start, folder: Path
 ) -> None:
-    """At most 80 m ahead, and its card says so."""
+    """The line reaches at most 80 m ahead, and the model's card says so."""
     with_line = python(folder, "route", centre_line=True)
     for options, sees in ((python(folder, "route"), False), (with_line, True)):
         given = driver_options("mine", options)
@@ -458,7 +458,7 @@ def invoked(*arguments: str) -> Result:
 def test_a_measured_run_leaves_its_bag_and_is_driven_again_to_the_same_bytes(
     tmp_path: Path, folder: Path
 ) -> None:
-    """Without the model: its answers and their L are kept."""
+    """The model isn't needed the second time: its answers and their L are kept."""
     # A run's id is its folder's name.
     first, again = tmp_path / "first" / "run", tmp_path / "again" / "run"
     shutil.copy(folder / "driving_models.py", tmp_path / "model_for_a_day.py")

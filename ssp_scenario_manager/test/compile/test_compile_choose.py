@@ -1,4 +1,4 @@
-"""Which block wins: the best that also passes the checks; ties are a person's."""
+"""The choice of a block: the best that also passes the checks; a person breaks ties."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a name or a compiled folder to a run; and what `ssp run` says before it starts one."""
+"""The way from a name or a compiled folder to a run, and the messages of `ssp run` before it."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ def test_a_trigger_that_alone_is_wrong_is_told_with_a_value_that_would_do() -> N
 
 
 def test_no_trigger_is_told_where_something_else_is_wrong() -> None:
-    """Behind two oncoming lanes a trigger early enough needs a gap at the start beyond K*'s."""
+    """A trigger early enough behind two oncoming lanes needs a start gap beyond K*'s."""
     event, area = from_the_other_side("vru_crossing"), ground_of("boulevard")
     assert fitting_trigger(event, lambda other: compiled(other, area)) is None
 
@@ -140,7 +140,7 @@ def test_what_happens_has_no_reason_against_it(crossing: RunSpec) -> None:
 
 
 def test_surroundings_that_the_run_cannot_have_are_said(crossing: RunSpec) -> None:
-    """SUMO puts nobody onto the road who would have to brake harder than it can."""
+    """SUMO inserts no vehicle that would have to brake harder than it can."""
     ahead = TrafficSpec(id="slow", object_class="car", lane=3, x_m=300.0, speed_mps=0.0)
     behind = TrafficSpec(id="fast", object_class="car", lane=3, x_m=306.0, speed_mps=13.0)
     (reason,) = why_not(crossing.model_copy(update={"traffic": [ahead, behind]}))
@@ -467,7 +467,7 @@ def test_left_hand_traffic_is_refused_for_its_side(grounds: dict[str, OperatingA
 def test_the_predicate_sees_that_nobody_crosses_in_left_hand_traffic(
     grounds: dict[str, OperatingArea],
 ) -> None:
-    """Whatever the retrieval says: from the right, two oncoming lanes are crossed first."""
+    """Someone from the right crosses two oncoming lanes first, whatever the retrieval says."""
     event, area = Event.model_validate(shipped("vru_crossing")), grounds["left_hand"]
     with pytest.raises(CannotPlace, match="wouldn't reach the conflict point first"):
         compiled(event, area)

@@ -1,4 +1,4 @@
-"""What ``ssp doctor --session`` makes of what it heard."""
+"""The findings of ``ssp doctor --session`` about the messages that it heard."""
 
 import math
 from dataclasses import replace

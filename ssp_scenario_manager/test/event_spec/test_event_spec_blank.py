@@ -42,7 +42,7 @@ def seconds(value: float) -> dict[str, Any]:
 
 
 def fill_in(path: Path) -> None:
-    """What an author reads off a clip: the road, and when the phases start."""
+    """Fill in the fields that an author reads off a clip: the road, the start of the phases."""
     value = yaml.safe_load(path.read_text())
     crossed = KINDS[value["interaction"]["type"]].at_junction
     for name, word in (ROAD | ({"segment": "junction"} if crossed else {})).items():

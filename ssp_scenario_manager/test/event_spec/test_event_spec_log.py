@@ -1,4 +1,4 @@
-"""What an entry of log L must hold: a time that can be ordered, a person, a subject, a reason."""
+"""The fields that an entry of log L needs: a time that can be ordered, person, subject, reason."""
 
 from __future__ import annotations
 

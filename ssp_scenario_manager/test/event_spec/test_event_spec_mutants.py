@@ -184,7 +184,7 @@ def _version(value: dict[str, Any]) -> str | None:
 
 
 def _names(failure: Failure, path: str) -> bool:
-    """Whether a failure leads to a mutated field: as its field, or as a relation's other end."""
+    """Tell whether a failure leads to a mutated field, by its field or a relation's other end."""
     path = path.removeprefix("uncertainty.")
     evidence = (part.partition(" = ")[0] for part in failure.evidence.split("; "))
     found = [at.removeprefix("uncertainty.") for at in (failure.field, *evidence)]

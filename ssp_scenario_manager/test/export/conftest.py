@@ -55,7 +55,7 @@ BEHIND_A_LEAD = {
 
 @dataclass(frozen=True)
 class Case:
-    """What an exporter is given."""
+    """The input of an exporter."""
 
     task: Task
     event: Event

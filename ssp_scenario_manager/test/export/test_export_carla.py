@@ -30,7 +30,7 @@ EVENTS = tuple(sorted(name for name, kind in KINDS.items() if not kind.at_juncti
 
 @pytest.fixture(autouse=True)
 def without_carla(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is exported here isn't checked, also where the extra is there."""
+    """Skip CARLA's check of the exports, even if the extra is installed."""
     monkeypatch.setattr(carla, "is_installed", lambda: False)
 
 

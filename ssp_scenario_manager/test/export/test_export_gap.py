@@ -1,4 +1,4 @@
-"""What a player shows of an export is the session: the gap to the initiator, and the goal lane."""
+"""An export shows the session in a player: the gap to the initiator, and the goal lane."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def lanes_of(*placed: tuple[float, float, bool]) -> tuple[BlockLane, ...]:
 def test_the_gap_is_the_sessions_all_the_time(
     name: str, bent: bool, case_of: Any, block_of: Any, tmp_path: Path
 ) -> None:
-    """By the player that reads the files as they are; it agrees with esmini (docs/exports.md)."""
+    """The player reads the files as they are, and agrees with esmini (docs/exports.md)."""
     case = case_of(name, block_of(BEND, TURNED) if bent else block_of())
     files = export_openscenario(case.task, case.block, None, tmp_path)
     played = play(files[0].read_bytes(), files[2].read_bytes(), case.block.line)
@@ -68,7 +68,7 @@ def test_a_leader_that_leaves_its_lane_is_where_the_session_has_it(
 
 
 def test_a_walker_is_where_the_session_that_adapts_its_speed_has_it(tmp_path: Path) -> None:
-    """To 0.05 s of its way, so that the time gap is the session's."""
+    """The walker is within 0.05 s of its way, so that the time gap is the session's."""
     area = load_area("boulevard", None)[0]
     event, version = load_event("vru_crossing")
     block = area.library.blocks[0]

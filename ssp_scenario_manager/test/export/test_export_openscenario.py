@@ -381,7 +381,7 @@ def test_legs_of_a_bending_course_drive_its_distance(rate: float, top: float) ->
 
 @pytest.mark.parametrize("external", [False, True])
 def test_everything_ends_as_a_session_does(external: bool, case_of: Any, tmp_path: Path) -> None:
-    """At the VUT's goal, when time is up, and some time after the resolution where it is known."""
+    """The run ends at the VUT's goal, when time is up, or some time after a known resolution."""
     case = case_of("cut_in")
     end = case.task.run.end.model_copy(update={"after_resolution_s": 2.5})
     files = export_openscenario(changed(case, end=end), case.block, None, tmp_path)

@@ -149,7 +149,7 @@ def test_vertices_have_times(roots: list[ET.Element]) -> None:
 
 
 def test_trajectories_are_a_pedestrians(roots: list[ET.Element]) -> None:
-    """For a vehicle ScenarioRunner moves every vertex onto the nearest lane."""
+    """ScenarioRunner moves every vertex of a vehicle's trajectory onto the nearest lane."""
     for root in roots:
         for group in root.iter("ManeuverGroup"):
             if group.find(".//FollowTrajectoryAction") is None:

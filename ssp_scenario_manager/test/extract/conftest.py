@@ -1,4 +1,4 @@
-"""What the tests of ssp spec extract share: a video, a server, and the command with both."""
+"""Fixtures shared by tests of ssp spec extract: a video, a server, and the command with both."""
 
 from __future__ import annotations
 

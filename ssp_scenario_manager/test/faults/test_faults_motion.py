@@ -1,4 +1,4 @@
-"""How a stop is measured: from true states, against the stated bound."""
+"""The measurement of a stop: from true states, against the stated bound."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STEP_S = 0.02
 
 
 def braking(speed_mps: float, from_s: float, deceleration_mps2: float, until_s: float) -> Track:
-    """Along x at a constant speed, then a stop; y is 0."""
+    """Return a drive along x at a constant speed, then a stop; y is 0."""
     t = np.arange(0.0, until_s, STEP_S)
     speed = np.clip(speed_mps - deceleration_mps2 * np.maximum(t - from_s, 0.0), 0.0, None)
     x = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * STEP_S)))
@@ -39,7 +39,7 @@ def test_one_that_brakes_too_late_or_too_gently_is_beyond_its_bound() -> None:
 
 
 def test_a_witness_that_missed_most_states_finds_a_good_stop_good() -> None:
-    """On a busy machine seconds lie between two states that it heard, also around the fault."""
+    """Seconds lie between two states that a busy witness heard, also around the fault."""
     track, random = braking(8.5, 2.1, 4.0, 8.0), np.random.default_rng(0)
     for _ in range(200):
         heard = np.sort(random.choice(len(track.t_s), 12, replace=False))

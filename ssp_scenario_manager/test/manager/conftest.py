@@ -172,7 +172,7 @@ class Peers:
 
     @property
     def token(self) -> str:
-        """Of the session, as the manager's newest heartbeat says."""
+        """The session's token, as the manager's newest heartbeat says."""
         return self.beats[-1].session_token if self.beats else ""
 
     def load(self, run_file: Path | str) -> Any:

@@ -1,4 +1,4 @@
-"""How a session is followed to its end when one of its processes dies."""
+"""The end of a session when one of its processes dies."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def quiet_client(*, was_armed: bool) -> MagicMock:
 def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
     run: RunSpec, monkeypatch: pytest.MonkeyPatch, armed: bool
 ) -> None:
-    """Once something was armed, it has time to come to stand."""
+    """The session has time to come to stand if something was armed."""
     node = dead(names.OBJECT_TARGET)
     group = MagicMock(processes={names.OBJECT_TARGET: node, names.SCENARIO_MANAGER: MagicMock()})
     client = quiet_client(was_armed=armed)
@@ -74,7 +74,7 @@ def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
 def test_a_manager_that_lives_and_gives_no_result_doesnt_keep_the_run(
     run: RunSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whatever keeps it, as a clock that was set: the verdict comes within half a minute."""
+    """The verdict comes within half a minute, even if a clock that was set delays the result."""
     now_s = [100.0]
     manager = MagicMock()
     group = MagicMock(processes={names.SCENARIO_MANAGER: manager})
@@ -140,7 +140,7 @@ def test_an_abort_that_is_under_way_has_its_own_time_for_the_result(
 def test_objects_that_lost_their_manager_stop_however_long_a_world_in_lockstep_waits_for_it(
     run: RunSpec, monkeypatch: pytest.MonkeyPatch, world_lives: bool, ends_s: float
 ) -> None:
-    """On a saturated machine it takes ten seconds to drop who was killed, and goes on then."""
+    """A saturated machine takes ten seconds to drop the killed process, and goes on then."""
     now_s, died_s = [100.0], 101.0
     world = MagicMock(returncode=None if world_lives else 1)
     manager = dead(names.SCENARIO_MANAGER)
@@ -150,7 +150,7 @@ def test_objects_that_lost_their_manager_stop_however_long_a_world_in_lockstep_w
     client.outcome = None
 
     class Truth:
-        """What is heard of the world: nothing for ten seconds, then two seconds of braking."""
+        """A world that is silent for ten seconds, and then brakes for two seconds."""
 
         wall_s = property(lambda _: now_s[0])
 

@@ -180,7 +180,7 @@ def test_an_object_that_refuses_to_arm_is_asked_once_a_second_and_not_at_all_for
 def test_others_are_not_armed_and_disarmed_all_the_time_while_one_refuses(
     peers: Peers, tmp_path: Path, run_mapping: dict[str, Any]
 ) -> None:
-    """Of several objects one refuses for good: the others follow it once a second at most."""
+    """One of several objects refuses for good: the others follow it once a second at most."""
     start = {"x_m": 70.0, "y_m": 3.5, "yaw_rad": 0.0}
     second = {"id": "ot2", "object_class": "car", "start": start}
     path = tmp_path / "run.yaml"

@@ -1,4 +1,4 @@
-"""Whose commands a manager takes: those of its own session, and an abort from anybody."""
+"""The commands that a manager takes: those of its own session, and an abort from any sender."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def await_action(peers: Peers, client: RunClient) -> None:
 def test_a_manager_that_was_reset_is_no_silent_one(
     peers: Peers, domain: int, run_file: Path, run: RunSpec
 ) -> None:
-    """No run is loaded then, so that nothing is told of links; its heartbeats go on."""
+    """No run is loaded then, so that no link is reported; its heartbeats go on."""
     assert peers.load(run_file).accepted
     client = RunClient(session_environment(domain), lambda _: None, run)
     try:

@@ -52,7 +52,7 @@ def length_of(places: FloatArray) -> float:
 
 
 def turned(places: FloatArray) -> FloatArray:
-    """From the frame of a geometry at (5, -3), heading 0.7."""
+    """Transform places from the frame of a geometry at (5, -3), heading 0.7, to the map's."""
     c, s = math.cos(0.7), math.sin(0.7)
     found: FloatArray = places @ np.array([[c, s], [-s, c]]) + [5.0, -3.0]
     return found

@@ -111,7 +111,7 @@ def read(tmp_path: Path) -> Callable[[str], Library]:
 def test_routes_lead_over_the_junctions_of_a_ring(
     read: Callable[[str], Library], mirrored: bool
 ) -> None:
-    """Before, each of them ended on the first road between two junctions, after some metres."""
+    """Each route used to end on the first road between two junctions, after some metres."""
     library = read(network(circle(20.0), mirrored))
     assert {one.junction for one in library.blocks} == {None, "ring east"}
     assert {one.block_id for one in library.blocks if one.junction is None} == {

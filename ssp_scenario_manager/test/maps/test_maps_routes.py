@@ -153,7 +153,7 @@ def beyond(made: Any, words: Any, **road: Any) -> dict[str, Block]:
 def test_a_route_goes_on_over_the_roads_before_its_arm(
     made: Any, words: Any, crossroads: Path
 ) -> None:
-    """Before, a route ended where the map ends a road, after 60 m of the 150 m that it keeps."""
+    """A route used to end where the map ends a road, after 60 m of the 150 m that it keeps."""
     short, found = routes(crossroads)[SN], beyond(made, words)
     straight = found[SN]
     assert straight.roads == ("far", "s", "sn", "n")

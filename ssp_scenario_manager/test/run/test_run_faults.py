@@ -203,7 +203,7 @@ def test_a_wait_of_the_runner_itself_is_no_standing_clock(
 def test_a_time_that_comes_late_dates_the_pause_anew(
     run: RunSpec, child: NodeProcess, tmp_path: Path
 ) -> None:
-    """On a busy machine the world's last states may arrive after its clock seemed to stand."""
+    """The last states of a world on a busy machine may come after its clock seemed to stand."""
     lockstep = run.model_copy(update={"mode": "lockstep"})
     fault = Fault(kind="pause", target="sil_world", at_s=1.0, duration_s=3.0)
     made, _, _ = injector(lockstep, child, tmp_path, fault)

@@ -1,4 +1,4 @@
-"""What `ssp run --mode live` starts, and what it refuses."""
+"""The processes that `ssp run --mode live` starts, and the runs that it refuses."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def options(**given: Any) -> dict[str, Any]:
 
 @pytest.fixture
 def noisy(run: RunSpec) -> RunSpec:
-    """As a stand-in site brings it."""
+    """A run with the disturbances of a stand-in site."""
     return run.model_copy(
         update={
             "domain": "physical",

@@ -1,4 +1,4 @@
-"""The operators' page beside a run: where it is said to be, and that it stands in nobody's way."""
+"""The operators' page beside a run: its announced address, and that it never delays the run."""
 
 from __future__ import annotations
 

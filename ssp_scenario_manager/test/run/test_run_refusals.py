@@ -27,7 +27,7 @@ def test_a_host_without_shared_memory_keeps_the_folder_free(
 def test_a_host_on_which_no_domain_can_be_held_keeps_the_folder_free(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As with a read-only /tmp; before, run.yaml and the task were left there."""
+    """A read-only /tmp is such a case; run.yaml and the task used to be left there."""
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(locks, "LOCKS", tmp_path / "file")
     assert main(["run", "cut_in", "--out", str(tmp_path / "run")]) == 1

@@ -57,7 +57,7 @@ def reference(name: str, execute_at_ns: int, speed_mps: float, curvature_1pm: fl
 def drive(
     state: StateMaker, sigma: float = 0.0, braking_from_s: float = 99.0, seconds: float = 8.0
 ) -> list[ObjectState]:
-    """At 50 Hz after a reference of 7 m/s, with noise of the speed, until it brakes at 2 m/s^2."""
+    """Return states at 50 Hz: 7 m/s with noise, until the object brakes at 2 m/s^2."""
     noise = random.Random(7)
     found = []
     for i in range(round(seconds * 50)):

@@ -1,4 +1,4 @@
-"""What happened in a run, as result.json has it: what is stated, and what isn't known."""
+"""The events of a run in result.json: the facts that it states, and those that aren't known."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def fault(name: str, at_ns: int, value: float = math.nan) -> FaultFact:
 
 
 def passed(other_first: bool | None, gap_s: float | None) -> Passing:
-    """Of whom one arrives first; None: the other never arrives."""
+    """Return a passing in which one of them arrives first; None: the other never arrives."""
     if other_first is None:
         return Passing()
     return Passing("merge", None, 1.0, 2.0 if other_first else 0.0, gap_s)
@@ -42,7 +42,7 @@ def passed(other_first: bool | None, gap_s: float | None) -> Passing:
 
 @pytest.fixture
 def empty(run: RunSpec) -> Callable[..., Happened]:
-    """A run of which no world told anything."""
+    """A run without any report of a world."""
 
     def make(began_ns: int | None, *faults: FaultFact) -> Happened:
         truths: dict[str, Any] = {run.vut.id: [], **{t.id: [] for t in run.targets}}

@@ -1,4 +1,4 @@
-"""What stands above the prompt before real objects start."""
+"""The summary above the prompt, before real objects start."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class Hand:
             echo += os.read(self._write, 1024)
 
     def hears(self) -> Word | None:
-        """What is heard at once, and what is when a paste would be over."""
+        """Return the word that is heard at once, or else after the time in which a paste ends."""
         at_once = self.words.poll(self.now_ns)
         self.now_ns += LATER
         return at_once or self.words.poll(self.now_ns)

@@ -1,4 +1,4 @@
-"""What a sweep may vary, and what it is refused for."""
+"""The fields that a sweep may vary, and the reasons for which it is refused."""
 
 from __future__ import annotations
 

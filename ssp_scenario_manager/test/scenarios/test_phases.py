@@ -99,7 +99,7 @@ def ramp(t: float, start_s: float, end_s: float, rate: float) -> float:
     [(3.0, -0.4), (0.0, 0.5), (3.0, 1.1), pytest.param(0.0, 0.0, id="what a cut-out reveals")],
 )
 def test_slow_lead(state: StateMaker, frame: Pose2, lead_mps: float, offset_m: float) -> None:
-    """VUT at 10 m/s, OT slower in its way, and nobody does anything until the VUT brakes.
+    """The OT is slower than the VUT (10 m/s) and in its way; both keep on until the VUT brakes.
 
     TTC is 6.01 s at the start: it falls to 4 s at 2.01 s and to 2.5 s at 3.51 s. At 4.0 s the VUT
     takes the OT's speed, so that there is nothing to close in on.
@@ -298,7 +298,7 @@ def test_a_conflict_during_an_unconfirmed_twitch_is_forgotten(state: StateMaker)
 
 
 def test_an_interrupted_resolution_counts_from_its_last_beginning(state: StateMaker) -> None:
-    """Over for 0.9 s, in conflict again, then over for good."""
+    """The conflict is over for 0.9 s, begins again, and then is over for good."""
 
     def target(t: float) -> tuple[float, float, float, float]:
         lateral = -1.0 if t >= 1.0 else 0.0
@@ -337,7 +337,7 @@ def following(
 
 @pytest.mark.parametrize("frame", FRAMES)
 def test_a_lead_vehicle_brakes(state: StateMaker, frame: Pose2) -> None:
-    """At 4 m/s^2 from 2.0 s on: after b seconds TTC is (20 - 2 b^2) / (4 b), 2.5 s at b = 1.531.
+    """The OT brakes at 4 m/s^2 from 2.0 s on: TTC after b s is (20 - 2 b^2) / (4 b).
 
     The speed is summed in steps, with which the OT is up to 0.04 b m further on: a step later.
     """

@@ -80,7 +80,7 @@ def test_what_is_due_at_once_needs_no_finite_pace() -> None:
 
 
 def test_before_it_begins_an_object_waits_where_it_begins() -> None:
-    """With a lead the own time is negative at first; a faster pace shortens the waiting."""
+    """A lead makes the own time negative at first; a faster pace shortens the waiting."""
     waiting = np.concatenate((COLUMNS[:, :1], COLUMNS), axis=1)
     waiting[0, 0], waiting[4, 0] = -2.0, 0.0
     waiting[4, 1] = 0.0

@@ -161,7 +161,7 @@ def foresight(event: Event, place: Block, plan: Plan) -> Prediction:
 
 
 def check(event: Event, place: Block, plan: Plan) -> None:
-    """What must hold of every plan (METHOD 2.3)."""
+    """Assert the conditions that every plan must meet (METHOD 2.3)."""
     seen = foresight(event, place, plan)
     # Phases in order, nothing before the trigger can be seen.
     assert not seen.early_conflict

@@ -1,4 +1,4 @@
-"""What a session will do, foreseen: against formulas, and against the pieces it is made of."""
+"""The prediction of a session, held against formulas and against the pieces it is made of."""
 
 from __future__ import annotations
 

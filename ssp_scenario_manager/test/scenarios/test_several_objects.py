@@ -201,7 +201,7 @@ def test_starts_that_overlap_are_refused_by_their_distance() -> None:
 
 
 def test_the_compiler_chooses_a_gap_that_keeps_clear() -> None:
-    """In the middle of K*'s gap it would start on the car that cuts in."""
+    """The middle of K*'s gap would put its start on the car that cuts in."""
     near = ("car", ("left_lane", "ahead"), (36.0, 46.0), *LEAD[3:])
     chosen = place(with_further("cut_in", {"ot2": near})).plan.chosen["participants.ot2.region.gap"]
     assert chosen[0] > 41.0

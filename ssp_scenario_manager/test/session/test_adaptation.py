@@ -61,7 +61,7 @@ def address(execute_s: float, name: str = "r") -> Address:
 
 
 def crossing(execute_s: float = 10.1) -> PlannedMotion:
-    """From 1.3 m beside the corridor (1.2 m wide to each side) at 1.5 m/s."""
+    """Return a walk that starts 1.3 m beside the corridor (1.2 m to each side) at 1.5 m/s."""
     walk = FollowPath(
         kind="follow_path",
         motion=Motion(
@@ -145,7 +145,7 @@ class Drive:
 
     @property
     def gap_s(self) -> float:
-        """As METHOD 1 has it, of the last pace."""
+        """The time gap of METHOD 1 at the last pace."""
         planned_motion, first = self.known.planned_motion, self.asked.first == "initiator"
         own_s = planned_motion.departure_s if first else planned_motion.arrival_s
         decisive_s = self.known.played.pace.reached_ns(own_s) / S
@@ -155,7 +155,7 @@ class Drive:
 
 
 def placed(planned_motion: PlannedMotion, gap_s: float, speed_mps: float) -> float:
-    """Where the VUT is at 10 s for that gap at that speed, if it comes second."""
+    """Return the VUT's place at 10 s that gives this gap at this speed, if it comes second."""
     seconds = gap_s + planned_motion.departure_s + planned_motion.execute_at_ns / S - 10.0
     return planned_motion.zone.start_m - VUT.size.front_m - speed_mps * seconds
 
@@ -196,7 +196,7 @@ def test_who_merges_leaves_its_zone_as_it_arrives_and_the_zone_begins_at_its_rea
 
 
 def turning(turned_rad: float) -> PlannedMotion | None:
-    """From the next lane against the VUT at 4 m/s, on a circle of 10 m by an angle, and on."""
+    """Return a turn of a car that comes towards the VUT at 4 m/s, on a circle of 10 m."""
     arc = [(100.0 - 10.0 * np.sin(a), 3.5 - 10.0 * (1.0 - np.cos(a))) for a in _arc(turned_rad)]
     x, y = arc[-1]
     way = (x - 20.0 * np.cos(turned_rad), y - 20.0 * np.sin(turned_rad))

@@ -1,4 +1,4 @@
-"""Whoever may end an armed session is asked before it is armed: held against the one table."""
+"""The arming checks ask about everything that may end an armed session: one table holds both."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def heard(run: RunSpec, silence_s: dict[SignOfLife, float]) -> LivenessMonitor:
 
 
 def what_is_missing(driver: Any, liveness: LivenessMonitor, gate: Gate) -> list[str]:
-    """What a gate asks for, where everybody stands in place."""
+    """Return the obstacles that a gate names when all participants stand in place."""
     facts = liveness.facts(driver.run, NOW_NS)
     found = obstacles(gate, driver.run, facts, driver.vut, driver.targets, NOW_NS)
     return [obstacle.text for obstacle in found]

@@ -55,7 +55,7 @@ def driving() -> Reference:
 
 
 def refusals(here: Any, current: Reference | None) -> tuple[list[RefusalCode], Reference]:
-    """What the object says to a stale reference and to one out of the fence, and the latter."""
+    """Return the refusals of a stale reference and one out of the fence, and the latter itself."""
     old = invalid_references.stale("r", here, current, "sha256:event", NOW_NS)
     out = invalid_references.out_of_fence("r", here, current, "sha256:event", NOW_NS, FENCE)
     given = [judged(old, here, current), judged(out, here, current)]

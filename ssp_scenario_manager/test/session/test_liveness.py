@@ -226,7 +226,7 @@ def test_the_facts_that_arming_asks_for(run: RunSpec) -> None:
 
 
 def live_obstacles(liveness: LivenessMonitor, run: RunSpec, gate: Gate, at_s: float) -> list[str]:
-    """Of a run of which nobody sends states."""
+    """Return the obstacles of a live run whose participants send no states."""
     spec = run.model_copy(update={"mode": "live"})
     facts = liveness.facts(spec, round(at_s * 1e9))
     return [one.text for one in obstacles(gate, spec, facts, None, {}, NOW_NS)]

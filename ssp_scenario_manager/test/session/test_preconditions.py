@@ -1,4 +1,4 @@
-"""What keeps a session from connecting, arming and starting: each thing, and all at once."""
+"""The obstacles to connecting, arming and starting a session: each thing, and all at once."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def ages(**changed: float) -> Changes:
 
 @pytest.fixture
 def ask(run_mapping: dict[str, Any], state: StateMaker) -> Ask:
-    """What is missing where everything is well but for the changes."""
+    """A function that names the obstacles of a sound session with some changes."""
 
     def asked(
         event: Gate = ARM,
@@ -202,7 +202,7 @@ def test_each_link_is_measured_and_good(ask: Ask, link: LinkEstimate, says: list
     ],
 )
 def test_each_target_in_place(ask: Ask, changed: Changes, says: list[str]) -> None:
-    """When it is armed, and again at the start: between the two somebody may have moved."""
+    """The place is checked at arming and again at the start: it may have changed meanwhile."""
     for event, wanted in ((ARM, "DISARMED or ARMED"), (START, "ARMED")):
         assert ask(event, ot1=changed) == [one.format(wanted) for one in says]
 

@@ -1,4 +1,4 @@
-"""What is watched of states, clocks and answers, from the arming of a session to its end."""
+"""The limits of states, clocks and answers, from the arming of a session to its end."""
 
 from __future__ import annotations
 

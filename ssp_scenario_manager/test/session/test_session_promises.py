@@ -1,4 +1,4 @@
-"""What no sequence of commands, states and events may do to a session."""
+"""Promises of a session that no sequence of commands, states and events may break."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A session from load to its end, and what is told on the way."""
+"""A session from load to its end, and its reports on the way."""
 
 from __future__ import annotations
 

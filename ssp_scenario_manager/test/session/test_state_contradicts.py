@@ -127,7 +127,7 @@ def single_antenna(yaw_rad: float) -> Change:
 
 
 def the_other_way(spec: RunSpec) -> Change:
-    """What a single antenna states of a VUT that leaves its start backwards."""
+    """Return a change that states a start backwards, as the single antenna of a VUT would."""
     start = spec.vut.start
 
     def change(state: ObjectState) -> ObjectState:

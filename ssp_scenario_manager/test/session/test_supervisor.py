@@ -1,4 +1,4 @@
-"""What is looked at on the steady clock: facts, silence, arming, the end of an abort."""
+"""The checks on the steady clock: facts, silence, arming, the end of an abort."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ ARM_NS = round(ARM_CONFIRMATION_S * S)
 
 
 def armed(driver: Any) -> Supervisor:
-    """Of an armed session, in which nobody falls silent."""
+    """Return the supervisor of an armed session, in which no participant falls silent."""
     driver.until("ARMED")
     liveness = LivenessMonitor()
     hear_all(liveness, 300 * S)
@@ -253,12 +253,12 @@ def test_a_dead_world_confirms_nothing(driver: Any) -> None:
 def test_an_object_that_is_silent_is_not_waited_for(
     driver: Any, silent_s: float, given_up: bool
 ) -> None:
-    """Nobody hears it, and all others stand."""
+    """The object isn't heard, and all others stand."""
     assert Aborting(driver).gives_up(100.0, 100.0, 100.0 - silent_s) is given_up
 
 
 def test_a_standstill_that_nobody_reports_is_given_up_once_and_by_name(driver: Any) -> None:
-    """Who follows the session from elsewhere ends by it; the session stays where it is."""
+    """The report ends those that follow the session from elsewhere; the session keeps its state."""
     session = Aborting(driver).driver.session
     session.outbox.clear()
     for _ in range(2):

@@ -56,7 +56,7 @@ def read(
     started_ns: int = 0,
     phases: dict[Phase, int] | None = None,
 ) -> Reading:
-    """What a condition reads where states may be 0.3 s old."""
+    """Return a condition's reading of these states, which may be 0.3 s old."""
     targets = {} if other is None else {other.object_id: other}
     snapshot = Snapshot(vut, targets, path, 300 * MS, phases or {})
     return question(PARSER.validate_python(condition), path, started_ns).read(snapshot)
@@ -97,7 +97,7 @@ def test_relative_distance(
 
 
 def test_exactly_at_the_edges(state: StateMaker) -> None:
-    """With sizes that binary fractions hold: bumper to bumper, and the front at the anchor."""
+    """Sizes and places are binary fractions: bumper touches bumper, the front is at the anchor."""
     size = replace(state().size, front_m=3.5, rear_m=1.0)
     vut = state("vut", size=size, x_m=10.0, speed_mps=5.0)
     touching = state("ot1", size=size, x_m=14.5)

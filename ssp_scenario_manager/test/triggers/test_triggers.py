@@ -1,4 +1,4 @@
-"""When triggers fire, on hand-made cases; any sequence of states is in test_triggers_any.py."""
+"""The times at which triggers fire, by hand; test_triggers_any.py has any sequence of states."""
 
 from __future__ import annotations
 

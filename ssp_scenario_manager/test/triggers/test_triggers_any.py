@@ -113,7 +113,7 @@ def _threshold(leaf: dict[str, Any]) -> float:
 
 
 def _half_ns(before: tuple[int, Value], now: tuple[int, Value], threshold: float) -> int:
-    """Where a measured condition changes between two samples, in half nanoseconds."""
+    """Return when a measured condition changes between two samples, in half nanoseconds."""
     (t0, v0), (t1, v1) = before, now
     instant = t1
     if v0 is not None and v1 is not None and NEVER not in (v0, v1):

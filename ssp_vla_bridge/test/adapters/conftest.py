@@ -1,4 +1,4 @@
-"""What the tests of the adapters share: answers in text, requests with a known 2 Hz history."""
+"""Fixtures shared by the adapters' tests: answers in text, requests with a known 2 Hz history."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def test_the_same_questions_send_the_same_bytes() -> None:
 
 
 def test_runs_that_begin_alike_have_names_of_their_own() -> None:
-    """As an event and its twin do; a policy may serve both at once, whatever it does with names."""
+    """An event and its twin begin alike, and a policy may serve both at once."""
 
     def names(servicer: Any, **given: Any) -> list[str]:
         with serving(servicer) as url:
@@ -269,7 +269,7 @@ def test_a_route_has_twenty_points_and_what_is_not_there_is_no_number(
 
 
 def _pixel(camera: proto.AvailableCamera, point: Sequence[float]) -> np.ndarray[Any, Any]:
-    """Where a point of the rig lies in the picture, by the contract: an optical frame."""
+    """Return the pixel of a point of the rig, by the contract's optical frame."""
     lens = camera.intrinsics.opencv_pinhole_param
     x, y, z = rigid.Pose.from_proto(camera.rig_to_camera).inverse().transform_points(point)[0]
     return np.array(
@@ -359,7 +359,7 @@ def test_text_is_taken_and_nothing_is_unpickled(data: bytes, text: str, left_out
 
 
 class Trap:
-    """What a pickle may do to whoever loads it."""
+    """A pickle that would run code in the process that loads it."""
 
     def __reduce__(self) -> Any:
         return exec, ("raise SystemExit('it was loaded')",)

@@ -1,4 +1,4 @@
-"""The lifetime of a served session: nothing is held once nobody waits for it."""
+"""The lifetime of a served session: all is released when no client waits for it any more."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def answer(request):
 
 @dataclass
 class Gate:
-    """Where a model says that it waits, and is told to go on."""
+    """A gate at which a model reports that it waits, until the test lets it go on."""
 
     began: Path
     release: Path
@@ -274,7 +274,7 @@ def test_a_camera_that_there_can_not_be_is_refused_and_takes_no_place(
 def test_messages_that_can_not_be_handled_are_answered_with_their_reason(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    """Without a traceback on the terminal of the server; the session goes on."""
+    """The server's terminal shows no traceback, and the session goes on."""
     policy = BridgePolicy(model("opencv_baseline"))
     with served(policy) as client:
         assert code(client.start("one")) == "OK"

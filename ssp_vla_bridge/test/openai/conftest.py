@@ -28,7 +28,7 @@ class Asked:
 
     @property
     def text(self) -> str:
-        """Of the user's message, behind the pictures."""
+        """The text of the user's message, which follows the pictures."""
         text = self.body["messages"][-1]["content"][-1]["text"]
         assert isinstance(text, str)
         return text

@@ -22,7 +22,7 @@ MIB = 1 << 20
 
 @pytest.fixture(autouse=True)
 def _quiet_threads(monkeypatch):
-    """What a service's thread meets when its client leaves is no warning of these tests."""
+    """Silence the errors of a service's thread whose client leaves: they are expected here."""
     monkeypatch.setattr("socketserver.BaseServer.handle_error", lambda *_: None)
 
 

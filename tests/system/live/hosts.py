@@ -115,7 +115,7 @@ def stops_inside_the_bound(stage: Any, cut: Cut) -> None:
 
 
 def stands_after_the_link_is_back(stage: Any, network: Network) -> None:
-    """The manager of this session has gone; another host's link comes back to nobody."""
+    """The object goes on standing when its link returns: this session's manager has gone."""
     network.join()
     stands = stage.rows()[-1]
     until_ns = time.time_ns() + int(AFTERWARDS_S * 1e9)

@@ -81,7 +81,7 @@ def admitted_and_scored(
 
 
 def everybody_declares_simulated(session: Path) -> None:
-    """All whom the run file lists say so themselves: in a rehearsal nobody is real or silent."""
+    """All whom the run file lists say so themselves: no part of a rehearsal is real or silent."""
     run = load_run(session / "run.yaml")
     with BagReader(session / "bag") as bag:
         part = participation_of(bag, run, session / "bag")

@@ -81,7 +81,7 @@ def test_a_rehearsed_session_with_an_iso_object_is_admitted_and_scored(
 def test_the_link_to_an_iso_object_is_cut_while_it_drives(
     network: Network, two_hosts: Any, task: Callable[..., Path]
 ) -> None:
-    """Between the hosts there is ISO 22133 and nothing else.
+    """The hosts speak only ISO 22133 with each other.
 
     The object stops by itself, and stays where it stands when its control centre is back.
     """

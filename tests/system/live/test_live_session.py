@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 
 def bodies_of(stage: Any) -> tuple[str, ...]:
-    """Where the played bodies listen; they need no run to be heard of."""
+    """Return the option with the played bodies' address; they need no run to be heard."""
     return ("--body", f"ot1=udp://127.0.0.1:{PORT + os.getpid() % 1000}")
 
 
@@ -54,7 +54,7 @@ def start_driving(stage: Any, task: Path) -> tuple[Any, Any, Any]:
 def test_only_the_word_after_the_prompt_starts_anything(
     stage: Any, task: Callable[[str], Path]
 ) -> None:
-    """At a real terminal: what is typed ahead, other words, a paste, and ``abort``."""
+    """A real terminal gets words typed ahead, other words, a paste, and ``abort``."""
     folder, run_folder = task("cut_in"), stage.folder / "run"
     hand, terminal = pty.openpty()
     arguments = ["run", str(folder), "--mode", "live", "--wait", "--no-camera"]
@@ -121,7 +121,7 @@ for command in sys.argv[2:]:
 def test_a_start_and_an_abort_from_elsewhere_are_followed(
     stage: Any, task: Callable[[str], Path]
 ) -> None:
-    """After a GNSS/INS that the doctor doesn't let arm; nobody types the word at the terminal."""
+    """The doctor first refuses a bad GNSS/INS; the terminal never gets the word."""
     run = stage.run_live(task("cut_in"), "--no-camera", *bodies_of(stage))
     play_bodies(stage)
     bad = play_vut(stage, "bad_vut", "--frame", "odom", "--rate", "10", "--clock-offset", "0.8")

@@ -59,7 +59,7 @@ def waiting_session(
 
 
 def ask_until_connected(stage: Any, run: Any) -> None:
-    """Types what is no word until the summary above the prompt misses nobody."""
+    """Types what is no word until the summary above the prompt shows all as connected."""
 
     def connected() -> bool:
         before = stage.said("ssp_run").count(ASKS)

@@ -1,4 +1,4 @@
-"""What a bag holds against what was sent."""
+"""The contents of a bag compared with the messages that were sent."""
 
 from __future__ import annotations
 
@@ -52,8 +52,9 @@ def held(bag: Path, topics: Iterable[LoadTopic]) -> dict[str, list[Held]]:
 
 
 def kept_until_ns(sent: Sequence[Sent], struck_ns: int) -> int:
-    """What was sent until then is to be there, although the recorder was struck: a second is lost,
-    and on a busy machine as much as the load itself was kept from sending.
+    """Return the time up to which all messages must be there, although the recorder was struck.
+
+    A second is lost, and on a busy machine as much as the load itself was kept from sending.
 
     Args:
         sent: by the load, of a topic at 50 Hz or more.

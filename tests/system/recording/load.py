@@ -1,8 +1,8 @@
-"""A load on a ROS graph whose every message can be told from every other; started by tests.
+"""A load on a ROS graph whose messages can all be distinguished; started by tests.
 
 ``python load.py SPEC.json`` publishes what the specification says until its standard input is
 closed, and writes one record per message that was handed to the middleware into a log. What a
-message holds follows from topic and number alone, so that whoever has the log knows every byte.
+message holds follows from topic and number alone, so that a reader of the log knows every byte.
 """
 
 from __future__ import annotations

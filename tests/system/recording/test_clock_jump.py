@@ -86,7 +86,7 @@ def test_a_jump_of_the_systems_clock(tmp_path: Path, jump: str, split: Split | N
 
 
 def test_stamps_that_jump_date_a_simulated_session(tmp_path: Path) -> None:
-    """What has no stamp of its own is dated by the newest one, so it never goes back."""
+    """A message without a stamp gets the newest stamp, so its time never goes back."""
     times = [k * STEP_NS + max(0, JUMPS["back and forth"](k)) for k in range(COUNT)]
     clock = SimulatedTime()
     at = stamp_at(IMAGE)

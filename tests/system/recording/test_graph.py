@@ -77,7 +77,7 @@ def test_a_publisher_that_starts_again_loses_nothing(field_: Field) -> None:
 
 
 def test_a_topic_that_changes_its_type_keeps_its_first_one(field_: Field) -> None:
-    """What comes with the other type is not recorded, and the recording is not called whole."""
+    """Messages of the other type aren't recorded, and the recording isn't called whole."""
     before = field_.load(FIRST)
     recording = field_.record("--all", "--json")
     recorded(recording)
