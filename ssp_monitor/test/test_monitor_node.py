@@ -43,7 +43,7 @@ from ssp_msgs.msg import (
 )
 from support.processes import end
 from tests.support.recorder_said import without_a_busy_disk
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import DEADLINE_S, until
 
 pytestmark = pytest.mark.ros
 STEP_NS = 10_000_000
@@ -107,10 +107,7 @@ class Session:
         self.publishers[topic].publish(message)
 
     def spin_until(self, condition: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < deadline, f"no {what} in time"
-            self.executor.spin_once(timeout_sec=0.05)
+        until(condition, what, lambda: self.executor.spin_once(timeout_sec=0.05))
 
     def _know_each_other(self, topic: str) -> bool:
         """Tell whether a topic's publisher knows the recorder, and the recorder the publisher.

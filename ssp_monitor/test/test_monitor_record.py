@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from typing import Any
 
 import pytest
@@ -32,7 +31,7 @@ from ssp_core.bag.seals.seal import REPORT_NAME
 from ssp_core.cli import main
 from support.processes import end
 from tests.support.recorder_said import line_with, without_a_busy_disk
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import DEADLINE_S, until
 
 
 @pytest.fixture
@@ -74,10 +73,10 @@ def wait_heard(node: Node, publisher: Any, readers: int = 1) -> None:
     The recorder makes a reader when it knows a publisher of the topic, and matches it with all
     publishers that it knows before it announces it. Those of one node become known in their order.
     """
-    deadline = time.monotonic() + DEADLINE_S
-    while publisher.get_subscription_count() < readers:
-        assert time.monotonic() < deadline, f"nobody listens to {publisher.topic_name}"
-        time.sleep(0.02)
+    until(
+        lambda: publisher.get_subscription_count() >= readers,
+        f"subscription to {publisher.topic_name}",
+    )
 
 
 def qos(reliability: ReliabilityPolicy, durability: DurabilityPolicy) -> QoSProfile:
@@ -193,10 +192,7 @@ def test_a_named_topic_of_two_types_is_a_problem(talker, recorder, tmp_path):
     node.create_publisher(CompressedImage, "/lab/both", 10)
     # Of one participant's endpoints the second is known last: both types are there once it is.
     talker.create_publisher(String, "/lab/both", 10)
-    deadline = time.monotonic() + DEADLINE_S
-    while talker.count_publishers("/lab/both") < 2:
-        assert time.monotonic() < deadline, "publishers don't know each other"
-        time.sleep(0.02)
+    until(lambda: talker.count_publishers("/lab/both") >= 2, "publishers that know each other")
     process = recorder("/lab/both", "-o", tmp_path / "bag", "--json", "--reserve-mb", 0)
     told = line_with(process, "has several types", "is also of type")
     result, rest = ended(process)

@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from ssp_vla_bridge.adapters.registry import adapt
 from ssp_vla_bridge.backend import make_backend, respond
 from ssp_vla_bridge.http_messages import request_to_json
 from ssp_vla_bridge.messages import Frame
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import DEADLINE_S, until
 
 HERE = Path(__file__).resolve().parent
 SIDECARS = HERE.parent / "sidecars"
@@ -65,20 +64,13 @@ class Sidecar:
             connection.close()
 
     def until_ready(self):
-        wait_until(lambda: self.call("GET", "/health")[2]["ready"])
+        until(lambda: self.call("GET", "/health")[2]["ready"], "readiness")
         return self
 
     def stop(self) -> int:
         """SIGTERM; gives the exit status."""
         self.process.send_signal(signal.SIGTERM)
         return self.process.wait(DEADLINE_S)
-
-
-def wait_until(happened):
-    deadline_s = time.monotonic() + DEADLINE_S
-    while not happened():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
 
 
 @pytest.fixture
@@ -242,7 +234,7 @@ def counting(start, tmp_path):
     ).until_ready()
     replies = {}
     thread = post_in_thread(sidecar, "first", replies)
-    wait_until(begun.exists)
+    until(begun.exists, "begin of the call")
     yield sidecar, gate, replies
     gate.write_text("")
     thread.join(DEADLINE_S)
@@ -257,7 +249,7 @@ def taken(sidecar, request_id, replies):
         threads[-1].join(0.5)
         return threads[-1].is_alive()
 
-    wait_until(tried)
+    until(tried, "try")
     return threads[-1]
 
 
@@ -269,7 +261,7 @@ def test_one_works_one_waits_and_a_third_is_told_when_to_come_back(counting):
     assert (status, headers["Retry-After"]) == (503, "1")
     gate.write_text("")
     second.join(DEADLINE_S)
-    wait_until(lambda: "first" in replies)
+    until(lambda: "first" in replies, "first reply")
     status, _, first = replies["first"]
     assert (status, first["request_id"], first["text"]) == (200, "first", "first")
     assert first["decoding"]["ssp"] == []  # nothing of SSP is in its process
@@ -291,7 +283,7 @@ def test_sigterm_lets_the_answer_in_the_works_go_out(counting):
     sidecar.process.send_signal(signal.SIGTERM)
     gate.write_text("")
     assert sidecar.process.wait(DEADLINE_S) == 0
-    wait_until(lambda: "first" in replies)
+    until(lambda: "first" in replies, "first reply")
     assert replies["first"][2]["text"] == "first"
 
 
@@ -323,7 +315,7 @@ def test_sigterm_ends_a_model_that_hangs(start, tmp_path):
     ).until_ready()
     replies = {}
     thread = post_in_thread(sidecar, "first", replies)
-    wait_until(begun.exists)
+    until(begun.exists, "begin of the call")
     assert sidecar.stop() == 0
     thread.join(DEADLINE_S)
     assert isinstance(replies["first"], OSError | http.client.HTTPException)

@@ -10,12 +10,22 @@ DEADLINE_S = 300.0
 ANSWER_S = 5.0
 
 
-def until(condition: Callable[[], bool], what: str = "change") -> None:
+def pause() -> None:
+    """Leave the processor to others for 5 ms."""
+    time.sleep(0.005)
+
+
+def until(
+    condition: Callable[[], object],
+    what: str | Callable[[], str] = "change",
+    between: Callable[[], object] = pause,
+) -> None:
     """Returns when a condition holds; fails when it takes too long."""
     deadline = time.monotonic() + DEADLINE_S
     while not condition():
-        assert time.monotonic() < deadline, f"no {what} in time"
-        time.sleep(0.005)
+        late = time.monotonic() > deadline
+        assert not late, f"no {what if isinstance(what, str) else what()} in time"
+        between()
 
 
 def answer_of(

@@ -22,7 +22,7 @@ from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
 from ssp_core.run_file.model import RunSpec
 from tests.support.runs import small_run
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import DEADLINE_S, until
 from tests.system.browser import Browser
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -511,10 +511,7 @@ def test_an_orderly_end_is_heard_and_stays_on_the_page(
     found = re.search(r"`kill (\d+)` ends it now", "".join(session.lines))
     assert found is not None
     os.kill(int(found[1]), signal.SIGTERM)
-    deadline = time.monotonic() + DEADLINE_S
-    while live_processes(session.folder):
-        assert time.monotonic() < deadline, "the page did not end on its signal"
-        time.sleep(0.05)
+    until(lambda: not live_processes(session.folder), "end of the page on its signal")
     # Longer than the silence that is told of while a run goes on.
     tab.evaluate("new Promise((done) => setTimeout(done, 2500))")
     assert tab.evaluate(f"{BANNER}.hidden")

@@ -47,7 +47,7 @@ from ssp_msgs.msg import SessionState
 from support.processes import end
 from tests.support.bags import header, message, picture, text
 from tests.support.states import make_reference
-from tests.support.waiting import DEADLINE_S, answer_of
+from tests.support.waiting import DEADLINE_S, answer_of, until
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -131,10 +131,7 @@ class Stage:
         return process
 
     def spin_until(self, condition: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < deadline, f"no {what} in time"
-            self.executor.spin_once(timeout_sec=0.02)
+        until(condition, what, lambda: self.executor.spin_once(timeout_sec=0.02))
 
     def ask(self, service: str, kind: Any, request: Any) -> Any:
         client = self.node.create_client(kind, service)

@@ -16,7 +16,6 @@ from rosbags.highlevel import AnyReader
 
 from tests.support.bags import last_speeds, messages
 from tests.support.waiting import until
-from tests.system.conftest import END_DEADLINE_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
@@ -102,10 +101,10 @@ def test_killed_runner_takes_its_nodes_along(long_session: Any, live_processes: 
     session = long_session("--no-camera")
     session.process.kill()
     session.process.communicate()
-    deadline = time.monotonic() + END_DEADLINE_S
-    while live_processes(session.folder) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    assert live_processes(session.folder) == {}
+    until(
+        lambda: not live_processes(session.folder),
+        lambda: f"end of {live_processes(session.folder)}",
+    )
     assert (session.folder / "bag" / "metadata.yaml").is_file()
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, get_args
@@ -21,7 +20,7 @@ from ssp_eval.observations.page import chosen
 from ssp_eval.observations.questions import Card, blank, cards
 from ssp_scenario_manager.event_spec.log import read_log
 from ssp_scenario_manager.event_spec.model import SegmentWord
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import until
 from tests.system.browser import Browser
 
 Bags = Callable[..., Path]
@@ -338,10 +337,10 @@ def test_a_person_fills_in_the_page_saves_and_seals_it(
 
 def wait_for(path: Path) -> Path:
     """A download, once it is whole."""
-    deadline = time.monotonic() + DEADLINE_S
-    while not path.is_file() or not path.read_text().endswith("}\n"):
-        assert time.monotonic() < deadline, list(path.parent.glob("*"))
-        time.sleep(0.05)
+    until(
+        lambda: path.is_file() and path.read_text().endswith("}\n"),
+        lambda: f"{path.name} in {sorted(path.parent.iterdir())}",
+    )
     return path
 
 

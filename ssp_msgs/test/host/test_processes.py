@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,7 +16,7 @@ from ssp_core.host import shared_memory
 from ssp_core.host.environment import session_environment
 from ssp_core.host.processes import ProcessGroup
 from tests.support.processes import is_alive
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import DEADLINE_S, until
 
 # A stand-in for a node: says that it is up, and does what the first word of its name says.
 NODE = """
@@ -31,14 +31,6 @@ if kind == "failing":
 print("up", os.getpid(), *sys.argv[1:], flush=True)
 time.sleep(600)
 """
-
-
-def wait_until(condition: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + DEADLINE_S
-    while not condition():
-        if time.monotonic() > deadline:
-            pytest.fail(f"{what} did not happen in {DEADLINE_S:g} s")
-        time.sleep(0.01)
 
 
 @pytest.fixture
@@ -64,7 +56,7 @@ def group(
 
 def start(group: ProcessGroup, name: str) -> int:
     node = group.start_node(name, "ssp_fake_node", {"run_file": "/a b", "rate": 2})
-    wait_until(lambda: "up" in node.log_tail() or node.returncode is not None, f"{name}'s start")
+    until(lambda: "up" in node.log_tail() or node.returncode is not None, f"{name}'s start")
     return node.process.pid
 
 
@@ -111,14 +103,14 @@ def test_stop_kills_the_stubborn_and_names_it(group: ProcessGroup) -> None:
 def test_who_ends_without_being_asked_is_noticed(group: ProcessGroup) -> None:
     start(group, "failing")
     node = group.processes["failing"]
-    wait_until(lambda: node.returncode is not None, "the end")
+    until(lambda: node.returncode is not None, "the end")
     assert [n.name for n in group.ended()] == ["failing"]
     assert node.describe_exit() == "exited with status 3"
     assert node.log_tail() == "what went wrong"
     pid = start(group, "good")
     assert group.processes["good"].describe_exit() == "still running"
     os.kill(pid, signal.SIGKILL)
-    wait_until(lambda: len(group.ended()) == 2, "the second end")
+    until(lambda: len(group.ended()) == 2, "the second end")
     assert group.processes["good"].describe_exit() == "killed by SIGKILL"
 
 
@@ -150,4 +142,4 @@ def test_a_node_dies_with_its_killed_parent(environment: dict[str, str], tmp_pat
     finally:
         parent.kill()
         parent.communicate(timeout=600)
-    wait_until(lambda: not is_alive(child), "the node's end")
+    until(lambda: not is_alive(child), "the node's end")

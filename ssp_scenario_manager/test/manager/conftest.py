@@ -34,7 +34,7 @@ from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
 from support.messages import state_to_msg
 from support.processes import end
-from tests.support.waiting import DEADLINE_S, answer_of
+from tests.support.waiting import DEADLINE_S, answer_of, until
 
 DISARMED, ARMED = ControlState.DISARMED, ControlState.ARMED
 # The state that a command leads to.
@@ -158,10 +158,7 @@ class Peers:
             self.rules.publish(rules_to_msg(rules_of(other, "ot1"), "ot1", "peers"))
 
     def spin_until(self, condition: Callable[[], Any], what: str) -> None:
-        deadline = time.monotonic() + DEADLINE_S
-        while not condition():
-            assert time.monotonic() < deadline, f"{what} did not happen in time"
-            self.executor.spin_once(timeout_sec=0.05)
+        until(condition, what, lambda: self.executor.spin_once(timeout_sec=0.05))
 
     def ask(self, client: Any, request: Any) -> Any:
         return answer_of(client, request, self.spin_until)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import signal
-import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -19,7 +18,7 @@ from ssp_core.run_file.verdict import EndWord
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.cli.run import run
 from ssp_scenario_manager.run import companions
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import until
 
 STAND_IN = """
 import os, sys, time
@@ -44,10 +43,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ProcessGroup:
 
 
 def wait_until_said(said: list[str], part: str) -> None:
-    deadline = time.monotonic() + DEADLINE_S
-    while not any(part in line for line in said):
-        assert time.monotonic() < deadline, said
-        time.sleep(0.01)
+    until(lambda: any(part in line for line in said), lambda: f"{part!r} in {said}")
 
 
 def beside(

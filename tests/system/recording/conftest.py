@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,22 +19,13 @@ from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
 from ssp_core.host.processes import die_with_parent
 from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import DEADLINE_S, until
 
 from .disks import Disk
 from .load import LoadTopic, Sent, heard_file, read_log, write_spec
 
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
 LOAD = Path(__file__).with_name("load.py")
-
-
-def wait_for(condition: Callable[[], bool], what: str, deadline_s: float = DEADLINE_S) -> None:
-    """Waits until a condition holds; waiting in vain fails the test."""
-    end = time.monotonic() + deadline_s
-    while not condition():
-        if time.monotonic() > end:
-            pytest.fail(f"waited {deadline_s:g} s in vain for {what}")
-        time.sleep(0.01)
 
 
 @dataclass
@@ -53,9 +44,9 @@ class Load:
 
     def wait_until_heard(self) -> None:
         """Waits until all of its publishers have a subscription and 100 more messages were sent."""
-        wait_for(heard_file(self.log).exists, "a subscription to each topic of the load")
+        until(heard_file(self.log).exists, "a subscription to each topic of the load")
         before = self.count()
-        wait_for(lambda: self.count() > before + 100, "100 messages more")
+        until(lambda: self.count() > before + 100, "100 messages more")
 
     def stop(self) -> list[Sent]:
         """Ends it and returns all that it sent."""
@@ -119,7 +110,7 @@ class Recording:
                 seen[0], since[0] = self.size(), time.monotonic()
             return time.monotonic() > since[0] + 1.5
 
-        wait_for(is_over, "the end of the data")
+        until(is_over, "the end of the data")
 
 
 class Field:
@@ -155,7 +146,7 @@ class Field:
         write_spec(spec, topics, log)
         process = self.start([sys.executable, str(LOAD), str(spec)])
         load = Load(topics, process, log)
-        wait_for(lambda: load.count() > 0 or process.poll() is not None, "the load")
+        until(lambda: load.count() > 0 or process.poll() is not None, "the load")
         assert process.poll() is None, process.communicate()
         return load
 

@@ -16,10 +16,10 @@ import pytest
 from ssp_core.bag.operations.check import check_bag
 from ssp_core.bag.operations.repair import recover
 from ssp_core.bag.reading.reader import BagReader
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import DEADLINE_S, until
 
 from .checks import kept_until_ns, missing
-from .conftest import Field, wait_for
+from .conftest import Field
 from .disks import Disk, may_mount, small_disk
 from .load import LoadTopic
 
@@ -63,12 +63,12 @@ def test_a_full_disk_is_said_at_once_and_costs_at_most_a_second(
     load = field_.load(*TOPICS)
     with small_disk(tmp_path, DISK_BYTES if may_mount() else FILE_BYTES) as disk:
         recording = field_.record(*NAMES, "--reserve-mb", "0", "--json", disk=disk)
-        wait_for(lambda: recording.size() > FILE_BYTES // 2, "data")
+        until(lambda: recording.size() > FILE_BYTES // 2, "data")
         full_ns = time.monotonic_ns()
         if disk.is_mounted:
             fill(disk)
         else:
-            wait_for(lambda: recording.size() >= FILE_BYTES, "a file at its limit")
+            until(lambda: recording.size() >= FILE_BYTES, "a file at its limit")
             full_ns = time.monotonic_ns()
         assert recording.wait() == 1
         sent = load.stop()

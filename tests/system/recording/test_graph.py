@@ -8,9 +8,10 @@ import pytest
 
 from ssp_core.bag.operations.check import check_bag
 from ssp_core.bag.reading.reader import BagReader
+from tests.support.waiting import until
 
 from .checks import held, missing
-from .conftest import Field, Recording, wait_for
+from .conftest import Field, Recording
 from .load import IMAGE, TEXT, LoadTopic
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -28,7 +29,7 @@ def finish(recording: Recording) -> tuple[int, dict[str, object]]:
 
 def recorded(recording: Recording, size_bytes: int = 100_000) -> None:
     before = recording.size()
-    wait_for(lambda: recording.size() > before + size_bytes, f"{size_bytes} bytes more")
+    until(lambda: recording.size() > before + size_bytes, f"{size_bytes} bytes more")
 
 
 def test_late_topics_and_best_effort_ones_are_recorded(field_: Field) -> None:
@@ -85,7 +86,7 @@ def test_a_topic_that_changes_its_type_keeps_its_first_one(field_: Field) -> Non
     other = LoadTopic(FIRST.name, rate_hz=100, msgtype=TEXT, first=5_000, depth=KEPT)
     beside = LoadTopic("/load/beside", rate_hz=100, depth=KEPT)
     after = field_.load(other)
-    wait_for(lambda: after.count() > 300, "messages of the other type")
+    until(lambda: after.count() > 300, "messages of the other type")
     added = field_.load(beside)
     added.wait_until_heard()
     recorded(recording)

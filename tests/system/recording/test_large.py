@@ -13,9 +13,10 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_monitor.recorder.recorder import OVERHEAD_BYTES, Recorder
 from ssp_monitor.recorder.topics import MOST_TOPICS, Profile, TopicSpec
+from tests.support.waiting import until
 
 from .checks import held, missing
-from .conftest import Field, wait_for
+from .conftest import Field
 from .load import IMAGE, TEXT, LoadTopic, encode
 
 HUGE_BYTES = 100_000_000
@@ -31,10 +32,10 @@ def test_a_message_of_100_mb_through_the_middleware(field_: Field) -> None:
     load = field_.load(SMALL, HUGE)
     names = (SMALL.name, HUGE.name)
     recording = field_.record(*names, "--split-mb", "10", "--reserve-mb", "0", "--json")
-    wait_for(lambda: recording.size() > HUGE_BYTES, "the large message")
+    until(lambda: recording.size() > HUGE_BYTES, "the large message")
     # More than the end of a file takes.
     enough = recording.size() + 10 * SMALL.size_bytes
-    wait_for(lambda: recording.size() > enough, "messages behind it")
+    until(lambda: recording.size() > enough, "messages behind it")
     sent = load.stop()
     recording.wait_for_end_of_data()
     assert recording.stop() == 0, recording.said
@@ -85,7 +86,7 @@ def test_a_graph_with_more_topics_than_the_limit(field_: Field) -> None:
     recording = field_.record(named.name, "--all", "--json")
     recording.wait_until_told(f"topics are not recorded, the limit is {MOST_TOPICS}")
     sent_before = load.count()
-    wait_for(lambda: load.count() > sent_before + 300, "messages of the named topic")
+    until(lambda: load.count() > sent_before + 300, "messages of the named topic")
     sent = load.stop()
     recording.wait_for_end_of_data()
     assert recording.stop() == 0, recording.said

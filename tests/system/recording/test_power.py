@@ -25,9 +25,10 @@ from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writing import mcap_output
 from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.topics import Profile, TopicSpec
+from tests.support.waiting import until
 
 from .checks import LATE_FACTOR, kept_until_ns, missing
-from .conftest import Field, wait_for
+from .conftest import Field
 from .disks import may_mount, mounted
 from .load import IMAGE, LoadTopic, encode
 
@@ -91,7 +92,7 @@ def _cut_the_power(field_: Field, folder: Path) -> None:
         recording = field_.record(
             *(t.name for t in TOPICS), "--split-mb", "2", "--reserve-mb", "0", disk=disk
         )
-        wait_for(lambda: recording.size() > 3_000_000, "data in two files")
+        until(lambda: recording.size() > 3_000_000, "data in two files")
         recording.process.send_signal(signal.SIGSTOP)
         cut_ns = time.monotonic_ns()
         shutil.copyfile(image, later)

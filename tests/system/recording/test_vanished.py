@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from .conftest import Field, wait_for
+from tests.support.waiting import until
+
+from .conftest import Field
 from .load import LoadTopic
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -33,7 +35,7 @@ def test_a_recording_whose_bag_is_gone_ends_and_says_so(
     assert callable(strike)
     load = field_.load(TOPIC)
     recording = field_.record(TOPIC.name, "--split-mb", split, "--json")
-    wait_for(lambda: recording.size() > 300_000, "data")
+    until(lambda: recording.size() > 300_000, "data")
     strike(recording.bag)
     assert recording.wait() == 1
     load.stop()
@@ -48,7 +50,7 @@ def test_a_recording_whose_bag_is_gone_ends_and_says_so(
 def test_a_part_that_is_gone_at_the_end_fails_the_check(field_: Field) -> None:
     load = field_.load(TOPIC)
     recording = field_.record(TOPIC.name, "--split-mb", "0.2", "--json")
-    wait_for(lambda: recording.size() > 600_000, "several files")
+    until(lambda: recording.size() > 600_000, "several files")
     (recording.bag / "bag_0.mcap").unlink()
     load.stop()
     assert recording.stop() == 1

@@ -32,7 +32,7 @@ from ssp_eval.evaluate.run import run_parallel
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.report.page import write_report
-from tests.support.waiting import DEADLINE_S
+from tests.support.waiting import DEADLINE_S, until
 
 BagMaker = Callable[..., Path]
 MODELS = ("constant_velocity", "perfect")
@@ -253,10 +253,7 @@ def test_the_terminal_ends_every_worker_in_order(
             process.wait()
     assert process.returncode != 0
     assert error.decode().count("KeyboardInterrupt") == 1, error.decode()
-    deadline = time.monotonic() + DEADLINE_S
-    while _there(group):
-        assert time.monotonic() < deadline, "a worker is left"
-        time.sleep(0.05)
+    until(lambda: not _there(group), "end of all workers")
 
 
 def _there(group: int) -> bool:
