@@ -42,15 +42,16 @@ def test_other_entries_come_behind_and_ones_own_workspace_is_no_other(tmp_path: 
     ours = ROOT / "ssp_msgs"
     done = launch({"PYTHONPATH": f"{tmp_path}:{ours}::{tmp_path}", "SSP_PYTHONPATH": ""}, "env")
     assert done.returncode == 0, done.stderr
-    assert "unset PYTHONHOME PYTHONPATH" in done.stdout
+    assert "unset PYTHONHOME PYTHONPLATLIBDIR PYTHONPATH" in done.stdout
     assert f"export SSP_PYTHONPATH={tmp_path}\n" in done.stdout
 
 
-def test_the_library_of_another_python_is_left_out(tmp_path: Path) -> None:
-    done = launch({"PYTHONHOME": str(tmp_path)}, "env")
+@pytest.mark.parametrize("name", ["PYTHONHOME", "PYTHONPLATLIBDIR"])
+def test_the_library_of_another_python_is_left_out(tmp_path: Path, name: str) -> None:
+    done = launch({name: str(tmp_path)}, "--help")
     assert done.returncode == 0, done.stderr
-    assert f"PYTHONHOME={tmp_path}" in done.stderr
-    assert "unset PYTHONHOME" in done.stderr
+    assert f"{name}={tmp_path}" in done.stderr
+    assert f"unset {name}" in done.stderr
 
 
 def test_a_middleware_that_is_not_there_is_left_out() -> None:

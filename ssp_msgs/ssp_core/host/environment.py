@@ -8,6 +8,7 @@ first interpreter starts.
 from __future__ import annotations
 
 import os
+import re
 import select
 import socket
 import tempfile
@@ -22,7 +23,7 @@ from ssp_core.host.shared_memory import check_shared_memory, has_room
 # A middleware that isn't installed, moved here by set_middleware_aside.
 _ASIDE = "SSP_RMW_IMPLEMENTATION"
 # Whatever finds sessions or code of ROS and DDS starts like this.
-_PREFIXES = ("ROS_", "RMW_", "FAST", "CYCLONEDDS_", _ASIDE)
+_PREFIXES = ("ROS_", "RMW_", "RCUTILS_", "FAST", "CYCLONEDDS_", _ASIDE)
 # These say where logs go and which distribution is sourced.
 _KEPT = {"ROS_DISTRO", "ROS_HOME", "ROS_LOG_DIR", "ROS_PYTHON_VERSION", "ROS_VERSION"}
 
@@ -32,6 +33,17 @@ _FILES = (
     "FASTRTPS_DEFAULT_PROFILES_FILE",
     "FASTDDS_DEFAULT_PROFILES_FILE",
     "FASTDDS_ENVIRONMENT_FILE",
+)
+# With any other value ROS can't log, and says so in words of its own.
+_TWO_VALUED = (
+    "RCUTILS_COLORIZED_OUTPUT",
+    "RCUTILS_LOGGING_BUFFERED_STREAM",
+    "RCUTILS_LOGGING_USE_STDOUT",
+)
+# HOST:PORT, or a longer spelling of Fast DDS: a transport, and the address in brackets.
+_SERVER = re.compile(
+    r"(?:(?:(?:TCP|UDP)v[46]:)?\[(?P<address>[^]]+)\]|(?P<host>[^:[\]]+))(?::(?P<port>[0-9]+))?",
+    re.ASCII,
 )
 _SERVER_PORT = 11811
 # A header of RTPS without a submessage: a server reads it and does nothing.
@@ -166,6 +178,13 @@ def environment_errors(
     for name in _FILES:
         if env.get(name) and not Path(env[name]).is_file():
             wrong(name, "there is no such file", f"unset {name}, or name the file by its full path")
+    for name in _TWO_VALUED:
+        if env.get(name, "") not in ("", "0", "1"):
+            wrong(name, "must be 0 or 1", f"unset {name}, or export it as 1")
+    for peer in filter(None, (one.strip() for one in env.get("ROS_STATIC_PEERS", "").split(";"))):
+        if not _is_known(peer, 0):
+            remedy = "correct the address, or unset the variable; between peers stands ;"
+            wrong("ROS_STATIC_PEERS", f"{peer} is no known host", remedy)
     _check_security(env, wrong)
     for problem in _server_problems(env.get("ROS_DISCOVERY_SERVER", ""), is_dead):
         remedy = "start it (docs/deployment.md), correct the address, or unset the variable"
@@ -196,22 +215,23 @@ def _check_security(env: Mapping[str, str], wrong: Callable[[str, str, str], Non
 def _server_problems(servers: str, is_dead: Callable[[str, int], bool] | None) -> Iterator[str]:
     """Yield what is wrong with the addresses of discovery servers, HOST:PORT with ; between."""
     for server in filter(None, (one.strip() for one in servers.split(";"))):
-        if server.startswith(("TCP", "UDP", "[")):  # the longer spellings of Fast DDS
-            continue
-        host, _, port_text = server.partition(":")
-        port = int(port_text) if port_text.isascii() and port_text.isdigit() else None
-        if not port_text:
-            port = _SERVER_PORT
-        if port is None or not 0 < port < 1 << 16 or not host:
+        found = _SERVER.fullmatch(server)
+        port = int(found["port"] or _SERVER_PORT) if found else 0
+        if found is None or not 0 < port < 1 << 16:
             yield f"{server} is no HOST:PORT"
             continue
-        try:
-            socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_DGRAM)
-        except OSError:
+        host = found["host"] or found["address"]
+        if not _is_known(host, port):
             yield f"{host} is no known host"
-            continue
-        if is_dead is not None and is_dead(host, port):
+        elif found["host"] and is_dead is not None and is_dead(host, port):
             yield f"nobody listens at {host}:{port}, so no node would find another"
+
+
+def _is_known(host: str, port: int) -> bool:
+    try:
+        return bool(socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM))
+    except (OSError, UnicodeError):
+        return False
 
 
 def nobody_listens(host: str, port: int) -> bool:

@@ -38,6 +38,7 @@ FINDERS = {
     "FASTDDS_ENVIRONMENT_FILE": "/nowhere.json",
     "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
     "CYCLONEDDS_URI": "<x/>",
+    "RCUTILS_LOGGING_USE_STDOUT": "abc",
 }
 OTHERS = {
     "OPENAI_API_KEY": "secret",
@@ -117,6 +118,12 @@ def test_this_process_joins_a_session_and_gets_its_own_variables_back(
         ("ROS_DISCOVERY_SERVER", "127.0.0.1:port", "HOST:PORT"),
         ("ROS_DISCOVERY_SERVER", "127.0.0.1:70000", "HOST:PORT"),
         ("ROS_DISCOVERY_SERVER", ";no.such.host.invalid:11811", "no known host"),
+        ("ROS_DISCOVERY_SERVER", "TCPv4:[127.0.0.1]:99999", "HOST:PORT"),
+        ("ROS_DISCOVERY_SERVER", "UDPv4:[no.such.host.invalid]:11811", "no known host"),
+        ("ROS_DISCOVERY_SERVER", "[::1]:0", "HOST:PORT"),
+        ("ROS_STATIC_PEERS", "127.0.0.1;no.such.host.invalid", "no known host"),
+        ("RCUTILS_LOGGING_USE_STDOUT", "abc", "0 or 1"),
+        ("RCUTILS_COLORIZED_OUTPUT", "true", "0 or 1"),
     ],
 )
 def test_a_wrong_variable_is_named_with_value_and_remedy(name: str, value: str, words: str) -> None:
@@ -135,7 +142,12 @@ def test_what_is_right_is_let_through(tmp_path: Path) -> None:
         "ROS_DOMAIN_ID": "232",
         "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
-        "ROS_DISCOVERY_SERVER": ";127.0.0.1:11811;127.0.0.2",
+        "ROS_DISCOVERY_SERVER": (
+            ";127.0.0.1:11811;127.0.0.2;[127.0.0.1]:11811;TCPv4:[127.0.0.1]:42100;UDPv6:[::1]:11811"
+        ),
+        "ROS_STATIC_PEERS": "127.0.0.1; 10.0.0.1;",
+        "RCUTILS_COLORIZED_OUTPUT": "0",
+        "RCUTILS_LOGGING_USE_STDOUT": "1",
         "FASTRTPS_DEFAULT_PROFILES_FILE": str(profile),
         "ROS_SECURITY_ENABLE": "true",
         "ROS_SECURITY_STRATEGY": "Enforce",

@@ -1,7 +1,8 @@
 """A person's word at the terminal: what is typed after the prompt that asks for it.
 
 Only the word ``start``, alone on its line and typed after the prompt, starts a live session.
-``abort`` counts whenever it is typed. What was typed before the prompt is discarded.
+``abort`` counts whenever it is typed, in small letters or capitals. What was typed before the
+prompt is discarded.
 """
 
 from __future__ import annotations
@@ -44,9 +45,18 @@ def word_of(text: bytes) -> Word | None:
     ended = [line.strip() for line in lines if line.endswith(("\n", "\r"))]
     if not ended:
         return None
-    if ABORT in ended:
+    if ABORT in map(str.casefold, ended):
         return Word.ABORT
     return Word.START if ended == [START] and len(lines) == 1 else Word.OTHER
+
+
+def _bounded(text: bytes) -> bytes:
+    """Return a text, or one short enough with the same word in it: too long a one is no answer."""
+    if len(text) <= _MOST_BYTES:
+        return text
+    if word_of(text) is Word.ABORT:
+        return b"abort\n"
+    return b"\n" + text.rpartition(b"\n")[2][-_MOST_BYTES:]
 
 
 class TypedWords:
@@ -65,14 +75,23 @@ class TypedWords:
         self._text = b""
         self._newest_ns = 0
         self._asked = False
+        self._is_begun = False
 
     def ask(self) -> None:
-        """Begin a question: only ``abort`` counts of what was typed before it."""
+        """Begin a question: only ``abort`` counts of what was typed before it.
+
+        A terminal discards a line that isn't ended; on a pipe it ends after the question began, and
+        doesn't count either.
+        """
         self._read()
-        self._text = b"abort\n" if word_of(self._text) is Word.ABORT else b""
+        is_aborted = word_of(self._text) is Word.ABORT
+        begun = self._text.rpartition(b"\n")[2]
         if self._is_terminal():
+            begun = b""
             with suppress(termios.error):
                 termios.tcflush(self._fd or 0, termios.TCIFLUSH)
+        self._text = b"abort\n" if is_aborted else begun
+        self._is_begun = bool(begun) and not is_aborted
         self._asked = True
 
     def poll(self, now_ns: int) -> Word | None:
@@ -89,6 +108,9 @@ class TypedWords:
         if not self._asked:
             self._text = self._text.rpartition(b"\n")[2]
             return None
+        if self._is_begun and word is not None:
+            self._text, self._is_begun = self._text.partition(b"\n")[2], False
+            word = word_of(self._text)
         if word is None:
             return self._take(Word.END_OF_INPUT) if self._ended else None
         if not self._ended and now_ns - self._newest_ns < seconds_to_ns(PASTE_S):
@@ -97,7 +119,7 @@ class TypedWords:
         return self._take(word_of(self._text) or Word.OTHER)
 
     def _take(self, word: Word) -> Word:
-        self._text, self._asked = b"", False
+        self._text, self._asked, self._is_begun = b"", False, False
         return word
 
     def _is_terminal(self) -> bool:
@@ -124,7 +146,7 @@ class TypedWords:
                 self._ended = self._asked or not self._is_terminal()
                 break
             found += data
-            self._text = (self._text + data)[-_MOST_BYTES:]
+            self._text = _bounded(self._text + data)
         return bool(found)
 
     def _line_not_ended(self) -> bytes:

@@ -33,6 +33,9 @@ LATER = int(PASTE_S * S) + 1
         (b"\nstart\n", Word.OTHER),
         (b"start\nx", Word.OTHER),
         (b"abort\n", Word.ABORT),
+        (b"ABORT\n", Word.ABORT),
+        (b" Abort\r\n", Word.ABORT),
+        (b"do not abort\n", Word.OTHER),
         (b"start\nabort\n", Word.ABORT),
         (b"\xff\xfe\n", Word.OTHER),
     ],
@@ -88,13 +91,47 @@ def pipe() -> Iterator[Hand]:
     os.close(read)
 
 
-@pytest.mark.parametrize("early", ["\n", "start\n", "start\nstart\n", "sta"])
+@pytest.mark.parametrize("early", ["\n", "start\n", "start\nstart\n"])
 def test_what_a_pipe_held_before_the_prompt_does_not_count(pipe: Hand, early: str) -> None:
     pipe.types(early)
     pipe.words.ask()
     assert pipe.hears() is None
     pipe.types("start\n")
     assert pipe.hears() is Word.START
+
+
+@pytest.mark.parametrize("early", ["do not ", "sta", " "])
+def test_a_line_of_a_pipe_that_began_before_the_prompt_does_not_count(
+    pipe: Hand, early: str
+) -> None:
+    pipe.types(early)
+    pipe.words.ask()
+    pipe.types("start\n")
+    assert pipe.hears() is None
+    pipe.types("start\n")
+    assert pipe.hears() is Word.START
+
+
+def test_an_abort_that_began_before_the_prompt_counts(pipe: Hand) -> None:
+    pipe.types("abo")
+    pipe.words.ask()
+    pipe.types("rt\n")
+    assert pipe.hears() is Word.ABORT
+
+
+@pytest.mark.parametrize("asks", [True, False])
+def test_an_abort_counts_whatever_follows_it(pipe: Hand, asks: bool) -> None:
+    if asks:
+        pipe.words.ask()
+    pipe.types("abort\n" + "x\n" * 2100)
+    assert pipe.hears() is Word.ABORT
+
+
+@pytest.mark.parametrize("text", ["foo\n" + " " * 4090 + "start\n", "x" * 9000 + "\nstart\n"])
+def test_a_long_text_is_one_wrong_answer(pipe: Hand, text: str) -> None:
+    pipe.words.ask()
+    pipe.types(text)
+    assert pipe.hears() is Word.OTHER
 
 
 def test_a_paste_is_one_wrong_answer(pipe: Hand) -> None:
@@ -156,7 +193,7 @@ def terminal() -> Iterator[Hand]:
     os.close(slave)
 
 
-@pytest.mark.parametrize("early", ["\n", "start\n", "start\nstart\n", "sta"])
+@pytest.mark.parametrize("early", ["\n", "start\n", "start\nstart\n"])
 def test_type_ahead_starts_nothing(terminal: Hand, early: str) -> None:
     """Enter, a second after the command was started, armed and started everything."""
     terminal.types(early)
