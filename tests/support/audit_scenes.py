@@ -375,6 +375,21 @@ def crossed_from_the_left() -> Scene:
     return as_turn(scene(vut, way, thresholds=BOTH, length_s=18.0, road=turn_road()))
 
 
+def from_the_right_arm(radius_m: float = 8.0) -> Scene:
+    """A car comes from the road on the right, and turns left across the VUT's turn."""
+
+    def way(t_s: float) -> tuple[float, float]:
+        faster_s = min(max(0.0, t_s - 4.0), 3.0)
+        driven_m = faster_s**2 + 6.0 * max(0.0, t_s - 7.0) - (17.5 - radius_m)
+        turned = min(max(0.0, driven_m) / radius_m, math.pi / 2)
+        beyond_m = max(0.0, driven_m - radius_m * math.pi / 2)
+        x = _TURNS_M + _LEFT_M - radius_m * (1.0 - math.cos(turned)) - beyond_m
+        return x, 3.5 - radius_m * (1.0 - math.sin(turned)) + min(0.0, driven_m)
+
+    vut = turning_left(36.0, 5.0, 5.0, 0.5, 8.0)
+    return as_turn(scene(vut, way, thresholds=BOTH, length_s=16.0, road=turn_road()))
+
+
 def turning_right(x_m: float, speed: float, at_s: float, slow: float, until_s: float) -> Motion:
     """The mirror image of ``turning_left``."""
     left = turning_left(x_m, speed, at_s, slow, until_s)
@@ -387,8 +402,17 @@ def turning_right(x_m: float, speed: float, at_s: float, slow: float, until_s: f
 
 
 def as_turn(made: Scene) -> Scene:
-    """Judged by the rules of an event in which the VUT turns."""
-    return replace(made, rules=replace(made.rules, vut_turns=True))
+    """Judged by the rules of an event in which the VUT turns.
+
+    While the object waits it faces where it will drive to, or the VUT if it never does.
+    """
+    moving_on = (s["ot1"].yaw_rad for _, s in made.series if s["ot1"].speed_mps > 1e-3)
+    faces = next(moving_on, math.pi)
+    series = [
+        (t_s, {**s, "ot1": replace(s["ot1"], yaw_rad=faces)} if s["ot1"].speed_mps <= 1e-3 else s)
+        for t_s, s in made.series
+    ]
+    return replace(made, series=series, rules=replace(made.rules, vut_turns=True))
 
 
 _RING = Ring(mouth_m=70.0, lane_m=3.5)

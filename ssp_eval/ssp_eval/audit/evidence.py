@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ssp_eval.audit.measure import Measured, Phases
+from ssp_eval.audit.measure import COMES_OPPOSITE, Measured, Phases, comes_part
 from ssp_eval.audit.recording import Recording
 from ssp_eval.data.audit import (
     CONFLICT,
@@ -111,6 +111,8 @@ def _roles(event: Event) -> Property:
             words[who] = (f"{words[who][0]}, {participant.intent}",)
         if participant.role == "OT":
             words[f"{who} starts in"] = (participant.region.place,)
+    if event.participants[event.vut_id].intent in TURNS:
+        words[comes_part(event.interaction.initiator)] = (COMES_OPPOSITE,)
     words["initiator"] = (event.interaction.initiator,)
     words["affected"] = (event.interaction.affected,)
     return _known(words)

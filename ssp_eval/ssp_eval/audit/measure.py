@@ -13,7 +13,7 @@ from itertools import pairwise
 
 from ssp_core.geometry import box_distance, wrap_angle
 from ssp_core.motion.corridor import Corridor
-from ssp_core.motion.encounter import encounter
+from ssp_core.motion.encounter import comes_against, encounter
 from ssp_core.motion.event import (
     TOLERANCE_S,
     Instant,
@@ -34,6 +34,9 @@ from ssp_eval.data.audit import CONFLICT, MOTION, ORDER, ROLES, TOPOLOGY, Proper
 from ssp_eval.recordings.event import LOCATED_S, EventRules
 from ssp_eval.recordings.geometry import motion_word
 from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
+
+# Of the OT of a VUT's turn, as the compiler places it.
+COMES_OPPOSITE = "the opposite way"
 
 
 @dataclass(frozen=True)
@@ -363,11 +366,28 @@ def _roles(scene: Scene, lanes: Lanes | None, pair: _Pair) -> Property:
         spot = None if lanes is None else _first_spot(scene, lanes, object_id)
         if object_id != scene.vut_id and spot is not None and lanes is not None:
             words[f"{object_id} starts in"] = (lanes.place_word(spot, own_lane),)
+    if scene.rules.vut_turns:
+        target_id = pair.other if pair.observer == scene.vut_id else pair.observer
+        words[comes_part(target_id)] = (_comes(scene, target_id),)
     # Without an event nobody has the wrong part in it.
     everybody = (scene.vut_id, *scene.target_ids)
     words["initiator"] = everybody if pair.event is None else (pair.other,)
     words["affected"] = everybody if pair.event is None else (pair.observer,)
     return Property(words, "recorded classes, lanes at the clip's start, and whose event it is")
+
+
+def comes_part(object_id: str) -> str:
+    """Name the part of the roles that says from where the OT of a VUT's turn comes."""
+    return f"{object_id} comes"
+
+
+def _comes(scene: Scene, object_id: str) -> str:
+    """Return from where somebody comes, by its and the VUT's headings when both are first there."""
+    first = instants_of(scene.series, scene.vut_id, object_id)[0]
+    if comes_against(first.vut.yaw_rad, first.other.yaw_rad):
+        return COMES_OPPOSITE
+    turned_deg = math.degrees(wrap_angle(first.other.yaw_rad - first.vut.yaw_rad))
+    return f"at {turned_deg:+.0f} deg to the VUT"
 
 
 def _intent(scene: Scene) -> str:

@@ -39,6 +39,7 @@ from support.audit_scenes import (
     cut_in,
     cut_out,
     drift_across,
+    from_the_right_arm,
     lead,
     merge,
     oncoming_turn,
@@ -316,7 +317,9 @@ def test_what_is_no_merge_is_refused_with_what_differs(made: Scene, code: str) -
             "order_differs",
             id="it gets no priority",
         ),
-        pytest.param(crossed_from_the_left(), "motion_differs", id="from the road on the left"),
+        pytest.param(crossed_from_the_left(), "roles_differ", id="from the road on the left"),
+        pytest.param(from_the_right_arm(), "roles_differ", id="from the road on the right"),
+        pytest.param(from_the_right_arm(10.0), "roles_differ", id="from there in a wider turn"),
         pytest.param(
             vut_turn(vut=turning_right(36.0, 5.0, 5.0, 0.5, 8.0)),
             "roles_differ",

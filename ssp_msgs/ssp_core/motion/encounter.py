@@ -86,6 +86,16 @@ def is_crossing(direction_rad: float) -> bool:
     return ALONG_RAD < abs(direction_rad) <= AGAINST_RAD
 
 
+def comes_against(own_rad: float, other_rad: float) -> bool:
+    """Tell whether a heading is opposite to another one, rather than along it or across it.
+
+    Args:
+        own_rad: the one, counter-clockwise.
+        other_rad: the other, in the same frame.
+    """
+    return abs(wrap_angle(other_rad - own_rad)) > AGAINST_RAD
+
+
 def swept_stations(
     other: ObjectState, path: Polyline, half_m: float, reach_m: float = 0.0
 ) -> tuple[float, float] | None:

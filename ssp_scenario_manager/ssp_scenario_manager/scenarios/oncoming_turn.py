@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
-from ssp_core.geometry import wrap_angle
-from ssp_core.motion.encounter import AGAINST_RAD
+from ssp_core.motion.encounter import comes_against
 from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.vocabulary import ObjectClass
 from ssp_scenario_manager.event_spec.model import Event
@@ -42,7 +41,7 @@ def turns(block: Block, routes: Mapping[str, Block]) -> list[Crossing]:
     for conflict, other, passage in met_by(block, routes):
         own = block.line.pose(conflict.s_m).yaw_rad
         comes = other.line.pose(passage.start_s_m).yaw_rad
-        opposite = abs(wrap_angle(comes - own)) > AGAINST_RAD
+        opposite = comes_against(own, comes)
         if opposite and passage.turn_rad >= STRAIGHT_ON_RAD and conflict.comes_from == "left":
             found.append((conflict, other, passage))
     if not found:

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from ssp_core.geometry import wrap_angle
-from ssp_core.motion.encounter import AGAINST_RAD
+from ssp_core.motion.encounter import comes_against
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
@@ -41,7 +40,7 @@ def oncoming(block: Block, routes: Mapping[str, Block]) -> list[Crossing]:
     for conflict, other, passage in met_by(block, routes, turns=True):
         own = block.line.pose(turning_left(block).start_s_m).yaw_rad
         comes = other.line.pose(passage.start_s_m).yaw_rad
-        opposite = abs(wrap_angle(comes - own)) > AGAINST_RAD
+        opposite = comes_against(own, comes)
         if opposite and abs(passage.turn_rad) < STRAIGHT_ON_RAD:
             found.append((conflict, other, passage))
     if not found:
