@@ -22,11 +22,11 @@ from ssp_eval.statistics.resampling import (
     bca_interval,
     block_draws,
     block_of,
+    cluster_interval,
     generator,
     percentile_interval,
     reach,
     resampled_sums,
-    student_quantile,
     weighted_sums,
     without_blocks,
 )
@@ -351,18 +351,4 @@ def bootstrap_mean(
     left_out = (sums.sum() - sums) / (sizes.sum() - sizes)
     value = float(sums.sum() / sizes.sum())
     found = estimated(total / count, value, n, left_out, n, unit)
-    return replace(found, student=_student(sums - value * sizes, float(sizes.mean()), value))
-
-
-def _student(residuals: Numbers, size: float, value: float) -> Interval:
-    """Return Student's interval of a mean over clusters; the sample's where all have one value.
-
-    Args:
-        residuals: of each cluster, its sum less what the mean gives for its size.
-        size: mean size of a cluster.
-        value: the mean.
-    """
-    n = len(residuals)
-    deviation = math.sqrt(math.fsum((residuals / size) ** 2) / (n * (n - 1)))
-    half = student_quantile(n - 1) * deviation
-    return Interval(value - half, value + half)
+    return replace(found, student=cluster_interval(sums.tolist(), sizes.tolist()))

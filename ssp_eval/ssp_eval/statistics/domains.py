@@ -9,7 +9,7 @@ from itertools import combinations
 from ssp_eval.score.aggregate import EQUAL, Cell, mean, relative_difference
 from ssp_eval.score.metrics import IVCS_FIRST, METRIC_LABELS
 from ssp_eval.statistics.constants import CONSTANT, Place, instead
-from ssp_eval.statistics.resampling import NO_INTERVAL, Interval, t_interval
+from ssp_eval.statistics.resampling import Interval, cluster_interval
 from ssp_eval.statistics.table import COUNT, Column, Table, Value, in_order
 
 # A row over all scenarios.
@@ -23,9 +23,9 @@ FINDING = Column("finding", "finding", "text")
 DOMAIN_NOTES = (
     "Recordings are compared, one of each event and domain: which of all that they differ in causes"
     " a difference isn't shown.",
-    "95 %: Student's interval over the scenarios, since all cells of a scenario rest on one "
-    f"recording in each domain; with one scenario there is none ({NO_UNITS}). Scenarios chosen by "
-    "hand are no random sample.",
+    "95 %: Student's interval of the mean over pairs, with the scenarios as clusters, since all "
+    "cells of a scenario rest on one recording in each domain; with one scenario there is none "
+    f"({NO_UNITS}). Scenarios chosen by hand are no random sample.",
     f"labels alone: what the {CONSTANT} of each scenario, one text and one trajectory that look at "
     "nothing, gains between the same recordings. Their labels ask for other things then. A "
     f"difference that isn't larger, of either sign, is {NOT_OWED}.",
@@ -33,14 +33,13 @@ DOMAIN_NOTES = (
 
 
 def over_recordings(of_scenario: Mapping[str, Sequence[float]]) -> Interval:
-    """Return Student's interval over scenarios of differences between two domains.
+    """Return Student's interval, over scenarios, of the mean difference between two domains.
 
     Args:
         of_scenario: by scenario the differences of its cells, which share two recordings.
     """
-    if len(of_scenario) < 2:
-        return NO_INTERVAL
-    return t_interval([math.fsum(one) / len(one) for one in of_scenario.values()])
+    cells = of_scenario.values()
+    return cluster_interval([math.fsum(one) for one in cells], [len(one) for one in cells])
 
 
 def finding(difference: float | None, interval: Interval, labels_alone: float | None) -> str:

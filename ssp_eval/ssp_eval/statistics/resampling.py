@@ -58,6 +58,25 @@ def t_interval(values: Sequence[float], level: float = LEVEL) -> Interval:
     return Interval(mean - half, mean + half)
 
 
+def cluster_interval(sums: Sequence[float], sizes: Sequence[float]) -> Interval:
+    """Return Student's interval of the mean of all values, where whole clusters are independent.
+
+    It is linear in the clusters, and of clusters of one size the interval of their means; none of
+    fewer than two clusters.
+
+    Args:
+        sums: of each cluster's values.
+        sizes: how many values each has.
+    """
+    n = len(sums)
+    if n < 2:
+        return NO_INTERVAL
+    value, size = math.fsum(sums) / math.fsum(sizes), math.fsum(sizes) / n
+    squares = [((s - value * k) / size) ** 2 for s, k in zip(sums, sizes, strict=True)]
+    half = student_quantile(n - 1) * math.sqrt(math.fsum(squares) / (n * (n - 1)))
+    return Interval(value - half, value + half)
+
+
 def generator(seed: int, *names: str) -> np.random.Generator:
     """Random numbers that depend on the seed and on what they are for, on no order of work."""
     digest = int(sha256_json([seed, *names]).removeprefix("sha256:"), 16)

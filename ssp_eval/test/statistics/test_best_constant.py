@@ -206,6 +206,31 @@ def test_no_difference_of_domains_stands_bare():
     assert keys.index("p_scenarios") < keys.index("p_scenarios_holm") < keys.index("p")
 
 
+def test_the_interval_holds_its_difference_where_scenarios_have_unlike_numbers_of_models():
+    """Five scenarios of one model that doesn't change, and one of twenty that lose 0.5."""
+    rows = [
+        row(s, d, m, 0.5 if s != "z" else 0.8 - 0.5 * (d == "physical"))
+        for s, models in (*((s, "a") for s in "pqrst"), ("z", "abcdefghijklmnopqrst"))
+        for d in ("simulation", "physical")
+        for m in models
+    ]
+    lines = [
+        one
+        for one in (
+            *tables(rows)["domain_differences"],
+            *by_column(comparison_table(compute(rows).comparisons)),
+        )
+        if one.get("scenario", "all") == "all" and one["metric"] in ("IVCS", "ivcs")
+        if one.get("subject", "domain") == "domain"
+    ]
+    assert len(lines) == 2
+    for line in lines:
+        difference = line.get("difference", line.get("mean_difference"))
+        assert abs(difference) == pytest.approx(0.9 * 0.5 * 20 / 25)
+        middle = (line["low"] + line["high"]) / 2
+        assert middle == pytest.approx(difference)
+
+
 def test_a_matrix_of_ours_keeps_it(tmp_path):
     path, _ = write_tables(tmp_path, [matrix_table(ROWS)], ["csv"])
     told = []
