@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ssp_core.answer_text import Ending, ending
+from ssp_core.chat_errors import LOOKED_AT, PASSING, error_beside, error_in, error_text, is_filtered
 from ssp_core.credentials import gives_away, redact, without_userinfo
 from ssp_core.errors import PeerError
 from ssp_core.files import parse_strict
@@ -32,13 +33,11 @@ if TYPE_CHECKING:  # the library is imported with the first question; it takes i
     from ssp_core.chat_transport import Failed, Received
 
 NO_KEY = "none"  # what servers get that want no key
-_AGAIN = frozenset({408, 409, 425, 429})
 _NOT_TAKEN = frozenset(
     {"unreachable", "408", "409", "425", "429", "502", "503", "504", "529"}
     | {str(code) for code in range(520, 525)}  # of a gateway that finds no server behind it
 )
 _SHOWN = 300  # characters of what a server says
-_LOOKED_AT = 4096
 
 
 @dataclass(frozen=True)
@@ -251,7 +250,7 @@ class OpenAIChat:
             return Trouble(
                 topic or str(code),
                 f"the server says {code}" + (f": {shown}" if shown else ""),
-                safe=(code in _AGAIN or code >= 500) and topic != _FILTER,
+                safe=(code in PASSING or code >= 500) and topic != _FILTER,
                 wait_s=self._http.retry_after_s(came.headers),
             )
         if gives_away(came.body, self._key):
@@ -266,13 +265,6 @@ class OpenAIChat:
 
 _SAY_WHY = frozenset({400, 403, 413, 422, 500, 501})
 _FILTER = "filter"
-# A filter of the service, by the codes and words of services.
-_FILTERED = re.compile(
-    r"content_filter|content_policy|content management policy|responsibleaipolicyviolation"
-    r"|data_?inspection_?failed|inappropriate content|safety system|usage polic|prohibited_content"
-    r"|moderation|flagged (?:as|by|for)",
-    re.IGNORECASE,
-)
 _TOPICS = (
     (
         "length",
@@ -300,7 +292,7 @@ def _topic(code: int, said: str, body: bytes) -> str:
     """Name the cause that an error's message states; empty where it is none that is known here."""
     if code not in _SAY_WHY:
         return ""
-    if code != 500 and _FILTERED.search(body[:_LOOKED_AT].decode("utf-8", "replace")):
+    if is_filtered(body[: 1 << 16].decode("utf-8", "replace"), code):
         return _FILTER
     if code == 403:
         return ""
@@ -309,7 +301,7 @@ def _topic(code: int, said: str, body: bytes) -> str:
 
 def _said(body: bytes) -> str:
     """Return an error's message on one line, else its text."""
-    text = body[:_LOOKED_AT].decode("utf-8", "replace")
+    text = body[:LOOKED_AT].decode("utf-8", "replace")
     if looks_like_html(body):
         return "(a page of HTML)"
     try:
@@ -320,7 +312,7 @@ def _said(body: bytes) -> str:
         error = value.get("error", value)
         message = error.get("message", error.get("detail")) if isinstance(error, dict) else error
         text = message if isinstance(message, str) else text
-    return " ".join("".join(c if c.isprintable() else " " for c in text[:_LOOKED_AT]).split())
+    return " ".join("".join(c if c.isprintable() else " " for c in text[:LOOKED_AT]).split())
 
 
 def looks_like_html(body: bytes) -> bool:
@@ -388,10 +380,8 @@ def read_completion(body: bytes) -> Completion:
     if not isinstance(value, dict):
         raise NoCompletion("it is no JSON object")
     choices = value.get("choices")
-    if (said := _error_in(value)) is not None:
-        if _is_filtered(said):
-            return Completion(None, refusal=f"filtered by the server: {_error_text(said)}")
-        raise BrokenOff(f"it says: {_error_text(said)}")
+    if (wrong := error_in(value)) is not None:
+        return _of_error(wrong, "it")
     if not isinstance(choices, list) or not choices:
         raise NoCompletion("it holds no choices")
     if len(choices) > 1:
@@ -401,11 +391,8 @@ def read_completion(body: bytes) -> Completion:
     if not isinstance(message, dict):
         raise NoCompletion("its choice holds no message")
     finish = _finish_reason(choice)
-    beside = choice.get("error") or message.get("error")
-    if beside and _is_filtered(beside):
-        return Completion(None, refusal=f"filtered by the server: {_error_text(beside)}")
-    if beside:
-        raise BrokenOff(f"its choice says: {_error_text(beside)}")
+    if (wrong := error_beside(choice, message)) is not None:
+        return _of_error(wrong, "its choice")
     if ending(finish) is Ending.BROKEN:
         raise BrokenOff(f"the server broke the answer off (finish_reason {finish})")
     content = _content(message)
@@ -429,20 +416,16 @@ def read_completion(body: bytes) -> Completion:
     )
 
 
-def _error_in(value: Mapping[str, Any]) -> Any:
-    """Find the error of a reply with status 200, as servers name it; None: there is none."""
-    error = value.get("error")
-    if any(error.values()) if isinstance(error, dict) else error:
-        return error
-    status = value.get("base_resp")
-    if isinstance(status, dict) and status.get("status_code"):
-        return {"message": status.get("status_msg"), "code": status["status_code"]}
-    said = [value[key] for key in ("errors", "detail", "message") if value.get(key)]
-    return said[0] if said and not value.get("choices") and not isinstance(said[0], dict) else None
+def _of_error(error: Any, holder: str) -> Completion:
+    """Return the refusal of a filter.
 
-
-def _is_filtered(error: Any) -> bool:
-    return _FILTERED.search(str(error)[:_LOOKED_AT]) is not None
+    Raises:
+        BrokenOff: the error is another one.
+    """
+    text = _sound(error_text(error))
+    if is_filtered(error):
+        return Completion(None, refusal=f"filtered by the server: {text}")
+    raise BrokenOff(f"{holder} says: {text}")
 
 
 # Where servers say why an answer ended; the first one that says something counts.
@@ -573,9 +556,3 @@ def _is_unicode(text: str) -> bool:
     except UnicodeEncodeError:
         return False
     return True
-
-
-def _error_text(error: Any) -> str:
-    said = error.get("message", error.get("code")) if isinstance(error, dict) else error
-    text = said if isinstance(said, str) else str(error)
-    return _sound(" ".join(text.split())[:_WORD])

@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.chat import (
+    BrokenOff,
     Completion,
     NoCompletion,
     Policy,
@@ -200,6 +201,78 @@ def test_a_page_is_told_from_json(body, page):
     assert looks_like_html(body) is page
 
 
+FILTERS = [
+    {"code": "content_filter", "message": "held back"},
+    {"code": "content_policy_violation", "message": "Rejected as a result of our safety system."},
+    {"code": "moderation_blocked", "type": "user_error"},
+    {"code": "DataInspectionFailed", "message": "Input data may contain inappropriate content."},
+    {"code": 403, "message": "It requires moderation. Your input was flagged for 'violence'."},
+    {"code": 400, "message": "The prompt triggered the content management policy. Please retry."},
+    {"code": "invalid_prompt", "message": "It goes against our usage policy."},
+    {"type": "invalid_request_error", "message": "Output blocked by content filtering policy"},
+    {"code": 400, "innererror": {"code": "ResponsibleAIPolicyViolation"}},
+    {
+        "code": 400,
+        "message": "Provider returned error",
+        "metadata": {"raw": '{"error": {"code": "content_filter"}}'},
+    },
+    "the request did not pass moderation",
+]
+OUTAGES = [
+    {"code": 503, "message": "moderation service temporarily unavailable"},
+    {"code": "503", "message": "blocked by moderation"},
+    {"code": 502, "message": "Connection reset", "metadata": {"content_filter_results": {}}},
+    {"code": 400, "message": "upstream", "metadata": {"raw": "no worker", "moderation": None}},
+    {"code": 429, "message": "rejected: rate; see the usage policy"},
+    {"message": "moderation quota used up, retry later"},
+    {"message": "the moderation service is down"},
+    {"code": "content_filter_error", "message": "no verdict"},
+    {
+        "code": 400,
+        "metadata": {"raw": '{"error": {"code": 529, "message": "blocked by policy"}}'},
+    },
+]
+
+
+@pytest.mark.parametrize("error", FILTERS)
+@pytest.mark.parametrize("held", ["reply", "choice", "message"])
+def test_a_filters_refusal_is_final(error, held):
+    said = read_completion(with_error(error, held))
+    assert said.text is None
+    assert said.refusal.startswith("filtered by the server: ")
+
+
+@pytest.mark.parametrize("error", OUTAGES)
+@pytest.mark.parametrize("held", ["reply", "choice", "message"])
+def test_an_outage_is_no_refusal_whatever_it_names(error, held):
+    with pytest.raises(BrokenOff, match="says: "):
+        read_completion(with_error(error, held))
+
+
+def with_error(error, held):
+    """Return a reply that holds the error in the place of choices or beside its text."""
+    if held == "reply":
+        return json.dumps({"error": error}).encode()
+    choice = {"message": {"content": "I brake."}, "finish_reason": "stop"}
+    (choice if held == "choice" else choice["message"])["error"] = error
+    return json.dumps({"choices": [choice]}).encode()
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        ({"code": 429, "message": "flagged by us"}, "flagged by us"),
+        ({"error": "flagged by us", "code": 503}, "flagged by us"),
+        ({"detail": [{"msg": "no worker", "type": "moderation_timeout"}]}, "no worker"),
+        ({"errors": ["no worker"]}, "no worker"),
+        ({"error": {"code": 7}}, "7"),
+    ],
+)
+def test_an_error_may_stand_in_the_reply_itself(value, shown):
+    with pytest.raises(BrokenOff, match=f"^it says: {shown}$"):
+        read_completion(json.dumps(value).encode())
+
+
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
     lambda inner: (
@@ -217,6 +290,9 @@ json_values = st.recursive(
                     "usage",
                     "model",
                     "error",
+                    "errors",
+                    "code",
+                    "detail",
                     "total_tokens",
                     "reasoning_content",
                 ]

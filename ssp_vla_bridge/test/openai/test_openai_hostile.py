@@ -126,6 +126,7 @@ SERVICES = {
     "sends an error with 200": raw({"error": {"message": "no slot"}}),
     "sends an error of its own kind": raw({"object": "error", "message": "no slot", "code": 400}),
     "filters with 200": raw({"error": {"code": "content_filter", "message": "held back"}}),
+    "moderates nothing": raw({"error": {"code": 503, "message": "moderation is unavailable"}}),
     "sends no choices": with_choices([]),
     "sends no message": with_choices([{"text": "x"}]),
     "sends null": reply(lambda s: s.completion(None)),
@@ -147,6 +148,7 @@ SERVICES = {
     "filters the question": error_status(
         400, "The prompt triggered the content management policy."
     ),
+    "has no moderation": error_status(403, "moderation quota used up, retry later"),
     "wants a key": error_status(401),
     "forbids": error_status(403),
     "wants smaller frames": raw(HTML, 413),
@@ -181,6 +183,8 @@ EXPECTED = {
     "sends an error with 200": ErrorCode.BROKEN_OFF,
     "sends an error of its own kind": ErrorCode.BROKEN_OFF,
     "filters with 200": ErrorCode.DECLINED,
+    "moderates nothing": ErrorCode.BROKEN_OFF,
+    "has no moderation": ErrorCode.BACKEND,
     "filters the question": ErrorCode.DECLINED,
     "is a gateway": ErrorCode.OVERLOAD,
 }
