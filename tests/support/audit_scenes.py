@@ -189,6 +189,12 @@ def crossing_road(arm_at_m: float = 80.0) -> RoadFacts:
     return road(lanes=lanes, junction=arms)
 
 
+def without_arms(facts: RoadFacts) -> RoadFacts:
+    """The same road whose junction has its connecting roads alone."""
+    junction = [one for one in facts.road.junction if one.junction_at == "both"]
+    return replace(facts, road=facts.road.model_copy(update={"junction": junction}))
+
+
 def crossing_car(start_s: float = 4.0, side: float = -1.0, **more: Any) -> Scene:
     """A car drives off at x = 80 m, 12 m beside the VUT's way, with 2 m/s² up to 7 m/s."""
 

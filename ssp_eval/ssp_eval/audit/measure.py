@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+import numpy as np
+
 from ssp_core.geometry import box_distance, wrap_angle
 from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import comes_against, encounter
@@ -182,11 +184,11 @@ def measure(scene: Scene) -> Measured:
         ),
         ORDER: _order(pair, meeting),
     }
-    if scene.road is not None and lanes is not None:
-        properties[TOPOLOGY] = _topology(scene, lanes, scene.road.words, vut, target_id)
     zone = None
     if meeting.zone is not None:
         zone = _outline(pair.corridor, meeting.zone)
+    if scene.road is not None and lanes is not None:
+        properties[TOPOLOGY] = _topology(scene, lanes, zone, vut, target_id)
     until_s = meeting.other_arrival_s if swapped else meeting.own_arrival_s
     return Measured(
         properties,
@@ -306,7 +308,7 @@ def _pair(
 def _topology(
     scene: Scene,
     lanes: Lanes,
-    words: Mapping[str, str],
+    zone: Sequence[tuple[float, float]] | None,
     vut: Sequence[ObjectState],
     target_id: str,
 ) -> Property:
@@ -319,11 +321,14 @@ def _topology(
     if other is not None:
         adjacency = _adjacency(other.lane, held)
     how = "lanes of the road under the VUT's path; its lane is the one that it is in longest"
+    crossed = None if zone is None else np.array(zone)
+    stations = [spot.s_m for spot in spots]
+    words = {} if scene.road is None else scene.road.words
     return Property(
         {
             "lanes_same_direction": (str(lanes.same_direction),),
             "lanes_opposite": (str(lanes.opposite),),
-            "segment": (lanes.segment(min(s.s_m for s in spots), max(s.s_m for s in spots)),),
+            "segment": (lanes.segment(min(stations), max(stations), crossed),),
             "vut_lane": lanes.lane_words(held),
             "adjacency": (adjacency,),
             **{name: (word,) for name, word in words.items()},

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ssp_core.geometry import FloatArray
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.road import Lane, Road
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
@@ -107,7 +108,8 @@ class Lanes:
         side = 1.0 if self.forward else -1.0
         if spot.lane is None:
             middle = (self.lanes[0].y_m + self.lanes[-1].y_m) / 2.0
-            place = "road" if self._on_junction(spot) else "kerb"
+            at = np.array([self.line.to_map(spot.s_m, spot.l_m)])
+            place = "road" if self.is_on_junction(at) else "kerb"
             return f"left_{place}" if (spot.l_m - middle) * side > 0.0 else f"right_{place}"
         if spot.lane == own_lane:
             return "vut_lane"
@@ -119,21 +121,34 @@ class Lanes:
         name = "left" if steps > 0 else "right"
         return f"{name}_lane" if abs(steps) == 1 else f"{abs(steps)}_lanes_{name}"
 
-    def _on_junction(self, spot: Spot) -> bool:
-        """Tell whether a place off the road's own lanes lies on another road of the junction."""
-        at = np.array([self.line.to_map(spot.s_m, spot.l_m)])
+    def is_on_junction(self, at: FloatArray, *, arms: bool = True) -> bool:
+        """Tell whether any of some places lies on a road of the junction.
+
+        Args:
+            at: rows x, y in map.
+            arms: its arms count too, or else the connecting roads in it alone.
+        """
         for line, road in self.junction:
-            s_m, l_m = line.to_local_many(at)[0]
-            if 0.0 <= s_m <= road.length_m and road.right_edge_m <= l_m <= road.left_edge_m:
+            if not arms and road.junction_at != "both":
+                continue
+            s_m, l_m = line.to_local_many(at).T
+            along = (s_m >= 0.0) & (s_m <= road.length_m)
+            if (along & (l_m >= road.right_edge_m) & (l_m <= road.left_edge_m)).any():
                 return True
         return False
 
-    def segment(self, from_s_m: float, to_s_m: float) -> str:
-        """``straight`` or ``curve``, by the tightest bend between two arc lengths.
+    def segment(self, from_s_m: float, to_s_m: float, zone: FloatArray | None) -> str:
+        """``junction``, ``straight`` or ``curve``, the last two by the tightest bend of a stretch.
 
-        A road that leads through a junction is one throughout, as its block is.
+        A road that leads through a junction is one where the conflict zone lies on a connecting
+        road; without a conflict zone it is one throughout, as its block is.
+
+        Args:
+            from_s_m: arc length of one end of the stretch.
+            to_s_m: of the other.
+            zone: outline of the conflict zone, rows x, y in map; None: there is none.
         """
-        if self.junction:
+        if self.junction and (zone is None or self.is_on_junction(zone, arms=False)):
             return "junction"
         low, high = sorted((from_s_m, to_s_m))
         steps = max(1, math.ceil((high - low) / _CURVATURE_STEP_M))

@@ -54,6 +54,7 @@ from support.audit_scenes import (
     turning_left,
     turning_right,
     vut_turn,
+    without_arms,
 )
 
 
@@ -237,7 +238,14 @@ def test_a_vehicle_that_does_not_leave_keeps_the_standing_one_off_camera(leaves:
         ),
         pytest.param(crossing_car(start_s=60.0), "no_manoeuvre", id="it waits"),
         pytest.param(
-            crossing_car(road=crossing_road(120.0)), "place_differs", id="from beside the road"
+            crossing_car(road=without_arms(crossing_road())),
+            "place_differs",
+            id="from beside the road",
+        ),
+        pytest.param(
+            crossing_car(road=crossing_road(120.0)),
+            "topology_differs",
+            id="far before the junction",
         ),
         pytest.param(
             crossing_car(road=replace(crossing_road(), road=road().road)),
@@ -269,6 +277,11 @@ def test_what_is_no_crossing_car_is_refused_with_what_differs(made: Scene, code:
             "topology_differs",
             id="no junction",
         ),
+        pytest.param(
+            oncoming_turn(road=crossing_road(250.0)),
+            "topology_differs",
+            id="far before the junction",
+        ),
     ],
 )
 def test_what_is_no_oncoming_turn_is_refused_with_what_differs(made: Scene, code: str) -> None:
@@ -290,7 +303,12 @@ def test_an_oncoming_turn_may_be_recorded_up_to_its_resolution() -> None:
         pytest.param(
             merge(8.0, vut=braking(8.0, 9.8, 60.0, 2.5)), "roles_swapped", id="the VUT is first"
         ),
-        pytest.param(merge(road=ramp_road(200.0)), "place_differs", id="from beside the road"),
+        pytest.param(
+            merge(road=without_arms(ramp_road())), "place_differs", id="from beside the road"
+        ),
+        pytest.param(
+            merge(road=ramp_road(200.0)), "topology_differs", id="far before the junction"
+        ),
         pytest.param(
             merge(road=replace(ramp_road(), road=road().road)), "topology_differs", id="no junction"
         ),
@@ -583,9 +601,9 @@ def test_a_bend_is_a_curve_where_it_is_driven_on() -> None:
         CurvePiece(length_m=100.0, start_curvature_1pm=0.01, end_curvature_1pm=0.01),
     ]
     lanes = Lanes(road(pieces=pieces, length_m=250.0).road)
-    assert lanes.segment(0.0, 90.0) == "straight"
-    assert lanes.segment(80.0, 160.0) == "curve"
-    assert lanes.segment(240.0, 130.0) == "curve"
+    assert lanes.segment(0.0, 90.0, None) == "straight"
+    assert lanes.segment(80.0, 160.0, None) == "curve"
+    assert lanes.segment(240.0, 130.0, None) == "curve"
 
 
 def test_what_cannot_be_measured() -> None:
