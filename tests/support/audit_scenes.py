@@ -418,7 +418,7 @@ def as_turn(made: Scene) -> Scene:
         (t_s, {**s, "ot1": replace(s["ot1"], yaw_rad=faces)} if s["ot1"].speed_mps <= 1e-3 else s)
         for t_s, s in made.series
     ]
-    return replace(made, series=series, rules=replace(made.rules, vut_turns=True))
+    return replace(made, series=series, rules=replace(made.rules, vut_turn="left"))
 
 
 _RING = Ring(mouth_m=70.0, lane_m=3.5)

@@ -366,12 +366,12 @@ def _roles(scene: Scene, lanes: Lanes | None, pair: _Pair) -> Property:
         }
         role = "VUT" if object_id == scene.vut_id else "OT"
         words[object_id] = (f"{role}, {' then '.join(sorted(classes)) or 'never there'}",)
-        if role == "VUT" and scene.rules.vut_turns:
+        if role == "VUT" and scene.rules.vut_turn is not None:
             words[object_id] = (f"{words[object_id][0]}, {_intent(scene)}",)
         spot = None if lanes is None else _first_spot(scene, lanes, object_id)
         if object_id != scene.vut_id and spot is not None and lanes is not None:
             words[f"{object_id} starts in"] = (lanes.place_word(spot, own_lane),)
-    if scene.rules.vut_turns:
+    if scene.rules.vut_turn is not None:
         target_id = pair.other if pair.observer == scene.vut_id else pair.observer
         words[comes_part(target_id)] = (_comes(scene, target_id),)
     # Without an event nobody has the wrong part in it.

@@ -19,6 +19,7 @@ from ssp_core.motion.event import (
     find_event,
     instants_of,
 )
+from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Series, States, states_of, times_of
 from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.data.labels import BY_CLOCK, BY_PHASE, Label, Labels, PhasePosition
@@ -51,6 +52,18 @@ class ClipScene:
     event: RecordedEvent
     corridor: Corridor
     standing: frozenset[str]
+
+    def corridor_of(self, vut: ObjectState) -> Corridor:
+        """Return the corridor along which the critical OT's place and motion are measured.
+
+        The one that the VUT drives, so that a lead in a bend of the road is ahead. Of a VUT that
+        turns at a junction, straight on from its pose: along its turn, a vehicle that comes the
+        other way would cross from the side that the turn leads away from.
+
+        Args:
+            vut: state at the label's time.
+        """
+        return self.corridor if self.truth.rules.vut_turn is None else Corridor.of([vut])
 
     def hides(self, now: States, by: str | None = None) -> bool:
         """Return True when other objects, or that one alone, hide the critical OT."""
@@ -365,8 +378,11 @@ def _label(
     ]
     critical = next((state for state in seen if state.object_id == event.object_id), None)
     phase = event.phase_at(t_s) if at is None else at.phase
+    corridor = scene.corridor_of(vut)
     conflict: str | None = _CONFLICT_OF_PHASE[phase]
     actions = _ACTIONS_OF_PHASE[phase] | ({own[0]} & _OWN_ACTIONS_OF_PHASE.get(phase, set()))
+    # The turn is admitted throughout: who says "wait, then turn left" commits to it (LABELLING).
+    lateral = ("straight", scene.truth.rules.vut_turn, own[1])
     if phase in ("trigger", "conflict") and scene.hides(now):
         conflict = None
     return Label(
@@ -374,10 +390,10 @@ def _label(
         phase=phase,
         risk_visible=t_s >= visible_s - TOLERANCE_S,
         objects=tuple(sorted({state.object_class.word for state in seen})) if seen else None,
-        position=None if critical is None else position_word(scene.corridor, vut, critical),
-        motion=None if critical is None else motion_word(scene.corridor, vut, critical),
+        position=None if critical is None else position_word(corridor, vut, critical),
+        motion=None if critical is None else motion_word(corridor, vut, critical),
         conflict=conflict,
         lon_actions=tuple(action for action in LON_ACTIONS if action in actions),
-        lat_actions=tuple(dict.fromkeys(("straight", own[1]))),
+        lat_actions=tuple(dict.fromkeys(word for word in lateral if word is not None)),
         at=at,
     )

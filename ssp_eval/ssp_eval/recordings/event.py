@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from ssp_core.errors import InputError
 from ssp_core.motion.encounter import Observable
@@ -13,6 +15,9 @@ from ssp_scenario_manager.event_spec.fields import Span, units_of
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
+TurnWord = Literal["left", "right"]
+# Intents by which the VUT leaves its road in a junction, and to which side.
+TURNS: Mapping[str, TurnWord] = {"turn_left": "left", "turn_right": "right"}
 # METHOD 4.1: approach and resolution count as located if so much of each lies in the clip.
 LOCATED_S = 0.5
 # K*'s times are rounded to milliseconds.
@@ -148,14 +153,14 @@ class EventRules:
         observable: what makes the manoeuvre observable; None: it isn't stated.
         window: of the source's crop; None: it is unknown.
         said_by: whose rules these are, for people.
-        vut_turns: the VUT turns, which counts for its part in the event.
+        vut_turn: the side to which the VUT means to turn at a junction; None: it doesn't.
     """
 
     thresholds: ConflictThresholds
     observable: Observable | None
     window: Window | None
     said_by: str
-    vut_turns: bool = False
+    vut_turn: TurnWord | None = None
 
     @property
     def for_good_s(self) -> float | None:
@@ -191,12 +196,8 @@ def rules_of(event: Event | None, run: RunSpec | None = None) -> EventRules:
         observable if kind is None else kind.observable,
         window,
         f"K* {event.name}",
-        event.participants[event.vut_id].intent in TURNS,
+        TURNS.get(str(event.participants[event.vut_id].intent)),
     )
-
-
-# Intents by which the VUT leaves its road in a junction.
-TURNS = ("turn_left", "turn_right")
 
 
 def _middle(interval: Interval | None) -> float | None:

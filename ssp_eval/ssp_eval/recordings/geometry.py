@@ -1,8 +1,8 @@
 """The place and motion of an object relative to the VUT, from which labels are proposed.
 
-Everything is measured along the path that the VUT drove, extended straight at both ends, so that
-"ahead" and "beside" mean the same in a bend as on a straight road. Stations run along that path,
-offsets are + to the left.
+Everything is measured along a corridor's path. Along the one that the VUT drove, extended straight
+at both ends, "ahead" and "beside" mean the same in a bend as on a straight road. Stations run along
+the path, offsets are + to the left.
 """
 
 from __future__ import annotations

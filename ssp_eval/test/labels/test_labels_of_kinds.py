@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
+from functools import cache
 
 import pytest
 
 from ssp_core.clock import ns_to_seconds
-from ssp_eval.data.labels import compare_labels
+from ssp_eval.data.labels import Labels, compare_labels
 from ssp_eval.data.records import BehaviourRecord, Slot, Slots
-from ssp_eval.labels.propose import propose_by_plan
+from ssp_eval.labels.propose import Proposal, propose_by_plan
 from ssp_eval.labels.truth import Truth
 from ssp_eval.recordings.event import rules_of
 from ssp_eval.recordings.source_clip import board_of
@@ -75,24 +77,66 @@ def of_session(event: Event) -> Truth:
     )
 
 
+@cache
+def proposed(name: str) -> list[Proposal]:
+    """Labels of an event's clip and of a session by one plan."""
+    event = load_event(name)[0]
+    proposals, why_no_plan = propose_by_plan([of_clip(event), of_session(event)])
+    assert why_no_plan == ""
+    return proposals
+
+
+def blind_scores(recordings: Iterable[Labels], text: str, lateral: str) -> list[float]:
+    """IVCS of a model that says the same everywhere, names nothing, and keeps its speed."""
+    whole = ((0, len(text)),)
+    slots = Slots(None, None, None, None, Slot("maintain", whole), Slot(lateral, whole))
+    trajectory = Plan("maintain", "straight").trajectory
+    cells = [
+        (one, [BehaviourRecord(label.t_s, text, slots, trajectory) for label in one.labels])
+        for one in recordings
+    ]
+    return [found.ivcs for found in score_cells(cells)]
+
+
 @pytest.mark.parametrize("name", KINDS)
 def test_clip_and_session_have_as_many_labels_per_phase_and_a_blind_model_the_same_score(
     name: str,
 ) -> None:
-    event = load_event(name)[0]
-    proposals, why_no_plan = propose_by_plan([of_clip(event), of_session(event)])
-    assert why_no_plan == ""
-    labels = {one.labels.domain: one.labels for one in proposals}
+    labels = {one.labels.domain: one.labels for one in proposed(name)}
     compared = compare_labels(labels)
     assert (compared.comparable, compared.aligned) == (True, True)
     text = "I keep my speed and my lane."
-    whole = ((0, len(text)),)
-    slots = Slots(None, None, None, None, Slot("maintain", whole), Slot("straight", whole))
-    trajectory = Plan("maintain", "straight").trajectory
-    cells = [
-        (one, [BehaviourRecord(label.t_s, text, slots, trajectory) for label in one.labels])
-        for one in labels.values()
-    ]
-    synthetic, simulation = (found.ivcs for found in score_cells(cells))
+    synthetic, simulation = blind_scores(labels.values(), text, "straight")
     assert synthetic == pytest.approx(simulation, abs=0.02)
     assert synthetic > 0.1
+
+
+def test_a_vut_that_turns_left_has_the_oncoming_vehicle_ahead_on_its_left() -> None:
+    """The vehicle comes in the next lane to the left, until it passes beside the waiting VUT."""
+    for proposal in proposed("vut_turn"):
+        before, *critical, passed = proposal.labels.labels
+        assert (before.phase, before.position, before.motion) == (
+            "approach",
+            "front_left",
+            "stationary",
+        )
+        assert {label.phase for label in critical} == {"trigger", "conflict"}
+        assert {(label.position, label.motion) for label in critical} == {
+            ("front_left", "oncoming")
+        }
+        assert (passed.phase, passed.position, passed.motion) == ("resolution", "left", "oncoming")
+
+
+def test_to_turn_left_is_as_right_as_to_keep_the_lane_where_the_vut_means_to_turn() -> None:
+    recordings = [proposal.labels for proposal in proposed("vut_turn")]
+    turns = blind_scores(recordings, "I turn left at constant speed.", "left")
+    keeps = blind_scores(recordings, "I keep my speed and my lane.", "straight")
+    assert turns == keeps
+    admitted = {label.lat_actions for one in recordings for label in one.labels}
+    assert admitted == {("straight", "left")}
+
+
+@pytest.mark.parametrize("name", [kind for kind in KINDS if kind != "vut_turn"])
+def test_no_turn_is_right_where_the_vut_means_to_keep_its_lane(name: str) -> None:
+    recordings = [proposal.labels for proposal in proposed(name)]
+    assert {label.lat_actions for one in recordings for label in one.labels} == {("straight",)}

@@ -26,9 +26,11 @@ from ssp_eval.labels.cli import labels as labels_command
 from ssp_eval.labels.propose import propose
 from ssp_eval.labels.review import is_unreviewed, sidecar, write_proposal
 from ssp_eval.labels.truth import Truth
+from ssp_eval.recordings.event import TurnWord
 from ssp_eval.recordings.geometry import motion_word, position_word
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
 from ssp_scenario_manager.event_spec.model import Interval
+from tests.support.audit_scenes import vut_turn
 from tests.support.states import object_state as state
 
 LANE_M = 3.5
@@ -276,6 +278,44 @@ def test_who_only_passes_behind_makes_no_event() -> None:
     corridor = Corridor.of([states["vut"] for _, states in series])
     samples = instants_of(series, "vut", "ot1")
     assert find_event(samples, corridor.path, source.rules.thresholds) is None
+
+
+def turn(rule: TurnWord | None, *, mirrored: bool = False) -> list[tuple[object, ...]]:
+    """Slots of the labels up to the conflict's end, of a VUT that turns left, or its mirror image.
+
+    Args:
+        rule: to which side K* has the VUT turn; None: to none.
+        mirrored: it turns right, and the other vehicle comes on its right.
+    """
+    found = vut_turn()
+    rules = replace(found.rules, vut_turn=rule)
+    series = found.series
+    sign = -1.0 if mirrored else 1.0
+    recorded = [
+        (t_s, [replace(s, y_m=sign * s.y_m, yaw_rad=sign * s.yaw_rad) for s in states.values()])
+        for t_s, states in series
+    ]
+    labels = propose(replace(truth(recorded, "ot1"), rules=rules)).labels.labels
+    return [
+        (label.position, label.motion, label.lat_actions)
+        for label in labels
+        if label.phase in ("trigger", "conflict")
+    ]
+
+
+@pytest.mark.parametrize(("side", "mirrored"), [("left", False), ("right", True)])
+def test_a_turning_vut_is_given_what_it_sees_from_its_pose(side: TurnWord, mirrored: bool) -> None:
+    labels = turn(side, mirrored=mirrored)
+    assert labels
+    assert set(labels) == {(f"front_{side}", "oncoming", ("straight", side))}
+
+
+def test_a_vut_whose_road_bends_is_given_what_lies_along_it() -> None:
+    """The same motions, but no turn is meant: the vehicle comes from the right of the bend."""
+    labels = turn(None)
+    assert labels
+    assert {motion for _, motion, _ in labels} == {"crossing_from_right"}
+    assert labels[0] == ("front_right", "crossing_from_right", ("straight",))
 
 
 def made(labels: Labels, spacing_s: float) -> Labels:
