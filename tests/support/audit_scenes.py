@@ -141,8 +141,19 @@ def lead() -> Scene:
 def slow_lead(speed: float = 3.5, offset_m: float = -0.35, x_m: float = 60.0, **more: Any) -> Scene:
     """A car drives slowly 60 m ahead, a little to the right; the VUT brakes behind it at 4.5 s."""
     vut = more.pop("vut", braking(0.0, 11.0, 4.5, 2.5, 3.0))
-    given = {"observable": "closing"} | more
+    given = {"observable": "closing", "holding_id": "ot1"} | more
     return scene(vut, lambda t: (x_m + speed * t, offset_m), **given)
+
+
+def braking_lead(x_m: float = 30.0, to: float = 3.0) -> Scene:
+    """A car ahead of a slow_lead's VUT brakes with 4 m/s² at 5 s, from 11 m/s; the VUT at 7 s."""
+    vut, ot1 = braking(0.0, 11.0, 7.0, 4.0, to), braking(x_m, 11.0, 5.0, 4.0, to)
+    return scene(
+        vut,
+        lambda t: (ot1(t)[0], -0.35),
+        observable="closing",
+        holding_id="ot1",
+    )
 
 
 def cut_out(
@@ -157,6 +168,7 @@ def cut_out(
     """A car leaves to the left at 2.5 s, before one that stands; the VUT brakes at 5 s."""
     vut = more.pop("vut", braking(0.0, 11.0, 5.0, 3.0))
     given = {"observable": "closing", "target_ids": ("ot1", "ot2"), "leaving_id": "ot2"} | more
+    given.setdefault("holding_id", "ot1")
     made = scene(vut, lambda t: (x_m + speed * t, side), **given)
 
     def way(t_s: float) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from ssp_eval.audit.evidence import (
     review_of,
 )
 from ssp_eval.audit.further import departures
+from ssp_eval.audit.holding import holds_otherwise
 from ssp_eval.audit.leaving import leaves_otherwise
 from ssp_eval.audit.measure import Measured, Phases
 from ssp_eval.audit.reasons import Finding
@@ -224,7 +225,8 @@ def further_findings(
 ) -> Iterator[Finding]:
     """Check that further participants keep to their scripts and leave the conflict to another.
 
-    An occluder that leaves the lane does so to the side, and at the gap, of K*.
+    An occluder that leaves the lane does so to the side, and at the gap, of K*; an initiator that
+    does nothing holds speed and offset.
     """
     for intrusion in measured.intrusions:
         initiator = event.interaction.initiator
@@ -234,6 +236,9 @@ def further_findings(
         yield Finding("off_spec", text)
     if measured.leaving is not None:
         for text in leaves_otherwise(event, measured.leaving):
+            yield Finding("off_spec", text)
+    if measured.holding is not None:
+        for text in holds_otherwise(event, measured.holding):
             yield Finding("off_spec", text)
 
 

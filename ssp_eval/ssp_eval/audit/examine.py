@@ -17,6 +17,7 @@ from ssp_eval.audit.evidence import (
     reviewed,
 )
 from ssp_eval.audit.history import History, examine_history
+from ssp_eval.audit.holding import holding_initiator
 from ssp_eval.audit.leaving import leaving_occluder
 from ssp_eval.audit.measure import Measured, Phases, Scene, measure
 from ssp_eval.audit.pictures import PicturesExamined, examine_pictures
@@ -186,6 +187,7 @@ def _measured(
             () if event is None else further_ids(event),
             begin,
             None if event is None else leaving_occluder(event),
+            None if event is None else holding_initiator(event),
         )
 
     try:

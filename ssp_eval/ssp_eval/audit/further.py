@@ -22,7 +22,7 @@ from ssp_scenario_manager.scenarios.further import cell_of
 # A script holds where it does so in this share of the instants from trigger to resolution.
 HELD_SHARE = 0.9
 # Of measured speeds.
-_SPEED_TOLERANCE_MPS = 0.5
+SPEED_TOLERANCE_MPS = 0.5
 # Of a gap: arc lengths of the reference line and of the VUT's path differ in a bend.
 _GAP_TOLERANCE_M, _GAP_TOLERANCE_SHARE = 1.0, 0.1
 _HEADINGS = ("same", "leftwards", "opposite", "rightwards")
@@ -50,6 +50,7 @@ class ScriptEvidence:
     headings: Mapping[str, int]
     speeds_mps: Mapping[PhaseWord, tuple[float, ...]]
     ahead_m: float | None
+    offsets_m: tuple[float, ...] = ()
 
 
 def script_evidence(
@@ -70,6 +71,7 @@ def script_evidence(
     """
     speeds: dict[PhaseWord, tuple[float, ...]] = {}
     places, headings, present = Counter[str](), Counter[str](), 0
+    offsets_m: list[float] = []
     for phase, series in by_phase.items():
         states = [now[object_id] for _, now in series if object_id in now]
         present += len(states)
@@ -81,9 +83,13 @@ def script_evidence(
             if spot is not None:
                 places[lanes.place_word(spot, own_lane)] += 1
                 headings[_heading(lanes, spot, state)] += 1
+                if own_lane is not None:
+                    offsets_m.append(lanes.offset_m(spot, own_lane))
     instants = sum(len(series) for series in by_phase.values())
     at_start_m = None if lanes is None else ahead_m(lanes, *start)
-    return ScriptEvidence(object_id, instants, present, places, headings, speeds, at_start_m)
+    return ScriptEvidence(
+        object_id, instants, present, places, headings, speeds, at_start_m, tuple(offsets_m)
+    )
 
 
 def _heading(lanes: Lanes, spot: Spot, state: ObjectState) -> str:
@@ -142,7 +148,7 @@ def departures(event: Event, courses: Iterable[ScriptEvidence]) -> Iterator[str]
         if heading != "unresolved":
             yield from _mostly(who, "faces", course.headings, heading)
         for phase, speeds in course.speeds_mps.items():
-            yield from _speeds(event, who, phase, speeds)
+            yield from speeds_otherwise(event, who, phase, speeds)
 
 
 def _at_the_start(event: Event, course: ScriptEvidence) -> Iterator[str]:
@@ -175,11 +181,14 @@ def _mostly(who: str, verb: str, found: Mapping[str, int], wanted: str) -> Itera
     )
 
 
-def _speeds(event: Event, who: str, phase: PhaseWord, speeds_mps: Sequence[float]) -> Iterator[str]:
+def speeds_otherwise(
+    event: Event, who: str, phase: PhaseWord, speeds_mps: Sequence[float]
+) -> Iterator[str]:
+    """Yield where the speeds of a phase aren't those of part C, for people."""
     wanted = event.constraints.speeds.get(who, {}).get(phase)
     if not isinstance(wanted, Interval):
         return
-    low, high = wanted.si.low - _SPEED_TOLERANCE_MPS, wanted.si.high + _SPEED_TOLERANCE_MPS
+    low, high = wanted.si.low - SPEED_TOLERANCE_MPS, wanted.si.high + SPEED_TOLERANCE_MPS
     inside = sum(low <= speed <= high for speed in speeds_mps)
     if inside < HELD_SHARE * len(speeds_mps):
         yield (

@@ -63,6 +63,7 @@ class Scene:
         further_ids: targets that K* has beside the initiator, and that cause no conflict.
         begin: states by id where the session begins; None: the clip's first ones count.
         leaving_id: occluder that leaves the VUT's lane; None: K* has none.
+        holding_id: initiator that does nothing; None: K* has one that acts.
     """
 
     series: Series
@@ -75,6 +76,7 @@ class Scene:
     further_ids: tuple[str, ...] = ()
     begin: Mapping[str, ObjectState] | None = None
     leaving_id: str | None = None
+    holding_id: str | None = None
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,8 @@ class Measured:
         courses: of the further participants; empty without a trigger.
         leaving: lane change of the occluder that leaves; None: K* has none, it isn't there, or no
             road is bound.
+        holding: course of the initiator that does nothing; None: K* has none, or there is no
+            trigger.
     """
 
     properties: Mapping[str, Property]
@@ -139,6 +143,7 @@ class Measured:
     intrusions: tuple[Intrusion, ...] = ()
     courses: tuple[ScriptEvidence, ...] = ()
     leaving: Leaving | None = None
+    holding: ScriptEvidence | None = None
 
 
 @dataclass(frozen=True)
@@ -189,6 +194,7 @@ def measure(scene: Scene) -> Measured:
         zone = _outline(pair.corridor, meeting.zone)
     if scene.road is not None and lanes is not None:
         properties[TOPOLOGY] = _topology(scene, lanes, zone, vut, target_id)
+    holding = () if scene.holding_id is None else (scene.holding_id,)
     until_s = meeting.other_arrival_s if swapped else meeting.own_arrival_s
     return Measured(
         properties,
@@ -201,8 +207,9 @@ def measure(scene: Scene) -> Measured:
         _facts(scene, own, target_id, phases, meeting),
         _notes(pair, meeting),
         _intrusions(scene, own, pair),
-        _script_evidence(scene, lanes, phases),
+        _script_evidence(scene, lanes, phases, scene.further_ids),
         _leaving(scene, lanes, target_id),
+        next(iter(_script_evidence(scene, lanes, phases, holding)), None),
     )
 
 
@@ -216,11 +223,11 @@ def _leaving(scene: Scene, lanes: Lanes | None, target_id: str) -> Leaving | Non
 
 
 def _script_evidence(
-    scene: Scene, lanes: Lanes | None, phases: Phases
+    scene: Scene, lanes: Lanes | None, phases: Phases, ids: Sequence[str]
 ) -> tuple[ScriptEvidence, ...]:
-    """Return the courses of the further participants from the trigger to the resolution."""
+    """Return the courses of some participants from the trigger to the resolution."""
     span = phases.critical_s
-    if span is None or not scene.further_ids:
+    if span is None or not ids:
         return ()
     start_s, end_s = span
     conflict_s = end_s if phases.conflict_s is None else phases.conflict_s
@@ -230,7 +237,7 @@ def _script_evidence(
     }
     own = None if lanes is None else _first_spot(scene, lanes, scene.vut_id)
     courses = []
-    for name in scene.further_ids:
+    for name in ids:
         begin, both = scene.begin, {scene.vut_id, name}
         if begin is None:
             begin = next((now for _, now in scene.series if both <= set(now)), {})

@@ -121,6 +121,10 @@ class Lanes:
         name = "left" if steps > 0 else "right"
         return f"{name}_lane" if abs(steps) == 1 else f"{abs(steps)}_lanes_{name}"
 
+    def offset_m(self, spot: Spot, lane: int) -> float:
+        """Return the offset of a place from the middle of a lane, + left as the VUT sees it."""
+        return (spot.l_m - self.lanes[lane].y_m) * (1.0 if self.forward else -1.0)
+
     def is_on_junction(self, at: FloatArray, *, arms: bool = True) -> bool:
         """Tell whether any of some places lies on a road of the junction.
 

@@ -32,6 +32,7 @@ from support.audit_scenes import (
     TTC_ONLY,
     as_turn,
     braking,
+    braking_lead,
     crossed_from_the_left,
     crossing,
     crossing_car,
@@ -145,6 +146,41 @@ def test_an_event_is_what_its_specification_says(
 )
 def test_what_is_no_slow_lead_is_refused_with_what_differs(made: Scene, code: str) -> None:
     assert codes("slow_lead", measure(made))[:1] == [code]
+
+
+BRAKES = "ot1 drives 3.0 to 5.4 m/s"
+
+
+@pytest.mark.parametrize(
+    ("made", "fastest_mps", "said"),
+    [
+        pytest.param(slow_lead(), 4.0, [], id="as K* has it"),
+        pytest.param(slow_lead(offset_m=-0.6), 4.0, [], id="noise beside its range"),
+        pytest.param(slow_lead(offset_m=0.35), 4.0, ["ot1 is +0.35"], id="wrong side"),
+        pytest.param(slow_lead(offset_m=0.9), 4.0, ["ot1 is +0.90"], id="far on the wrong side"),
+        pytest.param(slow_lead(offset_m=-0.9), 4.0, ["ot1 is -0.90"], id="too far aside"),
+        pytest.param(slow_lead(speed=2.0), 4.0, ["ot1 drives 2.0"] * 2, id="too slow"),
+        pytest.param(braking_lead(), 12.0, [BRAKES], id="it brakes within its range of speeds"),
+    ],
+)
+def test_speed_and_offset_of_one_that_does_nothing_are_held_against_k_star(
+    made: Scene, fastest_mps: float, said: list[str]
+) -> None:
+    value = load_event("slow_lead")[0].model_dump(mode="json", by_alias=True)
+    for speed in value["constraints"]["speeds"]["ot1"].values():
+        speed["max"] = fastest_mps
+    found = measure(made)
+    told = [one.entry for one in further_findings(Event.model_validate(value), found, TTC_ONLY)]
+    assert [one["code"] for one in told] == ["off_spec"] * len(said)
+    assert all(words in one["detail"] for words, one in zip(said, told, strict=True))
+
+
+def test_a_lead_that_brakes_is_no_slow_one() -> None:
+    event, found = load_event("slow_lead")[0], measure(braking_lead())
+    assert codes("slow_lead", found) == []
+    told = [one.detail for one in further_findings(event, found, TTC_ONLY)]
+    assert any("in the trigger, K* has 3 to 4 m/s" in detail for detail in told)
+    assert told[-1].startswith(BRAKES)
 
 
 @pytest.mark.parametrize(
