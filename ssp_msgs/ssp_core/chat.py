@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ssp_core.answer_text import Ending, ending
+from ssp_core.chat_endings import worst_end
 from ssp_core.chat_errors import LOOKED_AT, PASSING, error_beside, error_in, error_text, is_filtered
 from ssp_core.credentials import gives_away, redact, without_userinfo
 from ssp_core.errors import PeerError
@@ -390,17 +391,17 @@ def read_completion(body: bytes) -> Completion:
     message = choice.get("message") if isinstance(choice, dict) else None
     if not isinstance(message, dict):
         raise NoCompletion("its choice holds no message")
-    finish = _finish_reason(choice)
     if (wrong := error_beside(choice, message)) is not None:
         return _of_error(wrong, "its choice")
-    if ending(finish) is Ending.BROKEN:
-        raise BrokenOff(f"the server broke the answer off (finish_reason {finish})")
+    end = worst_end(choice, message, value)
+    if end.ending is Ending.BROKEN:
+        raise BrokenOff(f"the server broke the answer off ({_word(end.shown)})")
     content = _content(message)
     if content.text is not None and not _is_unicode(content.text):
         raise NoCompletion("its text holds half of a surrogate pair, which is no character")
     refusal = content.refusal
-    if ending(finish) is Ending.FILTERED:
-        refusal = refusal or f"filtered by the server (finish_reason {finish})"
+    if end.ending is Ending.FILTERED:
+        refusal = refusal or f"filtered by the server ({_word(end.shown)})"
     apart = [message.get(key) for key in ("reasoning_content", "reasoning", "thinking")]
     reasoning = [_sound(one) for one in apart if isinstance(one, str) and one][:1]
     return Completion(
@@ -409,7 +410,7 @@ def read_completion(body: bytes) -> Completion:
         left_out=content.left_out,
         reasoning="\n".join([*reasoning, *content.reasoning]),
         refusal=refusal,
-        finish_reason=finish,
+        finish_reason=_word(end.reason),
         model=_word(value.get("model")),
         system_fingerprint=_word(value.get("system_fingerprint")),
         usage=_usage(value.get("usage")),
@@ -426,28 +427,6 @@ def _of_error(error: Any, holder: str) -> Completion:
     if is_filtered(error):
         return Completion(None, refusal=f"filtered by the server: {text}")
     raise BrokenOff(f"{holder} says: {text}")
-
-
-# Where servers say why an answer ended; the first one that says something counts.
-_REASONS = (
-    "finish_reason",
-    "finishReason",
-    "done_reason",
-    "stop_reason",
-    "finish_details",
-    "native_finish_reason",
-)
-
-
-def _finish_reason(choice: Mapping[str, Any]) -> str | None:
-    """Find why an answer ended, which some servers say with further details."""
-    for key in _REASONS:
-        said = choice.get(key)
-        if isinstance(said, dict):
-            said = said.get("type", said.get("reason"))
-        if said is not None and not (key == "stop_reason" and isinstance(said, int)):
-            return _word(said if isinstance(said, str) else str(said))
-    return None
 
 
 @dataclass(frozen=True)

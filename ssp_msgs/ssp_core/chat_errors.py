@@ -66,6 +66,8 @@ def error_in(reply: Mapping[str, Any]) -> Any:
     status = reply.get("base_resp")
     if isinstance(status, dict) and status.get("status_code"):
         return {"message": status.get("status_msg"), "code": status["status_code"]}
+    if reply.get("error_code") not in (None, 0, "0", "") and reply.get("error_msg"):
+        return {"message": reply["error_msg"], "code": reply["error_code"]}
     said = [reply.get("detail"), reply.get("message")]
     if reply.get("choices") or not any(one and not isinstance(one, dict) for one in said):
         return None

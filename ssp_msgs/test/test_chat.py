@@ -273,6 +273,99 @@ def test_an_error_may_stand_in_the_reply_itself(value, shown):
         read_completion(json.dumps(value).encode())
 
 
+TEXT = "A car ahead. I brake. Trajectory: [[4, 0], [7,"
+
+
+def ended(choice, beside):
+    """Read a reply with a text, and what else its choice and the reply say."""
+    choice = {"message": {"content": TEXT}, **choice}
+    return read_completion(json.dumps({"choices": [choice], **beside}).encode())
+
+
+@pytest.mark.parametrize(
+    ("choice", "beside", "shown"),
+    [
+        ({"finish_reason": "stop"}, {"errors": [{"message": "CUDA error"}]}, "it says: CUDA error"),
+        ({"finish_reason": "stop"}, {"errors": ["CUDA error"]}, "it says: CUDA error"),
+        ({"finish_reason": "stop", "errors": ["lost"]}, {}, "its choice says: lost"),
+        ({"finish_reason": "stop"}, {"error_code": 7, "error_msg": "lost"}, "it says: lost"),
+        (
+            {"finish_reason": "stop", "native_finish_reason": "error"},
+            {},
+            "broke the answer off (native_finish_reason error)",
+        ),
+        ({"finish_reason": "length"}, {"status": "failed"}, "(status failed)"),
+        ({"finish_reason": "content_filter"}, {"done_reason": "abort"}, "(done_reason abort)"),
+        ({"finish_reason": "stop"}, {"done": False}, "(done false)"),
+        ({"finish_reason": {"type": "abort"}}, {}, "(finish_reason abort)"),
+    ],
+)
+def test_an_error_or_a_broken_end_beside_the_choice_is_no_answer(choice, beside, shown):
+    with pytest.raises(BrokenOff) as broken:
+        ended(choice, beside)
+    assert shown in str(broken.value)
+
+
+@pytest.mark.parametrize(
+    ("choice", "beside"),
+    [
+        ({"finish_reason": "stop", "native_finish_reason": "MAX_TOKENS"}, {}),
+        ({"finish_reason": "stop", "stop_reason": "max_tokens"}, {}),
+        ({"finish_reason": ["length"]}, {}),
+        ({}, {"done": True, "done_reason": "length"}),
+        ({}, {"stop_reason": "max_tokens"}),
+        ({"finish_reason": "stop"}, {"stop_type": "limit"}),
+        ({"finish_reason": "stop"}, {"truncated": True}),
+        ({"finish_reason": "stop"}, {"status": "incomplete"}),
+        ({"finish_reason": "stop"}, {"incomplete_details": {"reason": "max_output_tokens"}}),
+    ],
+)
+def test_a_limit_beside_the_choice_cuts_the_answer(choice, beside):
+    said = ended(choice, beside)
+    assert said.cut_off
+    assert (said.text, said.refusal) == (TEXT, None)
+
+
+@pytest.mark.parametrize(
+    ("choice", "beside"),
+    [
+        ({"finish_reason": "stop", "native_finish_reason": "SAFETY"}, {}),
+        ({"finish_reason": "stop", "content_filter_results": {"hate": {"filtered": True}}}, {}),
+        (
+            {"finish_reason": "length"},
+            {"status": "incomplete", "incomplete_details": {"reason": "content_filter"}},
+        ),
+    ],
+)
+def test_a_filter_beside_the_choice_is_a_refusal(choice, beside):
+    assert ended(choice, beside).refusal.startswith("filtered by the server (")
+
+
+SOUND = {"violence": {"filtered": False, "severity": "safe"}, "error": {"code": "x"}}
+
+
+@pytest.mark.parametrize(
+    ("choice", "beside", "reason"),
+    [
+        ({}, {}, None),
+        ({"finish_reason": "stop", "native_finish_reason": "shift_change"}, {}, "stop"),
+        ({"finish_reason": "stop", "stop_reason": "Policy:"}, {}, "stop"),
+        ({"finish_reason": "stop", "stop_reason": 151645}, {}, "stop"),
+        ({"finish_reason": "shift_change"}, {"stop_reason": "end_turn"}, "shift_change"),
+        ({"finish_reason": "stop", "content_filter_results": SOUND}, {}, "stop"),
+        ({"finish_reason": "stop"}, {"status": "completed", "incomplete_details": None}, "stop"),
+        ({"finish_reason": "stop"}, {"status": 200, "truncated": False, "done": True}, "stop"),
+        ({"finish_reason": "stop"}, {"stop_type": "word", "status": "ready"}, "stop"),
+        ({"finish_reason": "stop"}, {"error": {}, "errors": [], "error_code": 0}, "stop"),
+        ({"finish_reason": "stop", "error": None}, {"errors": None, "message": "ok"}, "stop"),
+    ],
+)
+def test_what_stands_beside_a_whole_answer_leaves_it_whole(choice, beside, reason):
+    said = ended(choice, beside)
+    assert (said.text, said.finish_reason) == (TEXT, reason)
+    assert (said.cut_off, said.refusal) == (False, None)
+
+
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
     lambda inner: (
@@ -287,6 +380,8 @@ json_values = st.recursive(
                     "text",
                     "refusal",
                     "finish_reason",
+                    "status",
+                    "content_filter_results",
                     "usage",
                     "model",
                     "error",

@@ -1,0 +1,94 @@
+"""The end of an answer as chat services state it, in the choice and beside it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ssp_core.answer_text import Ending, ending
+
+# Reasons in so many words; one that isn't known counts where no other stands before it.
+_REASONS = (
+    "finish_reason",
+    "finishReason",
+    "done_reason",
+    "stop_reason",
+    "finish_details",
+    "native_finish_reason",
+)
+# What says a reason only where it is one that makes the answer less than whole.
+_SIGNS = ("stop_type", "status", "incomplete_details")
+_IF_TRUE = ("truncated", "stopped_limit", "incomplete", "interrupted", "aborted", "cancelled")
+_IF_FALSE = ("done", "finished", "is_finished", "completed")
+_FILTERS = "content_filter_results"
+_WITHIN = ("type", "reason", "finish_reason")
+_NAME = re.compile(r"[A-Za-z]+(?:[_-][A-Za-z]+)*")
+_RANK = {Ending.LIMIT: 1, Ending.FILTERED: 2, Ending.BROKEN: 3}
+
+
+@dataclass(frozen=True)
+class StatedEnd:
+    """One statement of a service about the end of an answer.
+
+    Args:
+        reason: in the service's words, None: it says nothing.
+        shown: the key with what it says.
+    """
+
+    reason: str | None = None
+    shown: str = ""
+
+    @property
+    def ending(self) -> Ending:
+        return ending(self.reason)
+
+
+def worst_end(*places: Mapping[str, Any]) -> StatedEnd:
+    """Find the worst end that is stated: broken off, filtered, at the limit, then the first one.
+
+    Args:
+        places: the choice, its message and the reply, the first of which counts most.
+    """
+    stated = (one for place in places for one in _stated(place))
+    return max(stated, key=lambda one: _RANK.get(one.ending, 0), default=StatedEnd())
+
+
+def _stated(place: Mapping[str, Any]) -> Iterator[StatedEnd]:
+    is_first = True
+    for key in _REASONS:
+        said = _reason(place.get(key))
+        # Token and text at which a server stopped stand there too, beside the reason.
+        is_mark = key == "stop_reason" and (
+            isinstance(place.get(key), int)
+            or not (is_first or said is None or _NAME.fullmatch(said))
+        )
+        if said is not None and not is_mark:
+            is_first = False
+            yield StatedEnd(said, f"{key} {said}")
+    signs = [
+        (key, _reason(place.get(key))) for key in _SIGNS if not isinstance(place.get(key), int)
+    ]
+    signs += [(key, key) for key in _IF_TRUE if place.get(key) is True]
+    signs += [(key, "not_finished") for key in _IF_FALSE if place.get(key) is False]
+    if _holds_filtered(place.get(_FILTERS)):
+        signs.append((_FILTERS, "content_filter"))
+    for key, said in signs:
+        if ending(said) in _RANK:
+            shown = str(place[key]).lower() if isinstance(place[key], bool) else said
+            yield StatedEnd(said, f"{key} {shown}")
+
+
+def _reason(said: Any) -> str | None:
+    """Return a reason that may stand in an object with further details."""
+    if isinstance(said, dict):
+        said = next((said[key] for key in _WITHIN if said.get(key) is not None), None)
+    return said if said is None or isinstance(said, str) else str(said)
+
+
+def _holds_filtered(results: Any) -> bool:
+    """Tell whether a category of a filter's results says that it was filtered."""
+    return isinstance(results, dict) and any(
+        isinstance(one, dict) and one.get("filtered") is True for one in results.values()
+    )
