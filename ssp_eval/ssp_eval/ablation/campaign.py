@@ -65,6 +65,7 @@ COLUMNS = [
 ]
 # The positive control: an arm below it at the source's own place can't play the event at all.
 LEAST_KPR = 0.9
+_SOUND = frozenset({"valid", "off_spec"})
 _PACKAGES = (ssp_core, ssp_eval, ssp_ot_controller, ssp_scenario_manager)
 
 
@@ -291,18 +292,28 @@ def check_control(realisations: Sequence[Realisation]) -> None:
         realisations: of the positive control.
 
     Raises:
-        ControlFailed: one has KPR below LEAST_KPR, or no run.
+        ControlFailed: one has KPR below LEAST_KPR, an unsound session, a phase that isn't located,
+            or no run.
     """
     failed = []
     for one in realisations:
-        kpr = None if one.judged is None else one.judged.kpr
-        if kpr is None or kpr < LEAST_KPR:
-            shown = "no KPR" if kpr is None else f"KPR {kpr:.2f}"
-            failed.append(f"{one.arm} has {shown} ({one.why or 'nothing was measured'})")
+        judged = one.judged
+        kpr = None if judged is None else judged.kpr
+        if judged is None or kpr is None:
+            shown = "no KPR"
+        elif kpr < LEAST_KPR:
+            shown = f"KPR {kpr:.2f}"
+        elif judged.verdict not in _SOUND:
+            shown = f"verdict {judged.verdict}"
+        elif not judged.located:
+            shown = "a phase that isn't located"
+        else:
+            continue
+        failed.append(f"{one.arm} has {shown} ({one.why or 'nothing was measured'})")
     if failed:
         raise ControlFailed(
-            f"no table: at {SOURCE_PLACE} each arm must have KPR {LEAST_KPR:g} or more; "
-            f"{'; '.join(failed)}",
+            f"no table: at {SOURCE_PLACE} each arm must end soundly, with each phase located and "
+            f"KPR {LEAST_KPR:g} or more; {'; '.join(failed)}",
             remedy="the arms can't be compared on this event; name another source with --source",
         )
 

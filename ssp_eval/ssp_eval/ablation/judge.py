@@ -13,8 +13,9 @@ from ssp_core.motion.state_series import Series, between
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import Verdict
 from ssp_eval.ablation.ground import Trial
-from ssp_eval.audit.checks import phase_findings, property_findings
+from ssp_eval.audit.checks import further_findings, phase_findings, property_findings
 from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
+from ssp_eval.audit.leaving import leaving_occluder
 from ssp_eval.audit.measure import Measured, RoadFacts, Scene, measure
 from ssp_eval.data.audit import (
     EVENT_PHASES,
@@ -28,6 +29,7 @@ from ssp_eval.data.audit import (
 from ssp_eval.recordings.event import EventRules, crop_of, phase_starts, rules_of, source_times
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.run.result import rounded
+from ssp_scenario_manager.scenarios.further import further_ids
 
 
 @dataclass(frozen=True)
@@ -88,10 +90,11 @@ def judge_trial(event: Event, road: Road, words: Mapping[str, str], trial: Trial
     findings = property_findings(found, wanted, measured.phases, measured.first_arrival_s)
     missing = phase_findings(measured.phases, "")
     outside = outside_ranges(event, measured.properties[TOPOLOGY])
+    further = further_findings(event, measured, rules_of(event).thresholds)
     off_spec = verdict == "off_spec" or (sound and bool(passing))
     reasons = [
         *([first] if not sound else []),
-        *(finding.detail for finding in (*findings, *missing)),
+        *(finding.detail for finding in (*findings, *missing, *further)),
         *outside,
         *passing,
         *([first] if first and sound else []),
@@ -149,7 +152,17 @@ def _scene(
     end_s: float,
 ) -> Scene:
     targets = tuple(name for name in event.participants if name != event.vut_id)
-    return Scene(series, event.vut_id, targets, road, start_s, end_s, rules)
+    return Scene(
+        series,
+        event.vut_id,
+        targets,
+        road,
+        start_s,
+        end_s,
+        rules,
+        further_ids(event),
+        leaving_id=leaving_occluder(event),
+    )
 
 
 def _epd(event: Event, measured: Measured) -> float | None:

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
-from ssp_core.vocabulary import ObjectClass
+from ssp_core.vocabulary import ObjectClass, Verdict
 from ssp_eval.ablation import source
 from ssp_eval.ablation.ground import (
     ArmRun,
@@ -47,8 +48,12 @@ from ssp_eval.ablation.structure import by_structure
 from ssp_eval.ablation.tracks import by_tracks
 from ssp_eval.audit.measure import RoadFacts
 from ssp_ot_controller.camera.storyboards import LANE_M
-from ssp_scenario_manager.compile.compiler import checked_event
+from ssp_scenario_manager.compile.compiler import checked_event, load_area
+from ssp_scenario_manager.compile.place import Order, realise
 from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.run.feasibility import driven
+from tests.support.audit_scenes import cut_out
+from tests.support.several import several
 
 KINDS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 
@@ -387,3 +392,41 @@ def test_a_seed_varies_the_vut_alike_in_every_arm_and_nothing_else_is_judged() -
     plain = RunSpec.model_validate(run.model_dump(mode="json", by_alias=True))
     assert executed(plain) == run
     assert (run.passing, run.camera, run.traffic) == (None, None, [])
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({}, ""),
+        ({"leaves_to_m": 0.0}, "ot2 stays in the VUT's lane"),
+        ({"leaves_to_m": -3.5}, "ot2 leaves the VUT's lane to the right, K* has left"),
+    ],
+)
+def test_an_occluder_that_leaves_is_judged_as_the_audit_does(
+    changes: dict[str, float], why: str
+) -> None:
+    scene = cut_out(**changes)
+    assert scene.road is not None
+    result = SimpleNamespace(verdict=Verdict.VALID, reasons=[])
+    trial: Any = SimpleNamespace(result=result, series=scene.series)
+    judged = judge_trial(checked_event("cut_out")[0], scene.road.road, {}, trial)
+    assert judged.kpr == 1.0
+    assert (judged.admitted, judged.why.startswith(why)) == (not why, True), judged.why
+
+
+@pytest.mark.parametrize(("stands", "why"), [(False, ""), (True, "ot2 drives 0.0 to 0.0 m/s")])
+def test_a_further_participant_is_judged_as_the_audit_does(stands: bool, why: str) -> None:
+    event = several("lead_ahead_of_a_cut_in")
+    area, _ = load_area("boulevard", None)
+    run = realise(Order(event, "sha256:x", area, "sumo", 1, {}), area.library.blocks[0]).task.run
+    _, record = driven(run)
+    truths = zip(*(record.truths(name)[::5] for name in run.object_ids), strict=True)
+    series = [(ns_to_seconds(now[0].stamp_ns), {s.object_id: s for s in now}) for now in truths]
+    if stands:
+        ahead = replace(series[0][1]["ot2"], speed_mps=0.0)
+        series = [(t, {**now, "ot2": replace(ahead, x_m=ahead.x_m + 80)}) for t, now in series]
+    result = SimpleNamespace(verdict=Verdict.VALID, reasons=[])
+    trial: Any = SimpleNamespace(result=result, series=series)
+    words = {"road_type": "urban", "left_boundary": "sidewalk", "right_boundary": "sidewalk"}
+    judged = judge_trial(event, run.road, words, trial)
+    assert (judged.admitted, why in judged.why) == (not why, True), judged.why
