@@ -100,15 +100,23 @@ class NoAnswer(PeerError):
         not_taken: the service was away or too busy to take the request; later it may.
         late: no whole answer came in time; another time it may.
         filtered: a filter of the service refused the request or the answer; that is final.
+        failed: the service says 5xx, of the request nothing that would bring it again; later there
+            may be an answer.
     """
 
     def __init__(
-        self, message: str, not_taken: bool = False, late: bool = False, filtered: bool = False
+        self,
+        message: str,
+        not_taken: bool = False,
+        late: bool = False,
+        filtered: bool = False,
+        failed: bool = False,
     ) -> None:
         super().__init__(message)
         self.not_taken = not_taken
         self.late = late
         self.filtered = filtered
+        self.failed = failed
 
 
 class Chat(Protocol):
@@ -222,9 +230,10 @@ class OpenAIChat:
             if wait_s is None:
                 raise NoAnswer(
                     self._message(trouble, tries),
-                    trouble.kind in _NOT_TAKEN,
-                    trouble.late,
-                    trouble.kind == _FILTER,
+                    not_taken=trouble.kind in _NOT_TAKEN,
+                    late=trouble.late,
+                    filtered=trouble.kind == _FILTER,
+                    failed=trouble.kind.isdigit() and int(trouble.kind) >= 500,
                 )
             self._note(f"{self._shown_url}: {trouble.reason}; trying again in {wait_s:g} s")
             self._sleep(wait_s)
@@ -266,6 +275,8 @@ class OpenAIChat:
 
 _SAY_WHY = frozenset({400, 403, 413, 422, 500, 501})
 _FILTER = "filter"
+# Texts of a server that ran out of it speak of what it was at, such as images, and not of a cause.
+_MEMORY = re.compile(r"out of memory|\bOOM\b|outofmemory|cannot allocate|CUDA error", re.I)
 _TOPICS = (
     (
         "length",
@@ -295,7 +306,7 @@ def _topic(code: int, said: str, body: bytes) -> str:
         return ""
     if is_filtered(body[: 1 << 16].decode("utf-8", "replace"), code):
         return _FILTER
-    if code == 403:
+    if code == 403 or _MEMORY.search(said):
         return ""
     return next((name for name, words in _TOPICS if words.search(said)), "")
 
@@ -368,7 +379,8 @@ def read_completion(body: bytes) -> Completion:
 
     Raises:
         NoCompletion: it is no JSON, or holds not exactly one choice with a message.
-        BrokenOff: it says an error, or that the answer was broken off (METHOD 5.4b).
+        BrokenOff: it says an error, that the answer was broken off (METHOD 5.4b), or a list of no
+            choices.
     """
     if looks_like_html(body):
         raise NoCompletion("it is a page of HTML")
@@ -383,7 +395,9 @@ def read_completion(body: bytes) -> Completion:
     choices = value.get("choices")
     if (wrong := error_in(value)) is not None:
         return _of_error(wrong, "it")
-    if not isinstance(choices, list) or not choices:
+    if "choices" in value and not choices:
+        raise BrokenOff("it holds no choices")
+    if not isinstance(choices, list):
         raise NoCompletion("it holds no choices")
     if len(choices) > 1:
         raise NoCompletion(f"it holds {len(choices)} choices where one was asked for")

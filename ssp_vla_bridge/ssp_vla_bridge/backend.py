@@ -68,7 +68,7 @@ class NoTimeError(PeerError):
 
 
 class BrokenOffError(PeerError):
-    """The service broke its answer off or reports an error in it; another time it may answer."""
+    """The service broke its answer off, failed or gave no text; another time it may answer."""
 
 
 class DeclinedError(PeerError):

@@ -149,8 +149,22 @@ def test_an_answer_cut_off_by_its_length_is_said_so(extraction: Extraction) -> N
 
 
 @pytest.mark.parametrize(
-    "body", [b"<html>It works!</html>", b"{}", b"[]", b'{"choices": []}', b"\xff\xfe", b""]
+    ("body", "said"),
+    [
+        (b'{"choices": []}', "it holds no choices"),
+        (b'{"error": {"code": 503, "message": "no slot"}}', "it says: no slot"),
+    ],
 )
+def test_a_reply_that_was_broken_off_is_asked_for_again(
+    extraction: Extraction, body: bytes, said: str
+) -> None:
+    extraction.server.replies = [lambda handler, _: handler.body(body)] * 3
+    assert extraction.run() == 1
+    assert f"the answer can't be used: {said}" in extraction.error()
+    assert len(extraction.server.asked) == 3
+
+
+@pytest.mark.parametrize("body", [b"<html>It works!</html>", b"{}", b"[]", b"\xff\xfe", b""])
 def test_another_service_is_recognised(extraction: Extraction, body: bytes) -> None:
     extraction.server.replies = [lambda handler, _: handler.body(body)]
     assert extraction.run() == 1

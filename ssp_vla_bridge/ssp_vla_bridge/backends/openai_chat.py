@@ -244,6 +244,8 @@ class OpenAIBackend:
 
         Raises:
             NotTakenError: the server is away or too busy; the line names the stage and says why.
+            BrokenOffError: the server broke off or failed.
+            DeclinedError: the model or a filter declines.
             NoTimeError: there is no whole answer in time.
             PeerError: a stage has no answer for another reason.
         """
@@ -387,6 +389,8 @@ def _kind_of(error: PeerError) -> type[PeerError]:
         return DeclinedError
     if isinstance(error, NoAnswer) and error.not_taken:
         return NotTakenError
+    if isinstance(error, NoAnswer) and error.failed:
+        return BrokenOffError
     return NoTimeError if isinstance(error, NoAnswer) and error.late else PeerError
 
 
@@ -394,7 +398,9 @@ def _read(reply: Reply) -> tuple[Completion, str]:
     """Read a reply and its text.
 
     Raises:
-        PeerError: there is no text in it.
+        BrokenOffError: it was broken off, or holds no text though no limit ended it.
+        DeclinedError: the model or a filter declines.
+        PeerError: there is no text in it that could be used.
     """
     try:
         said = read_completion(reply.body)
@@ -408,7 +414,7 @@ def _read(reply: Reply) -> tuple[Completion, str]:
     # What the limit ended is the model's answer, even where it ended before any text.
     if said.text is None and not said.cut_off:
         why = f" (finish_reason {said.finish_reason})" if said.finish_reason else ""
-        raise PeerError(f"the answer holds no text{why}")
+        raise BrokenOffError(f"the answer holds no text{why}")
     text = said.text or ""
     if "\0" in text:  # ROS would end the string there without a word
         raise PeerError("the answer's text holds a NUL character, which no message can carry")

@@ -128,8 +128,11 @@ SERVICES = {
     "filters with 200": raw({"error": {"code": "content_filter", "message": "held back"}}),
     "moderates nothing": raw({"error": {"code": 503, "message": "moderation is unavailable"}}),
     "sends no choices": with_choices([]),
+    "sends null choices": with_choices(None),
+    "sends another object": raw({"object": "list", "data": []}),
     "sends no message": with_choices([{"text": "x"}]),
     "sends null": reply(lambda s: s.completion(None)),
+    "sends thoughts": reply(lambda s: s.completion([{"type": "thinking", "thinking": "A bus."}])),
     "sends a number": reply(lambda s: s.completion(7)),
     "sends a picture": reply(lambda s: s.completion([{"type": "image_url"}])),
     "sends half a character": raw(b'{"choices":[{"message":{"content":"\\ud83d"}}]}'),
@@ -158,6 +161,8 @@ SERVICES = {
     "stays broken": error_status(500),
     "sends a huge error": raw(b"e" * 5 * MIB, 500),
     "bombs an error": reply(lambda _: bomb(64), 500, Content_Encoding="gzip"),
+    "can't see": error_status(500, "image input is not supported"),
+    "runs out of memory": error_status(500, "CUDA out of memory while processing image"),
     "redirects": raw(b"", 307, Location="/v1/elsewhere"),
     "says 204": raw(b"", 204),
 }
@@ -187,6 +192,15 @@ EXPECTED = {
     "has no moderation": ErrorCode.BACKEND,
     "filters the question": ErrorCode.DECLINED,
     "is a gateway": ErrorCode.OVERLOAD,
+    "sends no choices": ErrorCode.BROKEN_OFF,
+    "sends null choices": ErrorCode.BROKEN_OFF,
+    "sends another object": ErrorCode.BACKEND,
+    "sends null": ErrorCode.BROKEN_OFF,
+    "sends thoughts": ErrorCode.BROKEN_OFF,
+    "stays broken": ErrorCode.BROKEN_OFF,
+    "sends a huge error": ErrorCode.BROKEN_OFF,
+    "can't see": ErrorCode.BACKEND,
+    "runs out of memory": ErrorCode.BROKEN_OFF,
 }
 
 
@@ -271,7 +285,7 @@ def test_nobody_there_is_no_failure_of_the_model(make_openai, make_request, wait
     assert waits == [1.0, 2.0]
 
 
-@pytest.mark.parametrize(("status", "code"), [(429, ErrorCode.OVERLOAD), (500, ErrorCode.BACKEND)])
+@pytest.mark.parametrize(("status", "code"), [(429, ErrorCode.OVERLOAD), (400, ErrorCode.BACKEND)])
 def test_a_busy_service_is_told_from_a_broken_one(service, make_openai, make_request, status, code):
     service.queue = [error_status(status)] * 3
     assert respond(make_openai(), "m", make_request()).response.error_code == code
