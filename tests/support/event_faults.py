@@ -6,6 +6,7 @@ from typing import Any
 
 GONE = object()
 C = "constraints"
+WEIGHTS = ("topology", "participant_roles", "dominant_motion", "conflict_type", "passing_order")
 OT1 = "motion.ot1"
 
 
@@ -606,18 +607,7 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
     (
         "weights_count_something",
         "cut_in",
-        {
-            f"{C}.weights": dict.fromkeys(
-                (
-                    "topology",
-                    "participant_roles",
-                    "dominant_motion",
-                    "conflict_type",
-                    "passing_order",
-                ),
-                0.0,
-            )
-        },
+        {f"{C}.weights": dict.fromkeys(WEIGHTS, 0.0)},
         f"{C}.weights",
     ),
     (
@@ -636,6 +626,15 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         "further_cause_no_conflict",
         "occluded_crossing",
         {"interaction.occluder": None, "participants.ot2.region.place": "vut_lane"},
+        "participants.ot2.region.gap",
+    ),
+    (
+        "leaving_occluder_causes_no_conflict",
+        "cut_out",
+        {
+            "participants.ot2.region.gap": span(8, 12, "m"),
+            f"{C}.speeds.ot2.approach": span(3, 4, "m/s"),
+        },
         "participants.ot2.region.gap",
     ),
     ("every_field_is_covered", "cut_in", {"uncertainty": {}}, "topology.segment"),

@@ -95,6 +95,36 @@ def further_cause_no_conflict(view: View) -> Iterator[Failure]:
             )
 
 
+def leaving_occluder_causes_no_conflict(view: View) -> Iterator[Failure]:
+    """Require that part C has values at which the VUT nears the occluder that leaves no conflict.
+
+    The compiler takes them so that TTC stays above its threshold until it leaves, in the trigger.
+    """
+    who = view.event.interaction.occluder
+    if view.kind is None or not view.kind.occluder_leaves or who not in view.event.participants:
+        return
+    speeds = [f"constraints.speeds.{i}.approach" for i in (view.event.vut_id, who)]
+    gap_path, threshold_path = f"participants.{who}.region.gap", "constraints.thresholds.ttc"
+    times = ["events.clip.start", "events.trigger.start"]
+    found = view.spans(*times, threshold_path, gap_path, *speeds)
+    if found is None:
+        return
+    start, trigger, threshold, gap, ours, theirs = found
+    closing = ours.low - theirs.high
+    span_s = max(trigger.low - start.high, 0.0)
+    if closing > 0.0 and gap.high - closing * span_s <= threshold.low * closing:
+        ttc_s = max(gap.high - closing * span_s, 0.0) / closing
+        yield _fail(
+            view,
+            f"TTC between the VUT and {who} is at most {ttc_s:.2f} s when it leaves, the threshold "
+            f"is {threshold.low:g} s, and the conflict is {view.initiator}'s",
+            f"a gap above {closing * (span_s + threshold.low):.0f} m, or speeds that differ less",
+            gap_path,
+            *speeds,
+            threshold_path,
+        )
+
+
 def _closing_mps(view: View, who: str, along: str) -> tuple[float, list[str]]:
     """Return the highest speed at which the gap may close before the resolution, and its fields."""
     fastest, fields = 0.0, list[str]()
@@ -119,4 +149,5 @@ FURTHER_PREDICATES: tuple[Predicate, ...] = (
     further_keep_to_the_road,
     further_drive_in_a_lane,
     further_cause_no_conflict,
+    leaving_occluder_causes_no_conflict,
 )
