@@ -28,7 +28,9 @@ from ssp_vla_bridge.adapters.number_lists import CUT, NESTED, UNREAD, NumberList
 from ssp_vla_bridge.adapters.plain_rows import with_brackets
 from ssp_vla_bridge.adapters.plan_label import Label, Owner, label_of
 from ssp_vla_bridge.adapters.stated import Converted, Meaning, Rows, convert
+from ssp_vla_bridge.adapters.stated_times import Raster
 from ssp_vla_bridge.adapters.tables import with_lists_for_tables
+from ssp_vla_bridge.native_history import STEP_S
 
 # "past speeds", but not "past the parked car".
 _PAST = re.compile(
@@ -62,6 +64,7 @@ class Form:
         units: that are the interface's own.
         label: the word by which the prompt asks for the list; empty: it asks for the bare list.
         usual: marks that are the interface's own form and no tolerance.
+        step_s: between its rows.
     """
 
     rows: int
@@ -69,6 +72,12 @@ class Form:
     units: frozenset[str]
     label: str = ""
     usual: frozenset[str] = frozenset()
+    step_s: float = STEP_S
+
+    @property
+    def raster(self) -> Raster:
+        """The times of the rows that are asked for."""
+        return Raster(self.rows, self.step_s)
 
 
 @dataclass(frozen=True)
@@ -127,7 +136,7 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
         elif label.owner is Owner.OTHER:
             others += 1
         else:
-            read = convert(one, label.heading, form.meaning, form.units)
+            read = convert(one, label.heading, form.meaning, form.units, form.raster)
             answers.append(_Candidate(one, label, read))
     if others:
         notes.append(f"{others} lists that aren't the own plan were left out")

@@ -245,28 +245,31 @@ def holds_element(between: str) -> bool:
     return _ELEMENTS.search(_COMMENT.sub("", between)) is not None
 
 
-def stated_times_s(gaps: Sequence[str]) -> tuple[float, ...]:
-    """Return the times beside the rows of a list, one for each row, s; empty: none are stated.
+def stated_times(gaps: Sequence[str]) -> tuple[tuple[float, ...], bool]:
+    """Return the times beside the rows of a list, one for each row; empty: none are stated.
 
     Args:
         gaps: the text before the first row, between the rows, and behind the last one.
+
+    Returns:
+        Times, in s where their unit is stated, and whether it is.
     """
     fields = [[*_TIME_FIELD.finditer(gap[-120:])][-1:] for gap in gaps[:-1]]
     if all(fields):
-        return tuple(
-            _scaled(found[0]["named"], found[0]["unit"] or found[0]["of"]) for found in fields
-        )
+        return _with_units([(one["named"], one["unit"] or one["of"]) for one, *_ in fields])
     for some, at in ((gaps[:-1], _BEFORE), (gaps[1:], _BEHIND)):
         found = [at.search(gap[-60:]) if at is _BEFORE else at.match(gap) for gap in some]
         if all(found):
-            return tuple(_seconds(match) for match in found if match is not None)
-    return ()
+            return _with_units([_time(match) for match in found if match is not None])
+    return (), False
 
 
-def _seconds(match: re.Match[str]) -> float:
-    value = match["named"] or match["timed"] or match["decimal"]
-    return _scaled(value, match["unit"] or match["of"])
+def _time(match: re.Match[str]) -> tuple[str, str | None]:
+    return match["named"] or match["timed"] or match["decimal"], match["unit"] or match["of"]
 
 
-def _scaled(value: str, unit: str | None) -> float:
-    return float(value) * (0.001 if unit and unit.lower() == "ms" else 1.0)
+def _with_units(found: Sequence[tuple[str, str | None]]) -> tuple[tuple[float, ...], bool]:
+    times = tuple(
+        float(value) * (0.001 if unit and unit.lower() == "ms" else 1.0) for value, unit in found
+    )
+    return times, all(unit for _, unit in found)

@@ -21,7 +21,7 @@ from ssp_vla_bridge.adapters.list_items import (
     lone_element,
     next_object,
     remarks,
-    stated_times_s,
+    stated_times,
 )
 
 # Signs that models write for a minus; the first is ASCII's.
@@ -41,6 +41,7 @@ _INSIDE = re.compile(
 _NAMES = frozenset(
     {"v", "k", "c", "x", "y", "speed", "velocity", "vel", "curvature", "curv", "kappa", "κ"}
     | {"lateral", "longitudinal", "forward", "left", "right", "t", "time", "z"}
+    | {"time_s", "time_ms", "timestamp"}
     | {"yaw", "heading", "theta"}
 )
 # Further ones of objects: ``{"index": 1, "x": 5.0, "y": 0.0}``.
@@ -120,9 +121,18 @@ _TEXT_FIELD = re.compile(
 )
 
 
+_TIME_NAME = re.compile(
+    r"(?:t|time|time_?stamp)_(?:(?P<milli>ms|msec|millis|milliseconds)|s|secs?|seconds)"
+)
+
+
 def _plain_name(word: str) -> str:
-    """Return a column's name without a number or a unit: ``x_m``, ``time_s``, ``v1``."""
-    plain = re.sub(r"_(?:m|s|mps|meters?|metres?|sec|seconds)$", "", word.lower())
+    """Return a column's name without a number or a unit, but for times: ``x_m``, ``v1``."""
+    word = word.lower()
+    timed = _TIME_NAME.fullmatch(word)
+    if timed is not None:
+        return "time_ms" if timed["milli"] else "time_s"
+    plain = re.sub(r"_(?:m|mps|meters?|metres?)$", "", word)
     return plain.rstrip("0123456789_")
 
 
@@ -223,6 +233,7 @@ class NumberList:
         loose: indices of rows that no comma parts from the row before.
         unread_after: an item of the same numbering or bullet follows that holds no row.
         times_s: stated beside the rows, one each, s; empty where they aren't.
+        times_have_unit: whether they state that they are seconds, or what they are converted from.
         names: per column, the names that its numbers were given.
         marks: other ways of writing that were tolerated, a few words each.
     """
@@ -235,6 +246,7 @@ class NumberList:
     loose: tuple[int, ...] = ()
     unread_after: bool = False
     times_s: tuple[float, ...] = ()
+    times_have_unit: bool = False
     names: tuple[frozenset[str], ...] = ()
     units: frozenset[str] = frozenset()
     marks: frozenset[str] = frozenset()
@@ -334,6 +346,7 @@ def _finish(
         marks |= _LABELLED
     if any(gap.prose for gap in gaps[1:]):
         marks |= _REMARKS
+    times_s, have_unit = stated_times([gap.text for gap in (*gaps, after)])
     return [
         NumberList(
             rows=tuple(row.numbers for row in good),
@@ -345,7 +358,8 @@ def _finish(
                 i for i, gap in enumerate(gaps) if i and not gap.comma and not _marked(items[i])
             ),
             unread_after=another_item(after.text, items[-1]),
-            times_s=() if fault else stated_times_s([gap.text for gap in (*gaps, after)]),
+            times_s=() if fault else times_s,
+            times_have_unit=have_unit,
             names=_names(good, max(widths)),
             units=_joined(tuple({row.units for row in rows})),
             marks=marks,

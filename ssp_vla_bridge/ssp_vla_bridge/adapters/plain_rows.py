@@ -13,7 +13,7 @@ import re
 _NUMBER = r"[+\-\u2212\u2013]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _VALUE = rf"(?:{_NUMBER}|[^\s,;|()\[\]\"'<>]{{1,12}})"  # also one that can't be read
 _UNREAD = "(0 ?, 0 ?)"  # a row that no adapter reads
-_NAME = r"(?:t|time|x|y|z|yaw|heading|theta|v|speed|index|step|waypoint)(?:_(?:m|s|mps))?"
+_NAME = r"(?:t|time|x|y|z|yaw|heading|theta|v|speed|index|step|waypoint)(?:_(?:m|s|ms|mps))?"
 _LENGTH = r"(?:[ \t]*(?:m|meters?|metres?)\b)?"
 _LINE_START = (
     r"[ \t>]*(?:(?:\d{1,3}[.):]|[-*•+])[ \t]+)?(?:\*{0,2}(?:way[ -]?point|point|step|wp|p)[ _#]?"

@@ -253,10 +253,11 @@ def _siblings(text: str, start: int, end: int) -> str:
     for part in (text[begin:start], text[end : len(text) if stop < 0 else stop]):
         for match in _SIBLING.finditer(part):
             key, value = match["key"].lower(), match["value"].strip("[]\"' ")
-            unit = "ms" if key.endswith("_ms") else "hz" if key.endswith("hz") else "s"
+            unit = key.rpartition("_")[2] if key.endswith(("_ms", "_s")) else ""
+            unit = "hz" if key.endswith("hz") else unit
             if re.match(r"dt|delta|interval|step|sampling|time_?(?:step|interval)", key):
-                key = "every"
-            timed = key.startswith("time") or key == "every" or unit == "hz"
+                key = "dt"
+            timed = key.startswith("time") or key == "dt" or unit == "hz"
             found += f"; {'' if unit == 'hz' else key} {value} {unit if timed else ''}"
             found += f"; {value} frame" if key.endswith(("frame", "system")) else ""
             found += f" ({value})" if key.endswith(("unit", "units")) else ""

@@ -212,7 +212,8 @@ def _read_text(response: Response, request: Request | None) -> Adapted:
     horizon_s = task.trajectory_horizon_s
     if not (math.isfinite(horizon_s) and _SHORTEST_STEP_S <= step_s <= horizon_s):
         return _without(response, "timestamps", "the task's trajectory step is no time")
-    form = replace(_WAYPOINTS_FORM, rows=math.floor(horizon_s / step_s + TOLERANCE_S))
+    rows = math.floor(horizon_s / step_s + TOLERANCE_S)
+    form = replace(_WAYPOINTS_FORM, rows=rows, step_s=step_s)
     choice = choose_answer(response.text, form, history, motion_is_cut(response))
     if choice.reason:
         note = f"no array is named {WAYPOINTS_ARRAY}"

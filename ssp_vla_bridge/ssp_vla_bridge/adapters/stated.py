@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ssp_vla_bridge.adapters.number_lists import NumberList
+from ssp_vla_bridge.adapters.stated_times import Raster, Times, heading_times, in_seconds
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -49,6 +50,9 @@ _NAMES = {
     "c": "curvature",
     "t": "time",
     "time": "time",
+    "timestamp": "time",
+    **dict.fromkeys(("t_s", "time_s", "timestamp_s"), "time_s"),
+    **dict.fromkeys(("t_ms", "time_ms", "timestamp_ms"), "time_ms"),
     "z": "drop",
     "yaw": "drop",
     "heading": "drop",
@@ -176,37 +180,6 @@ _UNIT = re.compile(
     + "|".join(map(re.escape, _ALL))
     + r")(?![\w/^])"
 )
-_STEP = re.compile(
-    r"(?:every|steps? of|Δt\s*=?|\bdt\s*=?|intervals? of|spac(?:ed|ing)(?: by| of|:)?|time ?step\w*"
-    r"(?: of|:|=)?)\s*(\d*\.?\d+)\s*(ms|s|secs?|seconds?)\b"
-    r"|(\d*\.?\d+)[ -]*(ms|s|secs?|seconds?)[ -]+"
-    r"(?:steps?|apart|intervals?|spacing|spaced|increments?)\b"
-    r"|\b(\d*\.?\d+)\s*hz\b"
-    r"|\bsampl(?:ing|ed)(?: (?:time|interval|period|step))?(?: of| at| every|:| =)?"
-    r"\s*(?P<sampled>\d*\.?\d+)\s*(?P<unit>ms|s|secs?|seconds?)\b"
-    r"|\b(?:(?:way-?)?points?|rows?|pairs?|one|steps?),?(?: for)? (?:per|every|each) "
-    r"(?P<half>half[- ](?:a )?)?second\b",
-    re.IGNORECASE,
-)
-_LISTED = r"\d*\.?\d+(?:\s*(?:s|sec|seconds)?\s*(?:,\s*and|,|and|/)\s*\d*\.?\d+)+"
-_TIMES = re.compile(
-    rf"(?:\bt\s*=|\btimes?(?:_?stamps?)?(?:_m?s)?\s*[:=]?|\bat)\s*[\[(]?({_LISTED})"
-    r"[\])]?\s*(?:s|secs?|seconds?)\b"
-    rf"|\bseconds\s*:?\s*[\[(]?({_LISTED})",
-    re.IGNORECASE,
-)
-# Spans of time in words: "one second apart", "at half-second steps".
-_IN_WORDS = tuple(
-    (re.compile(rf"\b(?:{words})(?:[- ]| of )(?:a )?seconds?\b"), f"{number} s")
-    for words, number in (
-        ("(?:a |one[- ])?half(?: a)?", "0.5"),
-        ("(?:a |one[- ])?quarter", "0.25"),
-        ("(?:a |one[- ])?tenth", "0.1"),
-        ("one(?! (?:per|every|each|for))", "1"),
-        ("two", "2"),
-        ("a(?= seconds? (?:apart|steps?|intervals?|spacing))", "1"),
-    )
-)
 # Another frame than the vehicle's.
 _OTHER_FRAME = re.compile(
     r"\b(?:global|world|map|utm|enu|geographic|gps|image|camera|frenet|polar)[ -]"
@@ -243,6 +216,8 @@ _BACKWARDS = re.compile(
 )
 
 
+# The time, in an unknown unit, s or ms, as notes name it.
+_TIME_COLUMNS = {"time": "time", "time_s": "time", "time_ms": "time"}
 _UNREADABLE = frozenset({"map", "picture", "polar", "backward", "difference"})
 
 
@@ -281,7 +256,9 @@ class Converted:
     notes: tuple[str, ...] = ()
 
 
-def convert(one: NumberList, heading: str, meaning: Meaning, accepted: frozenset[str]) -> Converted:
+def convert(
+    one: NumberList, heading: str, meaning: Meaning, accepted: frozenset[str], raster: Raster
+) -> Converted:
     """Bring a list into its interface's columns and units, as far as it states others.
 
     Args:
@@ -289,6 +266,7 @@ def convert(one: NumberList, heading: str, meaning: Meaning, accepted: frozenset
         heading: the words from the label to the list.
         meaning: the columns and units that the interface asks for.
         accepted: units that are the interface's own.
+        raster: the rows that the interface asks for.
     """
     said = _SIDE_OF_AXIS.sub(r"\1", heading.lower())
     width = len(one.rows[0]) if one.rows else 0
@@ -298,18 +276,26 @@ def convert(one: NumberList, heading: str, meaning: Meaning, accepted: frozenset
     columns = _columns(one, said, meaning, width)
     if isinstance(columns, str):
         return Converted((), problem=columns)
-    rows, times_s, changed = _arranged(one.rows, columns, meaning)
+    rows, times, changed = _arranged(one.rows, columns, meaning)
     if not rows:
         return Converted((), problem=f"the list has the columns {', '.join(columns)}")
     if changed:
-        notes.append(f"converted from the columns ({', '.join(columns)})")
+        names = (_TIME_COLUMNS.get(name, name) for name in columns)
+        notes.append(f"converted from the columns ({', '.join(names)})")
     factors = _factors(one, said, meaning, accepted)
     if isinstance(factors, str):
         return Converted((), problem=factors)
     if factors[0] != (1.0, 1.0):
         rows = tuple((a * factors[0][0], b * factors[0][1]) for a, b in rows)
         notes.append(f"converted from {factors[1]}")
-    times_s = times_s or one.times_s or _heading_times_s(said, len(rows))
+    if not times.values:
+        times = Times(one.times_s, one.times_have_unit)
+    if not times.values:
+        times = heading_times(said, rows, raster)
+    times = in_seconds(times, said, raster)
+    if times.problem:
+        return Converted((), problem=times.problem)
+    times_s = times.values
     if _BACKWARDS.search(said) and not one.times_s:
         rows, times_s = rows[::-1], times_s if times_s == tuple(sorted(times_s)) else times_s[::-1]
         notes.append("converted from the order that it states, latest first")
@@ -368,9 +354,7 @@ def _lateral_side(said: str, meaning: Meaning, negative_side: str) -> str:
     return "left" if "left" in meaning.columns else "right"
 
 
-def _arranged(
-    rows: Rows, columns: Sequence[str], meaning: Meaning
-) -> tuple[Rows, tuple[float, ...], bool]:
+def _arranged(rows: Rows, columns: Sequence[str], meaning: Meaning) -> tuple[Rows, Times, bool]:
     """Arrange rows in an interface's order and signs; also return times and if rows changed."""
     picked: list[tuple[int, float]] = []
     for wanted in meaning.columns:
@@ -380,12 +364,12 @@ def _arranged(
         elif mirrored in columns:
             picked.append((columns.index(mirrored), -1.0))
         else:
-            return (), (), False
+            return (), Times(), False
     beside = {"speed", "curvature"} if "forward" in meaning.columns else set()
-    if set(columns) - {"time", "drop", "left", "right", *beside, *meaning.columns}:
-        return (), (), False
+    if set(columns) - {*_TIME_COLUMNS, "drop", "left", "right", *beside, *meaning.columns}:
+        return (), Times(), False
     (i, a), (j, b) = picked
-    times = tuple(row[columns.index("time")] for row in rows) if "time" in columns else ()
+    times = _column_of_times(rows, columns)
     if (i, a, j, b) == (0, 1.0, 1, 1.0) and len(columns) == 2:
         return rows, times, False
     # 0.0 − x instead of −x, which would make a negative zero.
@@ -393,6 +377,14 @@ def _arranged(
         (row[i] if a > 0 else 0.0 - row[i], row[j] if b > 0 else 0.0 - row[j]) for row in rows
     )
     return arranged, times, True
+
+
+def _column_of_times(rows: Rows, columns: Sequence[str]) -> Times:
+    for place, name in enumerate(columns):
+        if name in _TIME_COLUMNS:
+            factor = 0.001 if name == "time_ms" else 1.0
+            return Times(tuple(factor * row[place] for row in rows), name != "time")
+    return Times()
 
 
 def _factors(
@@ -420,26 +412,3 @@ def _factors(
         return f"the list is in {(wrong or sorted(stated))[0]!r}"
     factors = (speeds.pop() if speeds else 1.0, curvatures.pop() if curvatures else 1.0)
     return factors, ", ".join(sorted(stated))
-
-
-def _heading_times_s(said: str, count: int) -> tuple[float, ...]:
-    for words, number in _IN_WORDS:
-        said = words.sub(number, said)
-    listed = _TIMES.search(said)
-    if listed is not None:
-        times = tuple(float(value) for value in re.findall(r"\d*\.?\d+", listed[1] or listed[2]))
-        if len(times) == count:
-            return times
-    step = _STEP.search(said)
-    if step is None:
-        return ()
-    if step["sampled"]:
-        step_s = float(step["sampled"]) * (0.001 if step["unit"] == "ms" else 1.0)
-    elif not any(step.groups()[:5]):
-        step_s = 0.5 if step["half"] else 1.0
-    elif step[5]:
-        rate_hz = float(step[5])
-        step_s = 1.0 / rate_hz if rate_hz > 0 else math.nan
-    else:
-        step_s = float(step[1] or step[3]) * (0.001 if (step[2] or step[4]) == "ms" else 1.0)
-    return tuple(step_s * (k + 1) for k in range(count))

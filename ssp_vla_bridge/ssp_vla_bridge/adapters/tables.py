@@ -95,7 +95,9 @@ def _list_of(header: str, lines: Sequence[str], is_of_points: bool, is_open: boo
         is_begun = i == len(cells) - 1 and not lines[i].rstrip().endswith("|")
         if not (is_open and is_begun and header.rstrip().endswith("|")):  # its end may lack
             rows.append(_row(row, columns, time, titles))
-    names = [*(["t"] if time is not None else []), *(column.name for column in columns)]
+    names = [column.name for column in columns]
+    if time is not None:
+        names.insert(0, "t_s" if _states_unit(titles[time], [row[time:] for row in cells]) else "t")
     units = "".join(
         f" ({unit})" for unit in dict.fromkeys(column.unit for column in columns) if unit
     )
@@ -153,6 +155,12 @@ def _time_place(titles: Sequence[str], cells: Sequence[Sequence[str]]) -> int | 
         if all(_TIME_WITH_UNIT.fullmatch(cell) for cell in column):
             return place
     return None
+
+
+def _states_unit(title: str, cells: Sequence[Sequence[str]]) -> bool:
+    """Tell whether a column of times says that they are seconds, or of what they are converted."""
+    given = not {"s", "ms", "sec", "secs", "second", "seconds"}.isdisjoint(_words(title))
+    return given or all(one and _TIME_WITH_UNIT.fullmatch(one[0]) for one in cells)
 
 
 def _row(
