@@ -11,14 +11,19 @@ from ssp_eval.statistics.table import some
 
 # All that may stand between the parts of a name: spaces, underscores, dashes of any length.
 _BETWEEN = re.compile(r"[\s_\-‐-―−\u00ad\u200b-\u200d\ufeff]+")
-_NO_LETTER = re.compile(r"[\W_]+")
-# A name of such words alone is that of a mean; one of the first kind must be among them.
+_NO_LETTER = re.compile(r"[\W\d_]+")
+# A name with one of these words is that of a mean, whatever stands beside it.
 _MEAN_WORDS = frozenset(
-    {"mean", "means", "average", "averages", "avg", "overall", "macro", "total", "all", "ø"}
-    | {"aggregate", "aggregated", "mittel", "mittelwert", "durchschnitt", "gesamt"}
+    {"mean", "means", "average", "averages", "averaged", "avg", "avgs", "overall", "macro", "ø"}
+    | {"macroaverage", "macroaverages", "macroavg", "macromean", "moyenne", "promedio"}
+    | {"mittel", "mittelwert", "durchschnitt", "gesamt", "gesamtmittel", "gesamtmittelwert"}
 )
+# These also stand in names of scenarios and models, such as the median of a road; with one of them
+# a name is a mean's if it holds nothing else but what stands beside such words.
+_TOTAL_WORDS = frozenset({"total", "all", "aggregate", "aggregated", "median", "medians"})
 _BESIDE = frozenset(
     {"of", "over", "the", "models", "scenarios", "domains", "cells", "events", "score", "scores"}
+    | {"model", "scenario", "domain", "cell", "event", "result", "results", "performance", "n"}
     | {"weighted", "unweighted", "micro", "grand", "std", "sd", "ci", "row", "rows"}
 )
 _KINDS = (("scenario", "scenarios"), ("model", "models"))
@@ -30,10 +35,11 @@ def folded(name: str) -> str:
 
 
 def is_mean_name(name: str) -> bool:
-    """Return whether a name is that of a mean over others: ``Average``, ``mean of all models``."""
+    """Return whether a name is that of a mean over others: ``Average``, ``mean of 5 models``."""
     words = set(_NO_LETTER.split(unicodedata.normalize("NFKC", name).casefold()))
     words.discard("")
-    return bool(words & _MEAN_WORDS) and words <= _MEAN_WORDS | _BESIDE
+    totals = words & _TOTAL_WORDS
+    return bool(words & _MEAN_WORDS) or (bool(totals) and words <= _TOTAL_WORDS | _BESIDE)
 
 
 def doubtful_names(names: Mapping[str, Iterable[str]]) -> list[tuple[str, tuple[str, ...]]]:

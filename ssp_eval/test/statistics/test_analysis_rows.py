@@ -394,7 +394,31 @@ def test_names_that_differ_in_case_dashes_or_spaces_only_are_told(tmp_path, key,
 
 @pytest.mark.parametrize(
     "name",
-    ["mean", "Average", "OVERALL", "avg", "Mean of all models", "Gesamt", "Weighted average"],
+    [
+        "mean",
+        "Average",
+        "OVERALL",
+        "avg",
+        "Mean of all models",
+        "Gesamt",
+        "Weighted average",
+        "Model average",
+        "Model mean",
+        "scenario mean",
+        "domain_mean",
+        "Average (n=3)",
+        "mean3",
+        "Mean of 5 models",
+        "arithmetic mean",
+        "overall performance",
+        "overall result",
+        "macroaverage",
+        "Macro-average",
+        "Median",
+        "All 5 models",
+        "Gesamtmittel",
+        "Mean of ours",
+    ],
 )
 @pytest.mark.parametrize("key", ["model", "scenario"])
 def test_a_row_that_is_called_a_mean_is_told(tmp_path, key, name):
@@ -416,6 +440,9 @@ def test_sound_names_are_told_nothing(tmp_path):
         "Alpamayo-R1",
         "OpenEMMA",
         "grand",
+        "median_barrier",
+        "total-stop-7B",
+        "Overallocated",
     )
     rows_from_csv(write(tmp_path, *lines_of(*names)), told.append)
     rows_from_csv(write(tmp_path, *lines_of(*names, key="scenario")), told.append)
