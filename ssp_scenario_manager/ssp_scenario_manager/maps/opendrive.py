@@ -46,6 +46,7 @@ from ssp_scenario_manager.maps.ways import (
     Way,
     WayEnd,
     WayLane,
+    in_known_junctions,
     network_blocks,
 )
 from ssp_scenario_manager.maps.xml_input import (
@@ -90,6 +91,7 @@ class _Map:
     spans: dict[str, list[tuple[int, float, float]]] = field(default_factory=dict)
     roads: dict[str, RoadRecord] = field(default_factory=dict)
     connections: list[Connection] = field(default_factory=list)
+    junctions: set[str] = field(default_factory=set)
     rejected: list[tuple[str, str]] = field(default_factory=list)
     faults: list[tuple[str, str]] = field(default_factory=list)
     lines: dict[str, ReferenceLine] = field(default_factory=dict)
@@ -379,6 +381,7 @@ def load_opendrive(path: Path, loading: Loading = untold) -> Library:
                     raise BadElement(element, "has the id of another road", "id")
                 _add_road(found, road)
             elif element.tag == "junction":
+                found.junctions.add(element.get("id", ""))
                 found.connections += read_junction(element)
         except BadElement as bad:
             raise input_error(path, element, bad) from bad
@@ -393,12 +396,13 @@ def load_opendrive(path: Path, loading: Loading = untold) -> Library:
             value=degrees[1],
             remedy=f"hdg is in radians: {degrees[1]:g} degrees are {math.radians(degrees[1]):.6g}",
         )
-    blocks, rejected = network_blocks(found.ways, _contacts(found))
+    ways, missing = in_known_junctions(found.ways, found.junctions)
+    blocks, rejected = network_blocks(ways, _contacts(found))
     return Library(
         source=path.name,
         sha256=sha256_file(path),
         kind="opendrive",
         blocks=tuple(sorted(blocks, key=lambda block: block.block_id)),
-        rejected=tuple(found.rejected + rejected),
+        rejected=tuple(found.rejected + missing + rejected),
         faults=tuple(found.faults),
     )

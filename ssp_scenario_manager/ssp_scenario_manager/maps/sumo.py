@@ -24,6 +24,7 @@ from ssp_scenario_manager.maps.ways import (
     Way,
     WayEnd,
     WayLane,
+    in_known_junctions,
     network_blocks,
 )
 from ssp_scenario_manager.maps.xml_input import (
@@ -189,6 +190,7 @@ class _Net:
     left_hand: bool
     edges: dict[str, Edge] = field(default_factory=dict)
     connections: set[tuple[str, str]] = field(default_factory=set)
+    junctions: set[str] = field(default_factory=set)
     rejected: list[tuple[str, str]] = field(default_factory=list)
 
 
@@ -330,6 +332,8 @@ def load_sumo_net(path: Path, loading: Loading = untold) -> Library:
                 if edge.id in net.edges:
                     raise BadElement(element, "has the id of another edge", "id")
                 net.edges[edge.id] = edge
+            elif element.tag == "junction":
+                net.junctions.add(element.get("id", ""))
             elif element.tag == "connection":
                 net.connections.add(read_connection(element))
         except BadElement as bad:
@@ -355,11 +359,12 @@ def load_sumo_net(path: Path, loading: Loading = untold) -> Library:
     for start, end in sorted(net.connections):
         if start in index and end in index:
             contacts.append(((index[start], "end"), (index[end], "start")))
+    ways, missing = in_known_junctions(ways, net.junctions)
     blocks, rejected = network_blocks(ways, contacts)
     return Library(
         source=path.name,
         sha256=sha256_file(path),
         kind="sumo",
         blocks=tuple(sorted(blocks, key=lambda block: block.block_id)),
-        rejected=tuple(net.rejected + rejected),
+        rejected=tuple(net.rejected + missing + rejected),
     )

@@ -456,6 +456,23 @@ def _tight(way: Way) -> str | None:
     return None
 
 
+def in_known_junctions(
+    ways: Sequence[Way], junctions: Collection[str]
+) -> tuple[list[Way], list[tuple[str, str]]]:
+    """Take ways out of junctions that the map doesn't have.
+
+    Returns:
+        The ways, and what is wrong with those, for the rejections of the map.
+    """
+    missing = {
+        way.name: f"is in junction {way.junction}, which isn't there"
+        for way in ways
+        if way.junction is not None and way.junction not in junctions
+    }
+    found = [replace(way, junction=None) if way.name in missing else way for way in ways]
+    return found, list(missing.items())
+
+
 def network_blocks(
     ways: Sequence[Way], contacts: Collection[tuple[WayEnd, WayEnd]]
 ) -> tuple[list[Block], list[tuple[str, str]]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.routes import routes_of
 from tests.support.map_blocks import blocks, only
 
 Made = Any
@@ -428,6 +430,17 @@ def test_a_junction_joins_its_arms(crossroads: Path) -> None:
     assert only(library, "road w forward").entrances == ("road sw forward",)
     assert only(library, "road e backward").exits == ()
     assert "crossing" not in through.permitted
+
+
+def test_without_its_junction_a_connecting_road_is_in_none(crossroads: Path) -> None:
+    """The roads still name it, and what a map connects by it isn't connected any more."""
+    text = crossroads.read_text()
+    crossroads.write_text(re.sub(r"<junction .*?</junction>", "", text, flags=re.DOTALL))
+    library = load_library(crossroads)
+    for name in ("sn", "we", "sw"):
+        assert (f"road {name}", "is in junction 9, which isn't there") in library.rejected
+    assert {one.junction for one in library.blocks} == {None}
+    assert routes_of(library) == ([], [])
 
 
 def test_ways_through_a_junction_that_cross(crossroads: Path) -> None:

@@ -86,7 +86,9 @@ def network(radius: Radius, mirrored: bool = False) -> str:
         connect(other, own, f":{arm}_1")
         connect(other, f"{arm}_out", f":{arm}_2")
     hand = ' lefthand="true"' if mirrored else ""
-    return f'<?xml version="1.0"?><net version="1.20"{hand}>{"".join(edges + connections)}</net>'
+    junctions = [f'<junction id="{arm}" type="priority"/>' for arm in ARMS]
+    inside = "".join(edges + junctions + connections)
+    return f'<?xml version="1.0"?><net version="1.20"{hand}>{inside}</net>'
 
 
 def circle(radius_m: float) -> Radius:
@@ -193,6 +195,7 @@ def streets(count: int, road_m: float) -> str:
 
     for corner in corners:
         name = f"n{corner[0]}_{corner[1]}"
+        edges.append(f'<junction id="{name}" type="priority"/>')
         for k, way in enumerate(ways):
             if not any((corner + way == other).all() for other in corners):
                 continue

@@ -247,6 +247,7 @@ NET = """<?xml version="1.0"?><net version="1.20">
 <edge id="jn" from="J" to="N"><lane id="jn_0" index="0" speed="13" shape="2,10 2,90"/></edge>
 <edge id="wj" from="W" to="J"><lane id="wj_0" index="0" speed="13" shape="-90,-3 -10,-3"/></edge>
 <edge id="je" from="J" to="E"><lane id="je_0" index="0" speed="13" shape="10,-3 90,-3"/></edge>
+<junction id="J" type="priority"/>
 <connection from="sj" to="jn" fromLane="0" toLane="0" via=":J_0_0" dir="s" state="m"/>
 <connection from=":J_0" to="jn" fromLane="0" toLane="0" via=":J_2_0" dir="s" state="m"/>
 <connection from=":J_2" to="jn" fromLane="0" toLane="0" dir="s" state="M"/>

@@ -36,6 +36,7 @@ NET = """<?xml version="1.0"?><net version="1.20">
 <edge id="rail" from="B" to="D">
   <lane id="rail_0" index="0" allow="rail" speed="30" shape="100,0 100,50"/>
 </edge>
+<junction id="B" type="priority"/>
 <connection from="ab" to="bc" fromLane="1" toLane="0" via=":B_0_0" dir="s" state="M"/>
 <connection from="ab" to="bc" fromLane="2" toLane="1" via=":B_0_1" dir="s" state="M"/>
 <connection from=":B_0" to="bc" fromLane="0" toLane="0" dir="s" state="M"/>
@@ -87,6 +88,14 @@ def test_connections_lead_over_internal_edges(net: Path) -> None:
     assert block(library, "edge ab forward").exits == ("edge :B_0 forward", "edge ba forward")
     assert block(library, "edge bc forward").entrances == ("edge :B_0 forward",)
     assert "crossing" not in block(library, "edge bc forward").permitted
+
+
+def test_without_its_junction_an_internal_edge_is_in_none(net: Path) -> None:
+    net.write_text(net.read_text().replace('<junction id="B" type="priority"/>', ""))
+    library = load_library(net)
+    assert ("edge :B_0", "is in junction B, which isn't there") in library.rejected
+    assert {one.junction for one in library.blocks} == {None}
+    assert "junction" not in {one.segment for one in library.blocks}
 
 
 def test_what_is_no_road_for_cars_is_told(net: Path) -> None:
