@@ -24,7 +24,7 @@ from ssp_eval.statistics.resampling import (
     weighted_sums,
 )
 from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS
-from ssp_scenario_manager.closed_loop.outcomes.rates import drivers_without_rates
+from ssp_scenario_manager.closed_loop.outcomes.rates import CRITICAL, drivers_without_rates
 
 # METHOD 8.7: fewer events carry no interval.
 LEAST_EVENTS = 8
@@ -64,7 +64,7 @@ class OverEvents:
 
 
 def shares_of(runs: Iterable[Run]) -> dict[tuple[str, Latency], dict[Place, float]]:
-    """Return by driver and latency the share of successful runs of each (event, start).
+    """Return by driver and latency the share of successful runs of each critical (event, start).
 
     A run that stayed ``harness`` is no run; a driver without rates has no shares.
     """
@@ -73,7 +73,8 @@ def shares_of(runs: Iterable[Run]) -> dict[tuple[str, Latency], dict[Place, floa
     found: dict[tuple[str, Latency], dict[Place, list[bool]]] = {}
     for run in there:
         row = run.row
-        if row.outcome != HARNESS and row.driver not in without:
+        counts = row.kind == CRITICAL and row.outcome != HARNESS
+        if counts and row.driver not in without:
             cell = found.setdefault((row.driver, row.latency), {})
             cell.setdefault((row.event, row.start), []).append(row.succeeds)
     return {
@@ -91,7 +92,7 @@ def pairs_of(
     test without them.
 
     Args:
-        runs: of critical starts.
+        runs: of all starts.
         drivers: to compare, in their order.
         others: with whom each of them is compared; None: with each other.
     """
@@ -120,7 +121,7 @@ def over_events(
     """Return the headline of each driver and latency over the events.
 
     Args:
-        runs: of critical starts.
+        runs: of all starts.
         headlines: by event, driver and latency.
         resamples: of the bootstrap.
         seed: of it.

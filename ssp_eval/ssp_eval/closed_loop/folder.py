@@ -12,15 +12,13 @@ from ssp_core.errors import InputError
 from ssp_scenario_manager.closed_loop.campaigns.cards import CARDS_FILE, load_cards
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import LoopPlan
 from ssp_scenario_manager.closed_loop.campaigns.seal import sealed_plan, sealed_starts
-from ssp_scenario_manager.closed_loop.outcomes.rates import Rates, RunRow, rates_of
+from ssp_scenario_manager.closed_loop.outcomes.rates import CRITICAL, Rates, RunRow, rates_of
 from ssp_scenario_manager.closed_loop.outcomes.tables import (
     RUN_COLUMNS,
     RUNS_FILE,
     read_row,
     rows_there,
 )
-
-CRITICAL = "critical"
 
 
 @dataclass(frozen=True)

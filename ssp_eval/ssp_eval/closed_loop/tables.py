@@ -151,7 +151,7 @@ def over_events_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
         for one in campaign.rates
         if one.driver in drivers
     }
-    found = over_events(campaign.critical, headlines)
+    found = over_events(campaign.runs, headlines)
     latencies = sorted({one.latency for one in found})
     cells = {
         (one.driver, one.latency): with_ends(one.headline, one.interval.low, one.interval.high)
@@ -193,7 +193,7 @@ def unlike_pair_table(
         drivers: of one group.
         others: of other groups.
     """
-    pairs = pairs_of(campaign.critical, drivers, others)
+    pairs = pairs_of(campaign.runs, drivers, others)
     table = _pairs("pairs_unlike", "under unlike conditions", campaign, pairs)
     note = (
         "The cards of the two differ: a difference may come of what they get, not of what they do."
@@ -213,9 +213,7 @@ def pair_table(
     """
     shown = drivers if beside is None else beside
     pairs = [
-        one
-        for one in pairs_of(campaign.critical, drivers)
-        if one.first in shown or one.second in shown
+        one for one in pairs_of(campaign.runs, drivers) if one.first in shown or one.second in shown
     ]
     return _pairs("pairs", "of drivers", campaign, pairs)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,6 +54,12 @@ def first_contact(reports: Iterable[StepReport], vut_id: str) -> Contact | None:
             if other is not vut and _near(vut, other) and boxes_overlap(vut.box, other.box):
                 return _contact(vut, other)
     return None
+
+
+def with_vut(report: StepReport, vut: ObjectState) -> StepReport:
+    """Return a step with another true state of the VUT."""
+    truths = tuple(vut if s.object_id == vut.object_id else s for s in report.truths)
+    return replace(report, truths=truths)
 
 
 def contact_words(run: RunSpec, led: Sequence[StepReport], contact: Contact) -> str:

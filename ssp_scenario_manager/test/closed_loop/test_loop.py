@@ -503,7 +503,10 @@ def test_too_many_runs_that_our_side_failed_leave_no_rate() -> None:
     assert (one.headline, one.low, one.driven, one.worst) == (None, None, 1, pytest.approx(1 / 3))
     (one,) = rates_of([row()] * 49 + [row("harness")])
     assert (one.headline, one.worst) == (1.0, 0.98)
-    # The share is the driver's, over its events and latencies.
+    # The share is the driver's, over all of its starts, events and latencies.
+    harmless = [row("harness", kind="harmless")] * 5
+    (one,) = rates_of([*[row() for _ in range(10)], *harmless])
+    assert (one.planned, one.headline) == (10, None)
     half = Latency(0.5)
     rates = rates_of([row()] * 99 + [row("harness", latency=half), row(latency=half)])
     assert [each.headline for each in rates] == [1.0, 1.0]

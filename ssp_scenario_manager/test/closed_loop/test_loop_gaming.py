@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import pytest
@@ -18,9 +19,17 @@ from ssp_core.world.reference_line import ReferenceLine
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver
-from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start, order_of
+from ssp_scenario_manager.closed_loop.campaigns.runs import (
+    Job,
+    drive_start,
+    order_of,
+    rows_of,
+)
 from ssp_scenario_manager.closed_loop.contact import first_contact
-from ssp_scenario_manager.closed_loop.outcomes.needless import needless_in
+from ssp_scenario_manager.closed_loop.outcomes.needless import needless_of
+from ssp_scenario_manager.closed_loop.outcomes.outcome import outcome_of
+from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
+from ssp_scenario_manager.closed_loop.single_run.single import told_of_run
 from ssp_scenario_manager.closed_loop.starts.start import OffSpec, Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task
@@ -139,6 +148,24 @@ def drive_a_little_faster(now: Now) -> Answer:
     return lane_plan(now.question, speed_mps=min(1.09 * now.first_mps, now.first_mps + now.change))
 
 
+def dipped(now: Now, since_s: float, by_mps2: float, share: float, for_s: float) -> Answer:
+    """Slow to a share of the first speed, and speed up again: the object comes in between."""
+    past_s = max(now.at_s + LATENCY.seconds - since_s, 0.0)
+    slowed_mps = max(now.first_mps - by_mps2 * past_s, share * now.first_mps)
+    risen_mps = slowed_mps + 1.5 * max(past_s - for_s, 0.0)
+    return lane_plan(now.question, speed_mps=min(risen_mps, now.first_mps))
+
+
+def dip_early(now: Now) -> Answer:
+    """Slow by 0.35 m/s² from 2 s before T_obs on, for 6 s."""
+    return dipped(now, now.start.observable_s - 2.0, 0.35, 0.72, 6.0)
+
+
+def dip_late(now: Now) -> Answer:
+    """Slow by 1.2 m/s² from T_obs on, for 4 s."""
+    return dipped(now, now.start.observable_s, 1.2, 0.7, 4.0)
+
+
 WAYS = (
     ("lead_braking", brake_and_speed_up, "brakes by"),
     ("vru_crossing", brake_and_speed_up, "brakes by"),
@@ -163,9 +190,21 @@ WAYS = (
     ("vru_crossing", drive_a_little_faster, ""),
     ("crossing_car", drive_a_little_slower, ""),
     ("crossing_car", drive_a_little_faster, ""),
+    ("crossing_car", dip_early, "driven as here"),
+    ("crossing_car", dip_late, "driven as here"),
     ("oncoming_turn", drive_a_little_slower, ""),
     ("oncoming_turn", drive_a_little_faster, ""),
 )
+
+
+def cheat(monkeypatch: pytest.MonkeyPatch, start: Start, way: Callable[[Now], Answer]) -> None:
+    """Make `scripted` a driver that goes one of the ways."""
+
+    class Cheat(baselines.ConstantVelocity):
+        def answer(self, question: Question) -> Answer:
+            return way(Now(question, start))
+
+    monkeypatch.setitem(baselines.BASELINES, "scripted", Cheat)
 
 
 @pytest.mark.parametrize(
@@ -179,21 +218,61 @@ def test_no_way_to_game_it_gains_a_headline_on_other_events_or_with_latency(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     start, built_in = start_of(event)
-
-    class Cheat(baselines.ConstantVelocity):
-        def answer(self, question: Question) -> Answer:
-            return way(Now(question, start))
-
-    monkeypatch.setitem(baselines.BASELINES, "scripted", Cheat)
+    cheat(monkeypatch, start, way)
     drove = drive_start(start, SCRIPTED, LATENCY)
     free = drive_start(start, SCRIPTED, LATENCY, event=False)
-    needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
+    needless = needless_of(drove, free, built_in, start.contact)
     succeeds = drove.outcome.kind == "avoided" and not needless
     assert not succeeds, (drove.outcome, needless)
     assert needless.startswith(needless_for)
     if way is hang_at_the_right_moment:
         assert drove.outcome.kind == "died"
         assert "no answer within 60 s" in drove.outcome.why
+
+
+def test_a_dip_is_avoided_and_needless_in_a_campaigns_row_and_in_a_runs_result(
+    start_of: Callable[[str], tuple[Start, Record]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start, _ = start_of("crossing_car")
+    cheat(monkeypatch, start, dip_late)
+    of_start = {"event": "crossing_car", "kind": "critical", "hash": start.hash}
+    run = start.run.model_dump(mode="json", by_alias=True)
+    sealed = json.dumps({**start.facts(), **of_start, "run": run})
+    (row,) = rows_of(Job(sealed, SCRIPTED, (LATENCY,), repeats=1, seed=1)).rows
+    drove = drive_start(start, SCRIPTED, LATENCY)
+    told = told_of_run(drove.run, drove.result, drove.record)["driven"]
+    for said in (dict(zip(RUN_COLUMNS, row, strict=True)), told):
+        assert said["outcome"] == "avoided"
+        assert said["needless"] == "driven as here, it has no contact in the event either"
+
+
+def test_the_event_is_laid_over_its_twin_only_where_both_have_a_way_up_to_t_end(
+    start_of: Callable[[str], tuple[Start, Record]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A start that meets nothing owes no response; a contact or another outcome cuts a way off."""
+    start, built_in = start_of("crossing_car")
+    cheat(monkeypatch, start, dip_late)
+    drove, free = (drive_start(start, SCRIPTED, LATENCY, event=event) for event in (True, False))
+    assert needless_of(drove, free, built_in, start.contact)
+    assert not needless_of(drove, free, built_in, None)
+    touched = replace(free, outcome=replace(free.outcome, contact=start.contact))
+    assert not needless_of(drove, touched, built_in, start.contact)
+    evaded = replace(drove, outcome=replace(drove.outcome, kind="evaded"))
+    assert not needless_of(evaded, free, built_in, start.contact)
+
+
+def test_a_run_that_ends_before_t_end_avoids_nothing(
+    start_of: Callable[[str], tuple[Start, Record]],
+) -> None:
+    """A record that is cut half a second before its contact has none, and isn't a success."""
+    start, _ = start_of("crossing_car")
+    drove = drive_start(start, CampaignDriver(driver="constant_velocity"), LATENCY)
+    assert drove.outcome.contact is not None
+    last_ns = seconds_to_ns(drove.outcome.contact.at_s - 0.5)
+    record = Record([one for one in drove.record.reports if one.now_ns <= last_ns])
+    found = outcome_of(drove.run, drove.driven, drove.result, record, start.twin)
+    assert (found.kind, found.contact) == ("harness", None)
+    assert "before T_end" in found.why
 
 
 def test_constant_velocity_gains_none_either_and_the_oracle_does(
@@ -205,10 +284,10 @@ def test_constant_velocity_gains_none_either_and_the_oracle_does(
         kinds = {}
         for name in ("constant_velocity", "oracle"):
             driver = CampaignDriver(driver=name)
-            kinds[name] = drive_start(start, driver, LATENCY).outcome.kind
+            drove = drive_start(start, driver, LATENCY)
+            kinds[name] = drove.outcome.kind
             free = drive_start(start, driver, LATENCY, event=False)
-            needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
-            assert not needless, name
+            assert not needless_of(drove, free, built_in, start.contact), name
         assert kinds == {"constant_velocity": "collision", "oracle": "avoided"}, event
 
 
@@ -257,9 +336,9 @@ def test_a_driver_that_ends_where_no_event_comes_is_needless(
             return super().answer(question)
 
     monkeypatch.setitem(baselines.BASELINES, "scripted", Leaves)
-    free = drive_start(start, SCRIPTED, LATENCY, event=False)
+    drove, free = (drive_start(start, SCRIPTED, LATENCY, event=event) for event in (True, False))
     assert free.outcome.kind == "died"
-    needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
+    needless = needless_of(drove, free, built_in, start.contact)
     assert needless == f"ends by died at {free.outcome.at_s:.2f} s"
 
 

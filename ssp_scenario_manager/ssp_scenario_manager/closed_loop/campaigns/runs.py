@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.files import make_folder
-from ssp_core.run_file.driven import BUILT_IN, COMMANDED, Driven
+from ssp_core.run_file.driven import BUILT_IN, COMMANDED
 from ssp_core.run_file.latency import ZERO_LATENCY, Latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import RecordedAnswer
 from ssp_scenario_manager.closed_loop.answers import (
     KeptAnswers,
     Question,
-    answers_of,
     load_answers,
     repeated,
     row_file,
@@ -28,10 +27,11 @@ from ssp_scenario_manager.closed_loop.answers import (
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver, LoopPlan
 from ssp_scenario_manager.closed_loop.campaigns.tries import Failure, Tries, load_tries, tries_file
 from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL, careful_motion, is_defined
-from ssp_scenario_manager.closed_loop.outcomes.needless import needless_in
+from ssp_scenario_manager.closed_loop.outcomes.needless import needless_of
 from ssp_scenario_manager.closed_loop.outcomes.outcome import (
     CHAIN,
     HARNESS,
+    Drove,
     Outcome,
     chain_of,
     measured_of,
@@ -42,7 +42,7 @@ from ssp_scenario_manager.closed_loop.outcomes.severity import Severity, severit
 from ssp_scenario_manager.closed_loop.outcomes.tables import Row, one_line, shown
 from ssp_scenario_manager.closed_loop.outcomes.texts import Kept, texts_of
 from ssp_scenario_manager.closed_loop.starts.start import Start, from_facts
-from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
+from ssp_scenario_manager.run.in_process import Record, run_in_process
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +205,7 @@ def _both(
             driven.outcome.contact,
             driven.outcome.at_s,
         ),
-        needless_in(free.run, free.driven, free.record, built_in, free.outcome),
+        needless_of(driven, free, built_in, start.contact),
         tuple(texts_of(driven.driven, driven.record.reports, driven.outcome.at_s)),
         measured_of(driven.driven, driven.record),
         driven.record.sha256,
@@ -239,22 +239,6 @@ def identity_of(job: Job) -> list[Row]:
         [*of_start, job.driver.shown, str(latency), str(repeat)]
         for latency, repeat in product(job.latencies, range(job.repeats))
     ]
-
-
-@dataclass(frozen=True, slots=True)
-class Drove:
-    """One drive of a driver on a start."""
-
-    run: RunSpec
-    driven: Driven
-    result: InProcessResult
-    record: Record
-    outcome: Outcome
-
-    @property
-    def answers(self) -> tuple[RecordedAnswer, ...]:
-        """Answers of a model, with which it is driven again."""
-        return answers_of(self.driven, self.record)
 
 
 Answers = Sequence[RecordedAnswer] | None

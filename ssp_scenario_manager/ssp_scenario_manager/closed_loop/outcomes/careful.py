@@ -16,7 +16,12 @@ from ssp_core.geometry import Polyline
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.plant import StepReport
-from ssp_scenario_manager.closed_loop.contact import contact_words, first_contact, until
+from ssp_scenario_manager.closed_loop.contact import (
+    contact_words,
+    first_contact,
+    until,
+    with_vut,
+)
 from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS, Outcome
 from ssp_scenario_manager.closed_loop.starts.start import Start, path_of
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
@@ -104,8 +109,7 @@ def careful_motion(
                 speed_mps=speed,
                 acceleration_mps2=-deceleration if speed > 0.0 else 0.0,
             )
-        truths = tuple(vut if s.object_id == run.vut.id else s for s in report.truths)
-        moved.append(replace(report, truths=truths, drive=None))
+        moved.append(replace(with_vut(report, vut), drive=None))
     return _outcome(start, moved, begin_s), moved
 
 

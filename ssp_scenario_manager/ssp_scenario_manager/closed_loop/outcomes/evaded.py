@@ -17,7 +17,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.plant import StepReport
-from ssp_scenario_manager.closed_loop.contact import first_contact, until
+from ssp_scenario_manager.closed_loop.contact import first_contact, until, with_vut
 from ssp_scenario_manager.closed_loop.starts.start import path_of
 from ssp_scenario_manager.closed_loop.values import LIMITS
 from ssp_scenario_manager.run.in_process import Record
@@ -112,5 +112,4 @@ def _gone_on(
             y_m=pose.y_m + left_m * math.cos(pose.yaw_rad),
             yaw_rad=pose.yaw_rad + along.yaw_rad + begin.yaw_rad - meant.yaw_rad,
         )
-        truths = tuple(vut if s.object_id == run.vut.id else s for s in report.truths)
-        yield replace(report, truths=truths)
+        yield with_vut(report, vut)

@@ -1,4 +1,9 @@
-"""Needless braking in the event-free twin of a start (METHOD 8.6)."""
+"""Needless braking in the event-free twin of a start (METHOD 8.6).
+
+METHOD bounds how a driver drives where no event comes. Within these bounds one that sees nothing
+can dip its speed at the hand-over, and so pass behind what its twin hits. So a driver is needless,
+too, if its way there would have avoided the event as well.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +11,8 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import DriveMode
-from ssp_scenario_manager.closed_loop.contact import until
-from ssp_scenario_manager.closed_loop.outcomes.outcome import Outcome
+from ssp_scenario_manager.closed_loop.contact import Contact, first_contact, until, with_vut
+from ssp_scenario_manager.closed_loop.outcomes.outcome import Drove, Outcome
 from ssp_scenario_manager.closed_loop.starts.start import path_of
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
 from ssp_scenario_manager.run.in_process import Record
@@ -16,10 +21,40 @@ from ssp_scenario_manager.run.in_process import Record
 _ENDS = frozenset({"harness", "died", "left_road", "fence"})
 
 
+def needless_of(event: Drove, free: Drove, built_in: Record, contact: Contact | None) -> str:
+    """Say why a driver is needless in the event-free twin of a run; empty: it isn't.
+
+    Args:
+        event: the run.
+        free: the event-free one of the same driver, latency and repeat.
+        built_in: of the event-free run under the built-in driver.
+        contact: of the start's twin; None: it has none.
+    """
+    needless = needless_in(free.run, free.driven, free.record, built_in, free.outcome)
+    if needless or contact is None or event.outcome.kind != "avoided":
+        return needless
+    return "driven as here, it has no contact in the event either" if _misses(event, free) else ""
+
+
+def _misses(event: Drove, free: Drove) -> bool:
+    """Tell whether the VUT of an event-free run has no contact with the objects of the event.
+
+    Objects move alike for all drivers, so the two may be laid over each other. A VUT that had a
+    contact in the event-free run has no way of its own up to T_end, and isn't judged.
+    """
+    if free.outcome.contact is not None:
+        return False
+    vut_id, driven = event.run.vut.id, event.driven
+    states = {state.stamp_ns: state for state in free.record.truths(vut_id)}
+    led = until(event.record.reports, driven.hand_over_s, driven.end_s)
+    steps = (with_vut(one, states[one.now_ns]) for one in led if one.now_ns in states)
+    return first_contact(steps, vut_id) is None
+
+
 def needless_in(
     run: RunSpec, driven: Driven, record: Record, built_in: Record, outcome: Outcome
 ) -> str:
-    """Say why a driver is needless in an event-free twin; empty: it isn't.
+    """Say why a driver is needless by an event-free twin alone (METHOD 8.6); empty: it isn't.
 
     A run that a contact decided before T_end is judged up to there: the session brakes by itself
     afterwards. A driver that ends, or is ended, is needless: otherwise it could leave the twin, or

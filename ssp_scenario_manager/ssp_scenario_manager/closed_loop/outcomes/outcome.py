@@ -16,9 +16,10 @@ from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import Verdict
-from ssp_core.world.driver import DriveMode, GivenAnswer, sees_frames
+from ssp_core.world.driver import DriveMode, GivenAnswer, RecordedAnswer, sees_frames
 from ssp_core.world.plant import StepReport
 from ssp_core.world.reference_line import ReferenceLine
+from ssp_scenario_manager.closed_loop.answers import answers_of
 from ssp_scenario_manager.closed_loop.contact import (
     Contact,
     contact_words,
@@ -67,6 +68,22 @@ class Outcome:
     starved: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Drove:
+    """One drive of a driver on a start."""
+
+    run: RunSpec
+    driven: Driven
+    result: InProcessResult
+    record: Record
+    outcome: Outcome
+
+    @property
+    def answers(self) -> tuple[RecordedAnswer, ...]:
+        """Answers of a model, with which it is driven again."""
+        return answers_of(self.driven, self.record)
+
+
 def outcome_of(
     run: RunSpec, driven: Driven, result: InProcessResult, record: Record, twin: Twin
 ) -> Outcome:
@@ -97,6 +114,9 @@ def outcome_of(
     # What is known of a question that is open at T_end, and would be known to all later.
     if not facts and (dies := _dies(led)):
         facts.append((driven.end_s, "died", dies))
+    last_s = ns_to_seconds(led[-1].now_ns) if led else driven.hand_over_s
+    if not facts and last_s < driven.end_s - run.step_s - EPSILON_S:
+        facts.append((last_s, HARNESS, f"the run ended at {last_s:.2f} s, before T_end"))
     if facts:
         at_s, kind, why = min(facts, key=lambda fact: (fact[0], DECIDED.index(fact[1])))
     else:

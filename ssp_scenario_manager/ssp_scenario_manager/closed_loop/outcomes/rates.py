@@ -14,6 +14,8 @@ from ssp_core.run_file.latency import Latency
 from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS, OUTCOMES
 from ssp_scenario_manager.closed_loop.values import LIMITS
 
+CRITICAL = "critical"
+
 
 @dataclass(frozen=True, slots=True)
 class RunRow:
@@ -77,8 +79,8 @@ class Rates:
 
 def rates_of(rows: Sequence[RunRow]) -> list[Rates]:
     """Return the rates of each driver, latency and event, in the order of the rows."""
-    critical = [row for row in rows if row.kind == "critical"]
-    lost = drivers_without_rates(critical)
+    critical = [row for row in rows if row.kind == CRITICAL]
+    lost = drivers_without_rates(rows)
     cells: dict[tuple[str, str, Latency], list[RunRow]] = {}
     for row in critical:
         cells.setdefault((row.event, row.driver, row.latency), []).append(row)
@@ -86,7 +88,11 @@ def rates_of(rows: Sequence[RunRow]) -> list[Rates]:
 
 
 def drivers_without_rates(rows: Sequence[RunRow]) -> set[str]:
-    """Return the drivers of whose runs too many are ``harness`` (METHOD 8.7)."""
+    """Return the drivers of whose runs too many are ``harness`` (METHOD 8.7).
+
+    Args:
+        rows: of all starts, also of those that rates aren't of.
+    """
     planned = Counter(row.driver for row in rows)
     lost = Counter(row.driver for row in rows if row.outcome == HARNESS)
     return {name for name in lost if lost[name] > LIMITS.harness_share * planned[name]}

@@ -23,14 +23,13 @@ from ssp_scenario_manager.closed_loop.answers import (
     ANSWERS_FILE,
     KeptAnswers,
     Question,
-    answers_of,
     load_answers,
     repeated,
     save_answers,
 )
 from ssp_scenario_manager.closed_loop.outcomes.evaded import Twin
-from ssp_scenario_manager.closed_loop.outcomes.needless import needless_in
-from ssp_scenario_manager.closed_loop.outcomes.outcome import outcome_of, told_of
+from ssp_scenario_manager.closed_loop.outcomes.needless import needless_of
+from ssp_scenario_manager.closed_loop.outcomes.outcome import Drove, outcome_of, told_of
 from ssp_scenario_manager.closed_loop.starts.start import (
     OffSpec,
     Start,
@@ -234,11 +233,11 @@ def told_of_run(
     outcome = outcome_of(run, driven, result, record, twin)
     v_r_mps = None if contact is None else contact.relative_mps
     told = told_of(driven, record, outcome, v_r_mps)
-    needless, free = _needless(run, driven, twin, repeated(kept, event=False))
+    free, built_in = _without_event(run, driven, twin, repeated(kept, event=False))
+    event = Drove(run, driven, result, record, outcome)
+    needless = needless_of(event, free, built_in, contact)
     if folder is not None and is_kept(driven):
-        answers = KeptAnswers(
-            Question.of(driven), answers_of(driven, record), answers_of(driven, free)
-        )
+        answers = KeptAnswers(Question.of(driven), event.answers, free.answers)
         save_answers(folder / ANSWERS_FILE, answers)
     return {"driven": told | {"needless": needless}}
 
@@ -268,14 +267,14 @@ def is_kept(driven: Driven) -> bool:
     return sees_frames(driven.driver)
 
 
-def _needless(
+def _without_event(
     run: RunSpec, driven: Driven, twin: Twin, answers: Sequence[RecordedAnswer] | None
-) -> tuple[str, Record]:
-    """Say why the driver is needless in the event-free twin of its run; empty: it isn't."""
+) -> tuple[Drove, Record]:
+    """Drive the event-free twin of a run, under its driver and under the built-in one."""
     free = without_event(run, driven.end_s)
     own = driven.model_copy(update={"observable_s": None})
     result, record = run_in_process(free.model_copy(update={"driven": own}), answers=answers)
     outcome = outcome_of(free, own, result, record, twin)
     led = own.model_copy(update=commanded(BUILT_IN))
     _, built_in = run_in_process(free.model_copy(update={"driven": led, "camera": None}))
-    return needless_in(free, driven, record, built_in, outcome), record
+    return Drove(free, own, result, record, outcome), built_in
