@@ -13,6 +13,7 @@ import click
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_scenario_manager.maps.block import Block, Conflict, Library
+from ssp_scenario_manager.maps.lane_ends import with_lane_ends
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.routes import routes_of
 from ssp_scenario_manager.maps.site import find_shipped
@@ -34,6 +35,7 @@ def maps(place: str, only: str | None, as_json: bool) -> int:
     lengths are along the route; angles are those at which the other route heads, + left.
     """
     library = load_library(place if Path(place).is_file() else find_shipped(place, "site"))
+    library = with_lane_ends(library)
     routes, refused = routes_of(library, only)
     if only is not None and not routes:
         raise _no_routes(library, only, refused)

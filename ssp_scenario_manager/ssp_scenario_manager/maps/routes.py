@@ -32,6 +32,7 @@ from ssp_scenario_manager.maps.block import (
     conflict_areas,
     headings,
 )
+from ssp_scenario_manager.maps.lane_ends import with_lane_ends
 from ssp_scenario_manager.maps.legs import (
     APPROACH_M,
     EXIT_M,
@@ -219,6 +220,12 @@ def _route(legs: Sequence[Leg], known: Mapping[str, Block]) -> Block:
     )
 
 
+def _own_lane(route: Block) -> BlockLane:
+    """Return the lane that a route takes, under its name on the approach."""
+    (own,) = (lane for lane in route.lanes if lane.y_m == 0.0)
+    return own
+
+
 @dataclass(frozen=True, slots=True)
 class _Track:
     """A route's middle from the junction's entry to a little beyond its end, sampled."""
@@ -234,8 +241,7 @@ class _Track:
             begin = route.passage.start_s_m
             end = min(end, route.passage.end_s_m + _BEYOND_M)
         s = np.linspace(begin, end, max(2, math.ceil((end - begin) / _STEP_M) + 1))
-        (own,) = (lane for lane in route.lanes if lane.y_m == 0.0)
-        return cls(s, route.line.to_map_many(s, 0.0), 0.5 * own.width_m)
+        return cls(s, route.line.to_map_many(s, 0.0), 0.5 * _own_lane(route).width_m)
 
 
 def _run(hit: FloatArray, at: int) -> tuple[int, int]:
@@ -315,14 +321,19 @@ def _meeting(one: Block, other: Block, a: _Track, b: _Track) -> tuple[Conflict, 
 
 
 def _with_conflicts(routes: Sequence[Block]) -> list[Block]:
-    """Return the routes of one junction with their conflicts; those of one approach only part."""
+    """Return the routes of one junction with their conflicts.
+
+    Those of one approach only part, unless two of its lanes go on in one.
+    """
     tracks = [_Track.of(route) for route in routes]
     found: list[list[Conflict]] = [[] for _ in routes]
     for i, j in combinations(range(len(routes)), 2):
-        if routes[i].entrances == routes[j].entrances:
+        one, other = routes[i], routes[j]
+        of_one_approach = one.entrances == other.entrances
+        if of_one_approach and (one.exits != other.exits or _own_lane(one) == _own_lane(other)):
             continue
-        pair = _meeting(routes[i], routes[j], tracks[i], tracks[j])
-        if pair is not None:
+        pair = _meeting(one, other, tracks[i], tracks[j])
+        if pair is not None and not (of_one_approach and pair[0].kind == "crossing"):
             found[i].append(pair[0])
             found[j].append(pair[1])
     made = []
@@ -383,7 +394,8 @@ def routes_of(
 
 
 def with_routes(library: Library) -> Library:
-    """Return a library whose blocks include its routes through junctions."""
+    """Return a library whose blocks include its routes through junctions, and past lanes' ends."""
+    library = with_lane_ends(library)
     routes, refused = routes_of(library)
     return replace(
         library,

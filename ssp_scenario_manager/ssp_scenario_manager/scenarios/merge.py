@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from ssp_core.geometry import wrap_angle
 from ssp_core.motion.encounter import is_crossing
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.maps.block import Block
+from ssp_scenario_manager.maps.block import Block, Passage, bend_1pm
 from ssp_scenario_manager.scenarios.base import CannotPlace, Kind, Plan, Setting
 from ssp_scenario_manager.scenarios.over_routes import (
     Crossing,
@@ -32,6 +32,10 @@ def _manoeuvres(_event: Event) -> frozenset[str]:
     return frozenset({"keep_lane"})
 
 
+def _bend_1pm(route: Block, passage: Passage) -> float:
+    return bend_1pm(route.line.section(passage.start_s_m, passage.end_s_m))
+
+
 def ramps(event: Event, block: Block, routes: Mapping[str, Block]) -> list[Crossing]:
     """Return where routes that come beside a route from K*'s side join it, and those, in order.
 
@@ -49,6 +53,16 @@ def ramps(event: Event, block: Block, routes: Mapping[str, Block]) -> list[Cross
         own_rad, its_rad = (abs(wrap_angle(goes_on_rad - p.yaw_rad)) for p in (beside, start))
         if abs(comes_rad) > math.pi / 2 or is_crossing(comes_rad):
             refused.append(f"one comes at {abs(math.degrees(comes_rad)):.0f} deg, limit 45 deg")
+        elif other.entrances == block.entrances:
+            # Two lanes of one road: that which ends is left along an S.
+            own_1pm, its_1pm = _bend_1pm(block, straight_on(block)), _bend_1pm(other, passage)
+            if own_1pm >= its_1pm:
+                refused.append(
+                    f"the lane of one bends by {its_1pm:.3f} 1/m, and the VUT's by {own_1pm:.3f} "
+                    "1/m: the VUT would come from the lane that ends"
+                )
+            else:
+                found.append((conflict, other, passage))
         elif own_rad >= its_rad:
             refused.append(
                 f"one turns by {math.degrees(its_rad):.0f} deg, and the VUT by "
