@@ -51,6 +51,11 @@ _ECHO_DECIMALS = (1, 2)
 _TEARS = re.compile(r"\s*,(?:[^\n.:;!?=\[\](){}]|[.](?=\w))*")
 # A first row this close to the origin stands for t = 0.
 _AT_ORIGIN_M = 1e-6
+# Spaces without width, which stand between digits and brackets of some answers.
+_INVISIBLE = re.compile("[\u200b\u200c\u200d\u2060\ufeff]")
+_PAST_LABEL = re.compile(
+    r"\W*(?:(?:the|my|our|ego|given|input) )*(?:histor|past|previous|observed|last \d)"
+)
 # In the place of times: the first row is at t = 0, the others follow at the interface's step.
 FROM_ORIGIN: tuple[float, ...] = (0.0,)
 
@@ -114,6 +119,7 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
         text_is_cut: whether it is known to end at the limit of tokens.
     """
     notes: list[str] = []
+    text = _INVISIBLE.sub("", text)
     if form.label:
         text = with_brackets(text)
     text = with_lists_for_tables(text, "forward" in form.meaning.columns, text_is_cut)
@@ -163,6 +169,10 @@ def _goes_on(rest: str) -> bool:
 def _own(answers: list[_Candidate], form: Form, notes: list[str]) -> list[_Candidate]:
     """Return the lists that count as the own plan, in the text's order (METHOD 5.4b)."""
     if not form.label:
+        present = [one for one in answers if not _is_labelled_past(one.label.text)]
+        if len(present) < len(answers) and any(_is_asked_for(one, form) for one in present):
+            notes.append("a list that the text calls past was left out")
+            return present
         return answers
     labelled = [one for one in answers if one.label.owner is Owner.OWN]
     if labelled:
@@ -278,6 +288,10 @@ def _leading_echo(rows: Rows, history: Rows, count: int) -> int:
 
 def _is_of_past(label: str) -> bool:
     return _PAST.search(label) is not None and not any(word in label for word in _FUTURE)
+
+
+def _is_labelled_past(label: str) -> bool:
+    return _is_of_past(label) and _PAST_LABEL.match(label) is not None
 
 
 def _is_echo(rows: Rows, history: Rows, of_past: bool, notes: list[str]) -> bool:

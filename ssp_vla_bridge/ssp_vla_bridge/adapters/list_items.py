@@ -31,8 +31,8 @@ _TIME_FIELD = re.compile(
 )
 _COMMENT = re.compile(r"(?:#|//|--|—|–|<!--)[^\n]*|/\*.*?\*/|\([^()]*\)", re.DOTALL)
 _ELEMENTS = re.compile(r"[,;][^,;]*[^\W_][^,;]*[,;]")
-# A bracket in a row's place that holds a single number, or none: "[5, 0], [9], [12, 0]".
-_LONE = r"[\[(]\s*(?:[-+]?\d*\.?\d*)\s*[\])]"
+# A bracket in a row's place that holds a single number, none, or names: "[5, 0], [9], [x3, y3]".
+_LONE = r"[\[(]\s*(?:[-+]?\d*\.?\d*|[^\W\d_]+_?\d+\s*,\s*[^\W\d_]+_?\d+)\s*[\])]"
 _LONE_BETWEEN = re.compile(rf"\s*,\s*{_LONE}\s*(?:,\s*{_LONE}\s*)*,\s*")
 _LONE_FIRST = re.compile(rf"[\[(]\s*{_LONE}\s*(?:,\s*{_LONE}\s*)*,\s*\Z")
 _LONE_LAST = re.compile(rf"\s*,\s*{_LONE}\s*(?:,\s*{_LONE}\s*)*,?\s*[\])]")

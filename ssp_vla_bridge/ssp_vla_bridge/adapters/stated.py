@@ -102,13 +102,43 @@ _AXIS = re.compile(
     rf"\b({_DIRECTION})\b"
 )
 _AXIS_BEHIND = re.compile(rf"\b({_DIRECTION})\b\s*(?:=|is|:)?\s*\(?\b([xyz])\b")
-_COLUMN = r"([^\W\d]+)(?: angle| rate)?"
-_UNIT_BEHIND = r"(?:\s*[\[(][^\])]*[\])])?"
+_MINUS = "-\u2212\u2013"
+_COLUMN = rf"((?:(?<!\w)[{_MINUS}+]\s?)?[^\W\d]+)(?: angle| rate)?"
+_UNIT_BEHIND = (
+    r"(?:\s*[\[(][^\])]*[\])]|\s+(?:in\s+)?(?:m|met(?:er|re)s?|ft|feet|cm|km|(?:k?m|ft)/[sh]|mph|1/m"
+    r"|rad/m|m\^-1|s|ms|seconds?)(?![\w/]))?"
+)
 _TUPLE = re.compile(
     rf"[\[(<]\s*{_COLUMN}{_UNIT_BEHIND}\s*[,;]\s*{_COLUMN}{_UNIT_BEHIND}"
     rf"(?:\s*[,;]\s*{_COLUMN})?(?:\s*[,;]\s*{_COLUMN})?\s*[\])>]"
     rf"|\b(?:format|order|columns?|as)\s*:?\s*{_COLUMN}\s*(?:,|then)\s*{_COLUMN}"
     rf"(?:\s*(?:,|then)\s*{_COLUMN})?"
+)
+# Columns right before the list, without a bracket: "Curvature, speed:".
+_PLAIN_TUPLE = re.compile(
+    rf"(?:^|[\n.:]|\b(?:future|predicted|planned|next|my|the))\s*{_COLUMN}{_UNIT_BEHIND}"
+    rf"\s*[,;/]\s*{_COLUMN}{_UNIT_BEHIND}\s*(?:\([^()]*\)\s*)?[:=]\W*(?:\([^()]*\))?\W*\Z"
+)
+# Columns in words: "(lateral offset, positive to the left; distance ahead)".
+_BRACKET = re.compile(r"[(\[]([^()\[\]]*)[)\]]")
+_COLUMN_WORDS = frozenset(
+    {"lateral", "longitudinal", "sideways", "forward", "ahead", "left", "right", "along", "across"}
+    | {"offset", "distance", "displacement", "position", "coordinate", "component", "deviation"}
+    | {"in", "to", "the", "of", "m", "metres", "meters", "first", "second", "travelled"}
+)
+_ALONG = frozenset({"longitudinal", "forward", "ahead"})
+# Motion, not places: "(speed m/s, curvature)", "(velocity vx, vy)", "(speeds)".
+_QUANTITY = (
+    r"(?:speeds?|velocit(?:y|ies)|curvatures?|vx|vy|accelerations?|steering(?: angles?)?"
+    r"|headings?|yaws?(?: rates?)?)"
+)
+_MOTION_UNIT = (
+    r"(?:\s*(?:in\s+)?[\[(]?(?:k?m/[hs](?:\^?2|²)?|mph|1/m|rad(?:/[ms])?|deg(?:/s)?)[\])]?)?"
+)
+_MOTION = re.compile(
+    rf"[(\[]\s*(?:{_QUANTITY}{_MOTION_UNIT}\s*(?:,|;|/|and|&)\s*){{0,2}}(?:speeds?|velocit(?:y|ies)"
+    rf"|curvatures?|vx|vy)\s*{_MOTION_UNIT}(?:\s*(?:,|;|/|and|&)\s*{_QUANTITY}{_MOTION_UNIT})*\s*[)\]]"
+    r"|\bvelocit(?:y|ies)\W+vx\b|\bvx\s*,\s*vy\b|\b(?:speeds|velocities) (?:and|&) curvatures\b"
 )
 _LENGTHS_M = {
     "m": 1.0,
@@ -169,6 +199,11 @@ _NO_UNITS = (
     "degrees",
     "°",
     "degree",
+    "car lengths",
+    "vehicle lengths",
+    "lane widths",
+    "tens of metres",
+    "tens of meters",
 )
 _ALL = sorted(
     {*_LENGTHS_M, *_SPEEDS_MPS, *_CURVATURES_PM, *_NO_UNITS, "normalized", "normalised"},
@@ -180,10 +215,43 @@ _UNIT = re.compile(
     + "|".join(map(re.escape, _ALL))
     + r")(?![\w/^])"
 )
+# A unit of several: "units of 10 m", "x10 cm", "1 unit = 10 m".
+_MULTIPLE = re.compile(
+    r"(?:\bunits? (?:of|=|is)\s*|[(\[,;]\s*[x×*]\s?)(\d*\.?\d+)\s*("
+    + "|".join(sorted(map(re.escape, _LENGTHS_M), key=len, reverse=True))
+    + r")\b"
+)
+_SCALED = re.compile(
+    r"\b(?:scaled?|multiplied|divided|normali[sz]ed|factor)\b(?: (?:by|to|with|of|factor|a))*"
+    r"\W{0,2}\d"
+)
+# The unit of each axis: "x in m, y in cm".
+_UNIT_OF_AXIS = re.compile(
+    r"\b([xy])\s*(?:\bin\b|\[|\()\s*("
+    + "|".join(sorted(map(re.escape, _LENGTHS_M), key=len, reverse=True))
+    + r")\b"
+)
+# Other words for what the patterns above read.
+_USUAL = tuple(
+    (re.compile(words), usual)
+    for words, usual in (
+        (r"\bstarboard\b", "right"),
+        (r"\bport(?:side)?\b", "left"),
+        (r"\bfrd\b", "x forward, y right"),
+        (r"\bflu\b", "x forward, y left"),
+        (r"\brfu\b", "x right, y forward"),
+        (r"\b(?:kilomet(?:er|re)s?|km) (?:per|an) hour\b|\bkmph\b", "km/h"),
+        (r"\bmiles? (?:per|an) hour\b", "mph"),
+        (r"\b(?:met(?:er|re)s?|m) per s(?:ec(?:ond)?)?\b", "m/s"),
+        (r"\b(?:feet|foot|ft) per s(?:ec(?:ond)?)?\b", "ft/s"),
+        (r"\b(?:met(?:er|re)s?|m) per (?:time ?)?step\b", "m/step"),
+    )
+)
 # Another frame than the vehicle's.
 _OTHER_FRAME = re.compile(
     r"\b(?:global|world|map|utm|enu|geographic|gps|image|camera|frenet|polar)[ -]"
     r"(?:frame|coordinates?|coordinate system|axes|space|plane)\b"
+    r"|\b(?:utm|wgs[- ]?84|ecef|epsg)\b|(?<=[(\[])\s*(?:ned|enu)\b|\b(?:ned|enu)\s*(?=[)\]])"
 )
 # Ways of single steps, not places.
 _DIFFERENCES = re.compile(
@@ -202,14 +270,23 @@ _SIDE_OF_AXIS = re.compile(
 )
 # Which side of a lateral axis is positive.
 _POSITIVE_SIDE = re.compile(
-    r"(?:positive|\+)\W*(?:(?:is|to|the|towards?|values?|means?|are|=)\W*)*(left|right)"
+    r"(?:positive|\+)\W*(?:(?:is|to|the|towards?|values?|means?|are|curvatures?|a|=)\W*)*(left|right)"
     r"|\b(left|right)(?:wards?)?\W*(?:(?:is|are|being|=)\W*)?(?:positive|\+)"
 )
 _NEGATIVE_SIDE = re.compile(
-    r"\bnegative\W*(?:(?:is|to|the|towards?|values?|means?|are|=)\W*)*(left|right)"
+    r"\bnegative\W*(?:(?:is|to|the|towards?|values?|means?|are|curvatures?|a|=)\W*)*(left|right)"
     r"|\b(left|right)(?:wards?)?\W*(?:(?:is|are|being|=)\W*)?negative"
 )
-_MIRRORED = {"left": "right", "right": "left"}
+# A turn to the right as the positive side of a curvature.
+_RIGHT_TURN = "curvature to the right"
+_MIRRORED = {
+    "left": "right",
+    "right": "left",
+    "forward": "backward",
+    "backward": "forward",
+    "curvature": _RIGHT_TURN,
+    _RIGHT_TURN: "curvature",
+}
 _BACKWARDS = re.compile(
     r"\b(?:latest|last|newest|farthest|furthest|final) (?:point |one |row |time )?first\b"
     r"|\brevers\w+(?: chronological)? order\b|\bbackwards? in time\b|\bin reverse\b"
@@ -268,7 +345,7 @@ def convert(
         accepted: units that are the interface's own.
         raster: the rows that the interface asks for.
     """
-    said = _SIDE_OF_AXIS.sub(r"\1", heading.lower())
+    said = _SIDE_OF_AXIS.sub(r"\1", _in_usual_words(heading.lower()))
     width = len(one.rows[0]) if one.rows else 0
     notes: list[str] = []
     if any(len(row) != width for row in one.rows):
@@ -304,12 +381,20 @@ def convert(
     return Converted(rows, times_s, "", tuple(notes))
 
 
+def _in_usual_words(said: str) -> str:
+    for words, usual in _USUAL:
+        said = words.sub(usual, said)
+    return said
+
+
 def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[str, ...] | str:
     """Return the meaning of each column; or the reason why it isn't known."""
     if "forward" in meaning.columns and (frame := _OTHER_FRAME.search(said)) is not None:
         return f"the list is in {frame.group()}"
     if "forward" in meaning.columns and _DIFFERENCES.search(said) is not None:
         return "the list gives the ways of single steps"
+    if "forward" in meaning.columns and (motion := _MOTION.search(said)) is not None:
+        return f"the list gives {motion.group()!r}, not places"
     axes = {axis: _DIRECTIONS[word] for axis, word in _AXIS.findall(said)}
     if not axes:
         axes = {axis: _DIRECTIONS[word] for word, axis in _AXIS_BEHIND.findall(said)}
@@ -323,26 +408,66 @@ def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[
         names = [next(iter(some), "") for some in one.names]
     if not all(names):
         names = []
-    if not names:
-        for match in _TUPLE.finditer(said):
-            words = [word for word in match.groups() if word]
-            if len(words) == width and all(word in _NAMES for word in words):
-                names = words
+    names = names or _stated_names(said, meaning, width, not axes)
+    side = _lateral_side(said, meaning, negative_side)
     if not names:
         if width != 2:
             return f"the list has rows of {width} numbers"
         if not axes:
-            side = _lateral_side(said, meaning, negative_side)
-            return tuple(side if column in _MIRRORED else column for column in meaning.columns)
+            sides = {"left": side, "right": side, "curvature": _turn(side, said)}
+            return tuple(sides.get(column, column) for column in meaning.columns)
         names = ["x", "z"] if set(axes) == {"x", "z"} else ["x", "y"]
-    found = [axes.get(name, _NAMES.get(name, name)) for name in names]
     points = "forward" in meaning.columns
     own = dict(zip(("x", "y"), meaning.columns, strict=True)) if points else {}
-    side = _lateral_side(said, meaning, negative_side)
-    found = [side if one == "lateral" else own.get(one, one) for one in found]
-    if found.count("forward") > 1 or not _UNREADABLE.isdisjoint(found):
+    own |= {"lateral": side, "curvature": _turn(side, said)}
+    found: list[str] = []
+    for name in names:
+        plain = _plain(name)
+        meant = axes.get(plain, _NAMES.get(plain, plain))
+        meant = own.get(meant, meant)
+        found.append(_MIRRORED.get(meant, "") if name[0] in _MINUS else meant)
+    if found.count("forward") > 1 or not (_UNREADABLE | {""}).isdisjoint(found):
         return f"the list names the columns {', '.join(names)}"
     return tuple(found)
+
+
+def _stated_names(said: str, meaning: Meaning, width: int, in_words: bool) -> list[str]:
+    """Return the names of columns in a heading, with their signs; empty: it names none."""
+    names: list[str] = []
+    for match in _TUPLE.finditer(said):
+        words = [word for word in match.groups() if word]
+        if len(words) == width and all(_plain(word) in _NAMES for word in words):
+            names = words
+    if names or width != 2:
+        return names
+    plain = _PLAIN_TUPLE.search(said)
+    if plain is not None:
+        words = [word for word in plain.groups() if word]
+        pairs = ({"speed", "curvature"}, {"x", "y"}, {"lateral", "forward"})
+        if {_NAMES.get(_plain(word), "") for word in words} in pairs:
+            return words
+    if not in_words or "forward" not in meaning.columns:
+        return []
+    for bracket in _BRACKET.findall(said):
+        parts = [re.findall(r"[^\W\d]+", part) for part in re.split("[,;]", bracket)]
+        parts = [part for part in parts if part and not {"positive", "negative"} & {*part}]
+        if len(parts) == 2 and all(_COLUMN_WORDS.issuperset(part) for part in parts):
+            along = [not _ALONG.isdisjoint(part) for part in parts]
+            sides = ["lateral" in part or "sideways" in part for part in parts]
+            if along == [not side for side in sides] and sum(along) == 1:
+                return ["forward" if one else "lateral" for one in along]
+    return []
+
+
+def _plain(name: str) -> str:
+    """Return a column's name without its sign."""
+    return name.lstrip(f"{_MINUS}+ ")
+
+
+def _turn(side: str, said: str) -> str:
+    """Return the meaning of a curvature, whose positive side is left unless a heading says more."""
+    stated = _POSITIVE_SIDE.search(said) or _NEGATIVE_SIDE.search(said)
+    return _RIGHT_TURN if stated is not None and side == "right" else "curvature"
 
 
 def _lateral_side(said: str, meaning: Meaning, negative_side: str) -> str:
@@ -366,7 +491,15 @@ def _arranged(rows: Rows, columns: Sequence[str], meaning: Meaning) -> tuple[Row
         else:
             return (), Times(), False
     beside = {"speed", "curvature"} if "forward" in meaning.columns else set()
-    if set(columns) - {*_TIME_COLUMNS, "drop", "left", "right", *beside, *meaning.columns}:
+    if set(columns) - {
+        *_TIME_COLUMNS,
+        "drop",
+        "left",
+        "right",
+        _RIGHT_TURN,
+        *beside,
+        *meaning.columns,
+    }:
         return (), Times(), False
     (i, a), (j, b) = picked
     times = _column_of_times(rows, columns)
@@ -391,11 +524,20 @@ def _factors(
     one: NumberList, said: str, meaning: Meaning, accepted: frozenset[str]
 ) -> tuple[tuple[float, float], str] | str:
     """Return the factors of the two columns and the units' names, or why they aren't known."""
+    points = "forward" in meaning.columns
+    if points and (stretched := _SCALED.search(said)) is not None:
+        return f"the list is {stretched.group()!r}"
+    if points and (multiple := _MULTIPLE.search(said)) is not None and not one.units:
+        factor = float(multiple[1]) * _LENGTHS_M[multiple[2]]
+        return (factor, factor), f"{multiple[1]} {multiple[2]}"
+    of_axes = dict(_UNIT_OF_AXIS.findall(said)) if points and not _AXIS.search(said) else {}
+    if len({_LENGTHS_M[unit] for unit in of_axes.values()}) > 1:
+        first, second = _LENGTHS_M[of_axes["x"]], _LENGTHS_M[of_axes["y"]]
+        return (first, second), f"x in {of_axes['x']}, y in {of_axes['y']}"
     stated = {*one.units, *_UNIT.findall(said)} - {"s"}
     if "forward" in meaning.columns and len({_LENGTHS_M.get(unit) for unit in one.units}) > 1:
         return f"the rows are in {' and '.join(sorted(one.units))}"
     stated -= accepted & one.units
-    points = "forward" in meaning.columns
     if points:
         known: dict[str, float] = _LENGTHS_M
         wrong = sorted(stated - known.keys())
