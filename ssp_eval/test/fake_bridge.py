@@ -18,6 +18,7 @@ from typing import Any
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 
 from ssp_core.host.processes import die_with_parent
 from ssp_msgs.msg import NativeArray, VlaRequest, VlaResponse
@@ -131,7 +132,8 @@ def main() -> int:
             )
             if ended.returncode != DIED:
                 return ended.returncode
-    rclpy.init(args=sys.argv)
+    # Its parent's death ends it at once, whatever it hangs in.
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     rclpy.spin(FakeBridge())
     return 0
 

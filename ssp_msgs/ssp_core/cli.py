@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import errno
 import gc
 import importlib
@@ -10,7 +11,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from signal import Signals
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -18,7 +19,7 @@ from ssp_core import __version__
 from ssp_core.cycles import search_as_usual
 from ssp_core.errors import InputError, SspError
 from ssp_core.host.environment import set_log_folder, set_middleware_aside
-from ssp_core.host.terminal import lost_output, on_stop_signals, survive_lost_output
+from ssp_core.host.terminal import end_at_once, lost_output, on_stop_signals, survive_lost_output
 
 # verb: (module:function, one line of help). A verb's module is imported when it runs or shows
 # its own help, so that `ssp --help` and `ssp score` don't pay for SUMO, OpenCV or ROS.
@@ -246,6 +247,19 @@ def _run(args: list[str] | None) -> int:
         return 1
 
 
-if __name__ == "__main__":
+def entry() -> NoReturn:
+    """Run the command line as a process of its own, the console script ``ssp``."""
     search_as_usual()
-    sys.exit(main())
+    status = 1
+
+    def end() -> None:
+        if "rclpy" in sys.modules:
+            end_at_once(status)
+
+    atexit.register(end)  # the first that is registered is called last
+    status = main()
+    sys.exit(status)
+
+
+if __name__ == "__main__":
+    entry()

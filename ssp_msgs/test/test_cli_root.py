@@ -191,3 +191,21 @@ def test_a_closed_pipe_is_no_traceback() -> None:
     assert "Traceback" not in process.stderr.read()
     process.wait(timeout=600)
     process.stderr.close()
+
+
+@pytest.mark.parametrize(("arguments", "status"), [(["--version"], 0), (["fly"], 2)])
+def test_a_command_with_middleware_ends_without_the_end_of_its_libraries(
+    arguments: list[str], status: int
+) -> None:
+    """Static objects of the middleware may hang at the exit; a handler of libc does here."""
+    code = (
+        "import ctypes, sys; from ssp_core.cli import entry; libc = ctypes.CDLL(None); "
+        "libc.__cxa_atexit(libc.pause, None, None); import rclpy; "
+        f"sys.argv[1:] = {arguments!r}; entry()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=600, check=False
+    )
+    assert done.returncode == status, done.stderr
+    assert ("version" in done.stdout) is (status == 0)
+    assert "Traceback" not in done.stderr

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 import rclpy
 from rclpy.utilities import remove_ros_args
 
 from ssp_core.console import report_error
 from ssp_core.errors import SspError
+from ssp_core.host.terminal import end_at_once
 from ssp_core.ros import declare, init, make_node
 from ssp_eval.evaluate.cli import driving_before
 from ssp_eval.evaluate.clients.models import (
@@ -26,8 +28,12 @@ from ssp_eval.ros.model_node import NAME
 from ssp_eval.ros.parameters import EVALUATOR
 
 
-def main() -> int:
+def main() -> NoReturn:
     """Evaluate bags with bridges that run already: ``ros2 run ssp_eval evaluator``."""
+    end_at_once(_status())
+
+
+def _status() -> int:
     if len(remove_ros_args(sys.argv)) > 1:
         report_error("takes ROS parameters only: --ros-args -p bags:=[...] -p models:=[...]")
         return 2
@@ -68,4 +74,4 @@ def _evaluate() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn
 
 # Ctrl-C, a service manager, a closed terminal, Ctrl-\.
 _ASK_TO_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
@@ -63,6 +63,17 @@ def on_stop_signals(handler: Callable[[signal.Signals], None]) -> Iterator[None]
     finally:
         for number, known in before.items():
             signal.signal(number, known)
+
+
+def end_at_once(status: int) -> NoReturn:
+    """End this process without the interpreter's own end, once all is said and closed.
+
+    There the middleware's threads and static objects have hung for good on a busy machine, where no
+    watchdog of Python's runs any more.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
 
 
 def own_command() -> str:

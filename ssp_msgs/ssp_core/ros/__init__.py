@@ -29,7 +29,12 @@ from ssp_core.clock import NS_PER_S, time_ns
 from ssp_core.cycles import search_as_usual
 from ssp_core.errors import InputError, SspError
 from ssp_core.host.environment import require_sound
-from ssp_core.host.terminal import catch_stop_signals, keep_output_to_ourselves, survive_lost_output
+from ssp_core.host.terminal import (
+    catch_stop_signals,
+    end_at_once,
+    keep_output_to_ourselves,
+    survive_lost_output,
+)
 from ssp_core.names import NAMESPACE, declared_topic
 from ssp_core.node_interface import QOS, Parameter, Status
 from ssp_core.run_file.participation import ParticipantKind
@@ -345,11 +350,7 @@ def run_node(
     if afterwards is not None and node is not None and status == 0:
         faulthandler.cancel_dump_traceback_later()
         afterwards(node)
-    sys.stdout.flush()
-    sys.stderr.flush()
-    # Not through the interpreter's own end: there the middleware's threads and static objects have
-    # hung for good on a busy machine, where no watchdog of Python's runs any more.
-    os._exit(status)
+    end_at_once(status)
 
 
 def make_node(name: str, cls: type[Node] = Node, **kwargs: Any) -> Node:

@@ -30,7 +30,7 @@ from ssp_core import cli
 from ssp_scenario_manager.run import follow, over_dds
 follow.OTHERS_S = 1.0
 """
-RUN = "sys.exit(cli.main())"
+RUN = "cli.entry()"
 # A simulated session whose nodes take domain and discovery from the environment, as no session of
 # ``ssp run`` does: what is left between it and a live one is the session's token and mode.
 NOT_ISOLATED = (
