@@ -3,27 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ssp_core.errors import InputError
 from ssp_core.geometry import FloatArray
 from ssp_core.hashing import sha256_bytes
+from ssp_core.run_file.road import JunctionRoad
 from ssp_eval.data.provenance import ImportedSite
 from ssp_eval.importers.tracks import Track
 from ssp_scenario_manager.compile.place import road_of
 from ssp_scenario_manager.compile.task import SITE_FILE
 from ssp_scenario_manager.maps.block import Block, Library
+from ssp_scenario_manager.maps.lane_ends import with_lane_ends
 from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.routes import junction_roads, routes_of
 from ssp_scenario_manager.maps.site import find_shipped
 
 # So much of the VUT's way must lie on the block, so that its lane and its lanes' number mean it.
 LEAST_SHARE = 0.8
 # Blocks whose shares differ by less fit alike.
 _ALIKE = 0.01
+# Routes over which the VUT keeps to the middle of their lanes alike, to so much.
+_ALIKE_M = 0.3
 _STEP_M = 0.5
 _SHOWN = 6
 _MAPS = {"opendrive": "map.xodr", "sumo": "map.net.xml"}
@@ -45,11 +52,12 @@ class BoundRoad:
 
 
 def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
-    """Return the block of a map under the VUT's path.
+    """Return the block of a map under the VUT's path, or its route through a junction.
 
     Args:
         name_or_path: OpenDRIVE map, SUMO network, site file, or the name of a shipped site.
-        block: its id, None: the one that fits; of a bent road and its straight parts the whole.
+        block: its id, None: the one that fits; of a bent road and its straight parts the whole. A
+            route fits where no block holds enough of the way.
         vut: in the map's frame.
 
     Raises:
@@ -59,21 +67,9 @@ def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
     if not path.is_file():
         path = find_shipped(name_or_path, "site")
     library = load_library(path)
-    points, headings = _way(vut)
-    if block is not None:
-        known = {one.block_id: one for one in library.blocks}
-        if block not in known:
-            raise InputError(
-                "is no block of this map",
-                file=path,
-                field="--block",
-                value=block,
-                remedy=f"its blocks are {_listed(list(known))}",
-            )
-        chosen = known[block]
-        share = share_on(chosen, points, headings)
-    else:
-        chosen, share = _best(library, path, points, headings)
+    way = Way.of(vut)
+    chosen, notes = _chosen(library, path, block, way)
+    share = share_on(chosen, way)
     if share < LEAST_SHARE:
         raise InputError(
             f"{100 * share:.0f} % of the VUT's way lie on {chosen.block_id}, in its direction",
@@ -89,14 +85,14 @@ def bind_road(name_or_path: str, block: str | None, vut: Track) -> BoundRoad:
             attachment=SITE_FILE if library.kind == "site" else _MAPS[library.kind],
             sha256=sha256_bytes(data),
             block=chosen.block_id,
-            road=road_of(chosen),
+            road=road_of(chosen, None, _junction_of(library, chosen)),
             road_type=_known("road_type", chosen.road_type),
             left_boundary=_known("left_boundary", chosen.left_boundary),
             right_boundary=_known("right_boundary", chosen.right_boundary),
         ),
         data,
         share,
-        chosen.notes,
+        (*chosen.notes, *notes),
     )
 
 
@@ -106,56 +102,126 @@ def _known(field: str, word: str) -> str:
     return word if word in words else "unresolved"
 
 
-def _way(vut: Track) -> tuple[FloatArray, FloatArray]:
-    """Points at even steps along the VUT's way, and its headings there."""
-    size = vut.body.extent
-    middle = vut.samples.moved_ahead((size.front_m - size.rear_m) / 2.0)
-    x, y = middle["x_m"], middle["y_m"]
-    gone = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    at = np.arange(0.0, gone[-1] + _STEP_M, _STEP_M).clip(max=gone[-1])
-    yaw = np.interp(at, gone, np.unwrap(middle["yaw_rad"]))
-    return np.column_stack([np.interp(at, gone, x), np.interp(at, gone, y)]), yaw
+@dataclass(frozen=True)
+class Way:
+    """The VUT's way: points at even steps along it, shape (n, 2), and its headings there."""
+
+    points: FloatArray
+    headings: FloatArray
+
+    @classmethod
+    def of(cls, vut: Track) -> Way:
+        """Return the way of a track's middle."""
+        size = vut.body.extent
+        middle = vut.samples.moved_ahead((size.front_m - size.rear_m) / 2.0)
+        x, y = middle["x_m"], middle["y_m"]
+        gone = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+        at = np.arange(0.0, gone[-1] + _STEP_M, _STEP_M).clip(max=gone[-1])
+        yaw = np.interp(at, gone, np.unwrap(middle["yaw_rad"]))
+        return cls(np.column_stack([np.interp(at, gone, x), np.interp(at, gone, y)]), yaw)
 
 
-def share_on(block: Block, points: FloatArray, headings: FloatArray) -> float:
+def share_on(block: Block, way: Way) -> float:
     """Share of a way that lies on a block's lanes, driven in the block's direction."""
-    local = block.line.to_local_many(points)
+    return float(_inside(block, way)[0].mean())
+
+
+def _inside(block: Block, way: Way) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Return which points of a way lie on a block, driven in its direction, and all offsets."""
+    local = block.line.to_local_many(way.points)
     s_m, l_m = local[:, 0], local[:, 1]
     with np.errstate(invalid="ignore"):
         inside = (s_m >= -_STEP_M) & (s_m <= block.length_m + _STEP_M)
         inside &= (l_m >= block.right_edge_m) & (l_m <= block.left_edge_m)
     for i in np.flatnonzero(inside):
         along = block.line.pose(float(np.clip(s_m[i], 0.0, block.length_m))).yaw_rad
-        inside[i] = math.cos(headings[i] - along) > 0.0
-    return float(inside.mean())
+        inside[i] = math.cos(way.headings[i] - along) > 0.0
+    return inside, l_m
 
 
-def _best(
-    library: Library, path: Path, points: FloatArray, headings: FloatArray
-) -> tuple[Block, float]:
-    shares = {
-        block.block_id: share_on(block, points, headings)
-        for block in library.blocks
-        if _near(block, points)
-    }
+def _chosen(
+    library: Library, path: Path, name: str | None, way: Way
+) -> tuple[Block, tuple[str, ...]]:
+    """Return the block or route that is named, or that fits, and notes on the choice."""
+    if name is not None:
+        return _named(library, path, name, way), ()
+    shares = _shares(library.blocks, way)
     best = max(shares.values(), default=0.0)
     if best <= 0.0:
         raise InputError(
-            _nowhere(library, points),
+            _nowhere(library, way.points),
             file=path,
             remedy="give the map of the place; where its frame is another one, "
             "--transform all=X,Y,YAW_DEG (or --datum) brings the poses into it",
         )
+    routes = _routes_under(library, way) if best < 1.0 - _ALIKE else []
+    over = _shares(routes, way)
+    most = max(over.values(), default=0.0)
+    if best < LEAST_SHARE <= most:
+        alike = [one for one in routes if most - over[one.block_id] <= _ALIKE]
+        offsets = {one.block_id: _offset_m(one, way) for one in alike}
+        nearest = min(offsets.values())
+        return _only([r for r in alike if offsets[r.block_id] - nearest <= _ALIKE_M], path), ()
     alike = [b for b in library.blocks if best - shares.get(b.block_id, 0.0) <= _ALIKE]
-    whole = [b for b in alike if not any(_is_part(b, other) for other in alike)]
-    if len(whole) > 1:
+    chosen = _only([b for b in alike if not any(_is_part(b, other) for other in alike)], path)
+    further = [r for r in routes if over[r.block_id] - best > _ALIKE]
+    if not further:
+        return chosen, ()
+    nearest_route = min(further, key=lambda one: (-over[one.block_id], _offset_m(one, way)))
+    told = f"{nearest_route.block_id} holds {100 * over[nearest_route.block_id]:.0f} % of the way"
+    return chosen, (f"{told}: where the event is in the junction, name it with --block",)
+
+
+def _named(library: Library, path: Path, name: str, way: Way) -> Block:
+    known = {one.block_id: one for one in library.blocks}
+    if name not in known:
+        known |= {one.block_id: one for one in _routes_under(library, way)}
+    if name not in known:
         raise InputError(
-            f"{len(whole)} blocks lie under the VUT's way alike: "
-            f"{_listed([b.block_id for b in whole])}",
+            "is no block of this map, nor a route under the VUT's way",
+            file=path,
+            field="--block",
+            value=name,
+            remedy=f"its blocks are {_listed(list(known))}",
+        )
+    return known[name]
+
+
+def _only(found: list[Block], path: Path) -> Block:
+    if len(found) > 1:
+        raise InputError(
+            f"{len(found)} blocks lie under the VUT's way alike: "
+            f"{_listed([b.block_id for b in found])}",
             file=path,
             remedy="name one with --block",
         )
-    return whole[0], best
+    return found[0]
+
+
+def _shares(blocks: Iterable[Block], way: Way) -> dict[str, float]:
+    return {one.block_id: share_on(one, way) for one in blocks if _near(one, way.points)}
+
+
+def _offset_m(route: Block, way: Way) -> float:
+    """Return how far a way lies beside the middle of a route's own lane, on average."""
+    inside, l_m = _inside(route, way)
+    return float(np.abs(l_m[inside]).mean())
+
+
+def _routes_under(library: Library, way: Way) -> list[Block]:
+    """Return the routes over junctions that the way leads through, and that it touches."""
+    library = with_lane_ends(library)
+    inside = [block for block in library.blocks if block.junction is not None]
+    names = {one.junction for one in inside if _near(one, way.points) and share_on(one, way) > 0.0}
+    found = [route for name in sorted(filter(None, names)) for route in routes_of(library, name)[0]]
+    return [route for route in found if _near(route, way.points)]
+
+
+def _junction_of(library: Library, block: Block) -> list[JunctionRoad]:
+    """Return the roads of the junction that a route leads through; none of another block."""
+    if block.passage is None or block.junction is None:
+        return []
+    return junction_roads(with_lane_ends(library), block.junction)
 
 
 def _is_part(block: Block, other: Block) -> bool:

@@ -139,7 +139,11 @@ def test_a_bag_that_contradicts_itself_is_refused(
         (("--start", 11), 1, "/cam: has no frame from 11 s on [crop]; its frames span 10.000 s"),
         (("--rate", 60), 1, "--rate: has 10 frames per second, fewer than 60"),
         (("--site", "nowhere"), 1, "no such site (got 'nowhere')"),
-        (("--site", "boulevard", "--block", "side"), 1, "is no block of this map (got 'side')"),
+        (
+            ("--site", "boulevard", "--block", "side"),
+            1,
+            "nor a route under the VUT's way (got 'side')",
+        ),
         (
             ("--site", "north_track", "--transform", "all=5000,0,0"),
             1,
