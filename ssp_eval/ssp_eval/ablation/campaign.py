@@ -6,6 +6,7 @@ The source's own place comes first: where an arm doesn't keep the event there, n
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,6 +64,9 @@ COLUMNS = [
     *FIELDS,
     *("located", "kpr", "epd", "time_gap_s", "admitted", "why"),
 ]
+_YES_OR_NO = ("compiled", "valid", "off_spec", *FIELDS, "located", "admitted")
+_NUMBERS = ("kpr", "epd", "time_gap_s")
+_NUMBER = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 # The positive control: an arm below it at the source's own place can't play the event at all.
 LEAST_KPR = 0.9
 _SOUND = frozenset({"valid", "off_spec"})
@@ -395,16 +399,38 @@ def _whole_jobs(
         part = list(rows[len(kept) : len(kept) + len(job.seeds)])
         if len(part) < len(job.seeds):
             break
-        for seed, row in zip(job.seeds, part, strict=True):
+        for line, (seed, row) in enumerate(zip(job.seeds, part, strict=True), len(kept) + 2):
             if len(row) != len(COLUMNS) or row[:3] != [name, job.arm, str(seed)]:
                 raise InputError(
                     "holds another ablation's realisation",
                     file=path,
-                    line=len(kept) + 2,
+                    line=line,
                     remedy="name a new folder with --out",
+                )
+            wrong = _wrong_column(row)
+            if wrong is not None:
+                raise InputError(
+                    "is not what an ablation writes",
+                    file=path,
+                    line=line,
+                    field=wrong,
+                    value=row[COLUMNS.index(wrong)],
+                    remedy="remove this line and all below it, so that they are made again",
                 )
         kept += part
     return kept
+
+
+def _wrong_column(row: Row) -> str | None:
+    """Return the column that holds what no realisation has; None: each is readable."""
+    one = dict(zip(COLUMNS, row, strict=True))
+    for name in (*_YES_OR_NO, *_NUMBERS):
+        known = (
+            one[name] in ("true", "false") if name in _YES_OR_NO else _NUMBER.fullmatch(one[name])
+        )
+        if one[name] and not known:
+            return name
+    return None
 
 
 def _left(rows: Sequence[Row], jobs: Sequence[Job], part: Sequence[Job]) -> list[Job]:

@@ -15,6 +15,7 @@ from ssp_core.vocabulary import Verdict
 from ssp_eval.ablation.ground import Trial
 from ssp_eval.audit.checks import further_findings, phase_findings, property_findings
 from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
+from ssp_eval.audit.holding import holding_initiator
 from ssp_eval.audit.leaving import leaving_occluder
 from ssp_eval.audit.measure import Measured, RoadFacts, Scene, measure
 from ssp_eval.data.audit import (
@@ -162,6 +163,7 @@ def _scene(
         rules,
         further_ids(event),
         leaving_id=leaving_occluder(event),
+        holding_id=holding_initiator(event),
     )
 
 

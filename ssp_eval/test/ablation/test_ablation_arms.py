@@ -52,7 +52,7 @@ from ssp_scenario_manager.compile.compiler import checked_event, load_area
 from ssp_scenario_manager.compile.place import Order, realise
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.feasibility import driven
-from tests.support.audit_scenes import cut_out
+from tests.support.audit_scenes import cut_out, slow_lead
 from tests.support.several import several
 
 KINDS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
@@ -410,6 +410,26 @@ def test_an_occluder_that_leaves_is_judged_as_the_audit_does(
     result = SimpleNamespace(verdict=Verdict.VALID, reasons=[])
     trial: Any = SimpleNamespace(result=result, series=scene.series)
     judged = judge_trial(checked_event("cut_out")[0], scene.road.road, {}, trial)
+    assert judged.kpr == 1.0
+    assert (judged.admitted, judged.why.startswith(why)) == (not why, True), judged.why
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({}, ""),
+        ({"offset_m": 0.35}, "ot1 is +0.35"),
+        ({"speed": 2.0}, "ot1 drives 2.0"),
+    ],
+)
+def test_an_initiator_that_does_nothing_is_judged_as_the_audit_does(
+    changes: dict[str, float], why: str
+) -> None:
+    scene = slow_lead(**changes)
+    assert scene.road is not None
+    result = SimpleNamespace(verdict=Verdict.VALID, reasons=[])
+    trial: Any = SimpleNamespace(result=result, series=scene.series)
+    judged = judge_trial(checked_event("slow_lead")[0], scene.road.road, {}, trial)
     assert judged.kpr == 1.0
     assert (judged.admitted, judged.why.startswith(why)) == (not why, True), judged.why
 

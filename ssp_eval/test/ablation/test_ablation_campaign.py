@@ -153,6 +153,27 @@ def test_the_order_of_places_is_part_of_an_ablation(
     assert "realisations.csv:5: holds another ablation's" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("column", "value"), [("kpr", "high"), ("epd", "nan"), ("valid", "yes")])
+def test_a_realisation_that_was_changed_is_refused_with_line_column_and_value(
+    column: str,
+    value: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(campaign, "rows_of", played(lambda _job: 1.0, []))
+    out = tmp_path / "out"
+    assert main([*ARGS, "--out", str(out)]) == 0
+    file = out / "realisations.csv"
+    rows = [line.split(",") for line in file.read_text().splitlines()]
+    rows[3][COLUMNS.index(column)] = value
+    file.write_text("".join(f"{','.join(row)}\n" for row in rows))
+    assert main([*ARGS, "--out", str(out)]) == 1
+    assert f"realisations.csv:4: {column}: is not what an ablation writes (got '{value}')" in (
+        capsys.readouterr().err
+    )
+
+
 def test_a_source_that_cannot_be_read_leaves_no_folder(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert main([*ARGS, "--source", str(tmp_path / "nowhere"), "--out", str(out)]) == 1
