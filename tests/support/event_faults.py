@@ -171,6 +171,12 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
     ),
     (
         "occluder_hides",
+        "cut_out",
+        {"motion.ot2.trigger.motion": "cutting_in_from_right"},
+        "motion.ot2.trigger.motion",
+    ),
+    (
+        "occluder_hides",
         "occluded_crossing",
         {"participants.ot2.class": "cyclist"},
         "participants.ot2.class",
@@ -269,6 +275,12 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         "oncoming_turn",
         {f"{OT1}.trigger.lateral": "none"},
         f"{OT1}.trigger.lateral",
+    ),
+    (
+        "initiator_turns",
+        "oncoming_turn",
+        {f"{OT1}.conflict.lateral": "left"},
+        f"{OT1}.conflict.lateral",
     ),
     (
         "nobody_turns_round",

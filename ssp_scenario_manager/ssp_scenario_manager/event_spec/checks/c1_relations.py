@@ -302,14 +302,17 @@ def occluder_hides(view: View) -> Iterator[Failure]:
     for other, _, phase, cell in view.cells():
         if other != who:
             continue
-        trend, lateral = (f"motion.{who}.{phase}.{name}" for name in ("speed_trend", "lateral"))
+        names = ("speed_trend", "lateral", "motion")
+        trend, lateral, motion = (f"motion.{who}.{phase}.{name}" for name in names)
         if not leaves and cell.speed_trend != "standing":
             yield _fail(view, "an occluder stands in every phase", "standing", trend, path)
         if leaves and cell.speed_trend == "standing":
             yield _fail(view, "what leaves the lane drives in every phase", "constant", trend, path)
-        if leaves and phase == "trigger" and cell.lateral not in ("left", "right"):
+        if leaves and phase == "trigger":
             reason = "the occluder leaves the lane in the trigger phase"
-            yield _fail(view, reason, "left or right", lateral, path)
+            if cell.lateral not in ("left", "right"):
+                yield _fail(view, reason, "left or right", lateral, path)
+            yield from _fail.unless(view, cell.motion, ["cutting_out"], reason, motion, path)
     if hidden is None:
         return
     for name in ("place", "along"):
@@ -496,6 +499,7 @@ def initiator_turns(view: View) -> Iterator[Failure]:
     demanded: tuple[tuple[PhaseWord, str, str], ...] = (
         ("approach", "heading", before),
         ("trigger", "lateral", _TOWARDS[after]),
+        ("conflict", "lateral", _TOWARDS[after]),
         ("resolution", "heading", after),
     )
     for phase, name, wanted in demanded:
