@@ -7,7 +7,7 @@ known by the topics that are theirs alone.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -205,8 +205,20 @@ class PublisherRules:
 
     def __init__(self, run: RunSpec | None = None) -> None:
         self.expected = expected_publishers(run)
+        self._of_drivers: frozenset[str] = frozenset()
         self._proofs = _proofs(run)
         self._known: dict[Part, set[bytes]] = {part: set() for part in Part}
+
+    def expect_one(self, topics: Collection[str]) -> None:
+        """Let each of these topics have one publisher, and forget those of the call before.
+
+        Args:
+            topics: that drivers outside the session publish, by full names.
+        """
+        for topic in self._of_drivers.difference(topics):
+            del self.expected[topic]
+        self._of_drivers = frozenset(topics)
+        self.expected |= dict.fromkeys(topics, ONE)
 
     def know(self, graph: Mapping[str, Sequence[Publisher]]) -> None:
         """Learn from topics that have one publisher which processes belong to the session."""

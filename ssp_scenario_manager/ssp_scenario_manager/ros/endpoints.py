@@ -11,7 +11,7 @@ from typing import Any
 from uuid import uuid4
 
 from rclpy.duration import Duration
-from rclpy.node import Node
+from rclpy.node import Node, NodeNameNonExistentError
 from tf2_msgs.msg import TFMessage
 
 from ssp_core import names, ros
@@ -89,6 +89,8 @@ class PublisherWatch:
     def _take(self, rules: PublisherRules) -> None:
         self._rules = rules
         self._full_names = {one: self._node.resolve_topic_name(one) for one in rules.expected}
+        self._own_names = set(self._full_names.values())
+        self._of_drivers: set[str] = set()
 
     def follow(self, run: RunSpec, steady_ns: int) -> None:
         """Look at the topics of this run from now on."""
@@ -97,7 +99,8 @@ class PublisherWatch:
         self.look(steady_ns)
 
     def look(self, steady_ns: int) -> None:
-        """Look at all topics of the session."""
+        """Look at all topics of the session, and at those that make the VUT's states."""
+        self._follow_receiver()
         for topic in self._rules.expected:
             found = self._publishers(topic) if self._is_asked(topic) else []
             strangers = self._rules.strangers(topic, found)
@@ -111,13 +114,27 @@ class PublisherWatch:
             elif self._is_named(topic, found, steady_ns):
                 self._liveness.foreign[topic] = strangers.count, strangers.text
 
+    def _follow_receiver(self) -> None:
+        """Look at what the VUT's adapter hears of its GNSS/INS too, by whatever name."""
+        try:
+            heard = self._node.get_subscriber_names_and_types_by_node(
+                names.VUT_ADAPTER, names.NAMESPACE
+            )
+        except NodeNameNonExistentError:
+            return
+        topics = {topic for topic, _ in heard} - self._own_names
+        for topic in self._of_drivers - topics:
+            self._liveness.foreign.pop(topic, None)
+        self._of_drivers = topics
+        self._rules.expect_one(topics)
+
     def _is_asked(self, topic: str) -> bool:
         """Tell by the number of publishers whether to ask for their names, which is slow.
 
         ``Node.count_publishers`` resolves and checks each name anew: for the topics of 20 objects
         that is half a millisecond at each look, in which a state waits.
         """
-        count = self._node.handle.get_count_publishers(self._full_names[topic])
+        count = self._node.handle.get_count_publishers(self._full_names.get(topic, topic))
         return bool(count > 1 if self._rules.expected[topic] is ONE else count)
 
     def _publishers(self, topic: str) -> list[Publisher]:

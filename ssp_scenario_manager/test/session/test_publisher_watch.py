@@ -16,6 +16,7 @@ from ssp_scenario_manager.session.supervision import LivenessMonitor
 
 endpoints = pytest.importorskip("ssp_scenario_manager.ros.endpoints")
 manager_node = pytest.importorskip("ssp_scenario_manager.ros.manager_node")
+NodeNameNonExistentError = pytest.importorskip("rclpy.node").NodeNameNonExistentError
 UNKNOWN = "_NODE_NAME_UNKNOWN_"
 LATEST_S = 0.2
 
@@ -25,6 +26,7 @@ class Graph:
 
     def __init__(self) -> None:
         self.topics: dict[str, list[Any]] = defaultdict(list)
+        self.heard_by_adapter: list[str] | None = None
         self.handle = self
 
     def add(self, topic: str, node: str, process: int, host: int = 7) -> Any:
@@ -39,6 +41,14 @@ class Graph:
 
     def resolve_topic_name(self, topic: str) -> str:
         return topic
+
+    def get_subscriber_names_and_types_by_node(
+        self, node: str, namespace: str
+    ) -> list[tuple[str, list[str]]]:
+        if self.heard_by_adapter is None:
+            raise NodeNameNonExistentError
+        assert (node, namespace) == (names.VUT_ADAPTER, names.NAMESPACE)
+        return [(topic, ["t"]) for topic in self.heard_by_adapter]
 
     def get_publishers_info_by_topic(self, topic: str) -> list[Any]:
         return self.topics[topic]
@@ -126,4 +136,26 @@ def test_an_object_whose_process_began_anew_is_waited_out(watched: Watched) -> N
     assert said in watched.look(0.2)
     for found in watched.graph.topics.values():
         found[:] = [one for one in found if one.endpoint_gid[4:6] != [2, 0]]
+    assert watched.look(0.2) == ""
+
+
+def test_the_receivers_topics_have_one_publisher_each(watched: Watched) -> None:
+    """The track that two publishers of odometry make between them is none that the VUT drove."""
+    watched.graph.heard_by_adapter = ["/ins/odometry", "/clock"]
+    watched.graph.add("/ins/odometry", "ins", 9)
+    assert watched.look(1.0) == ""
+    second = watched.graph.add("/ins/odometry", "old_bag", 8)
+    found = watched.look(manager_node.WATCHDOG_PERIOD_S)
+    assert found == "/ins/odometry has /ssp/ins and /ssp/old_bag"
+    assert watched.liveness.other_managers == 1
+    watched.graph.topics["/ins/odometry"].remove(second)
+    assert watched.look(0.2) == ""
+
+
+def test_topics_that_the_adapter_hears_no_more_are_forgotten(watched: Watched) -> None:
+    watched.graph.heard_by_adapter = ["/ins/odometry"]
+    for node in ("ins", "old_bag"):
+        watched.graph.add("/ins/odometry", node, 9)
+    assert "/ins/odometry" in watched.look(0.2)
+    watched.graph.heard_by_adapter = ["/other/odometry"]
     assert watched.look(0.2) == ""
