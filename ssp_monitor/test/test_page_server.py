@@ -105,7 +105,7 @@ def test_there_are_no_other_commands(page, manager, name):
 
 
 def test_a_large_body_is_not_taken(page, manager):
-    assert post(page, data=b"x" * 100_000)[0] == 413
+    assert post(page, "arm", data=b"x" * 100_000)[0] == 413
     assert not manager.asked
 
 
@@ -158,7 +158,7 @@ def sent(page: PageServer, data: str) -> bytes:
     return said
 
 
-POST = f"POST /api/command/abort HTTP/1.1\r\nHost: HOST\r\nAuthorization: Bearer {TOKEN}\r\n"
+POST = f"POST /api/command/arm HTTP/1.1\r\nHost: HOST\r\nAuthorization: Bearer {TOKEN}\r\n"
 
 
 @pytest.mark.parametrize(
@@ -180,6 +180,22 @@ def test_half_a_request_is_closed(half, status, manager, monkeypatch):
         assert get(page)[0] == 200
     finally:
         page.close()
+
+
+@pytest.mark.parametrize(
+    "rest",
+    [
+        "Content-Length: 100\r\n\r\nabc",
+        "Content-Length: 2000\r\n\r\n" + "x" * 2000,
+        "Transfer-Encoding: chunked\r\n\r\n5\r\nab",
+        "Content-Encoding: gzip\r\nContent-Length: 5\r\n\r\nabcde",
+        "Expect: 100-continue\r\nContent-Length: 3\r\n\r\n",
+    ],
+)
+def test_an_abort_counts_whatever_follows_its_head(rest, page, manager):
+    said = sent(page, POST.replace("/arm ", "/abort ") + rest)
+    assert b'"accepted": true' in said
+    assert manager.asked == [("abort", "operator page at 127.0.0.1")]
 
 
 @pytest.mark.parametrize(

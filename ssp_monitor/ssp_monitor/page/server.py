@@ -225,19 +225,20 @@ class PageServer:
             return _answer(404, Answer(False, f"there is no command {name[:20]}"))
         if not self._buckets.get(name, self._buckets[""]).take(now_ns):
             return _answer(429, Answer(False, "too many commands at once; wait a second"))
-        try:  # bounded by client_max_size
-            body = await asyncio.wait_for(request.read(), REQUEST_S)
-        except TimeoutError:
-            return _closing(408, "the request did not end")
-        except (web.RequestPayloadError, HttpProcessingError):
-            return _closing(400, "the request's body can't be read")
+        shown = None
+        if name != "abort":  # of an abort the head alone counts, whatever follows it
+            try:  # bounded by client_max_size
+                body = await asyncio.wait_for(request.read(), REQUEST_S)
+                shown = _shown(body)
+            except TimeoutError:
+                return _closing(408, "the request did not end")
+            except (web.RequestPayloadError, HttpProcessingError, ConnectionError):
+                return _closing(400, "the request's body can't be read")
+            except ValueError as error:
+                return _answer(400, Answer(False, f"not sent: {error}; load the page again"))
         if self._retired:
             return _answer(200, Answer(False, "the run has ended, and its processes with it"))
         limit_s = ABORT_ANSWER_S if name == "abort" else ANSWER_S
-        try:
-            shown = None if name == "abort" else _shown(body)
-        except ValueError as error:
-            return _answer(400, Answer(False, f"not sent: {error}; load the page again"))
         asked = self._commands.ask(name, f"operator page at {request.remote}", shown)
         try:
             answer = await asyncio.wait_for(asyncio.wrap_future(asked), limit_s)
