@@ -360,9 +360,9 @@ class _Following:
         while not all(heard.values()) and time.monotonic() - began_s < LOOK_S:
             self._client.spin(0.05)
             heard = connected(self._spec, listener.facts())
-        words.ask()
         for line in summary(self._spec, live, listener.facts(), listener.states):
             self._say(line)
+        words.ask()  # a terminal that is stopped holds the lines back, and whoever types sees none
         self._say(PROMPT)
         return heard
 

@@ -103,8 +103,10 @@ class TypedWords:
         if self._read():
             self._newest_ns = now_ns
         word = word_of(self._text)
-        if word is Word.ABORT:
-            return self._take(word)
+        # An input that ends within the line ends the line too, but for a word that starts.
+        ending = word_of(self._text + b"\n") if self._ended else word
+        if Word.ABORT in (word, ending):
+            return self._take(Word.ABORT)
         if not self._asked:
             self._text = self._text.rpartition(b"\n")[2]
             return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from unittest.mock import MagicMock
 
@@ -11,6 +12,7 @@ from ssp_core import names
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run import follow
+from ssp_scenario_manager.run.word import TypedWords
 from ssp_scenario_manager.session.run_script import RunOutcome
 
 SPINS = 300
@@ -101,6 +103,52 @@ def test_a_manager_that_lives_and_gives_no_result_doesnt_keep_the_run(
     assert outcome.reasons == (
         "scenario_manager gave no result 25 s after clock_offset ot1: -5 s, limit 0.05 s",
     )
+
+
+def test_what_is_typed_while_the_summary_appears_starts_nothing(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A terminal that is stopped (Ctrl-S) shows summary and prompt only after what was typed."""
+    now_s = [100.0]
+    read, write = os.pipe()
+    group = MagicMock()
+    group.ended.return_value = []
+    client = quiet_client(was_armed=False)
+    client.loaded = ()
+    prompted_s: list[float] = []
+
+    def spin(timeout_s: float) -> None:
+        now_s[0] += timeout_s
+        if prompted_s and now_s[0] > prompted_s[0] + 2.0:
+            os.write(write, b"abort\n")
+
+    def say(line: str) -> None:
+        if line == "who is connected":
+            os.write(write, b"start\n")
+        elif line == follow.PROMPT:
+            prompted_s.append(now_s[0])
+
+    client.spin.side_effect = spin
+    clock = MagicMock(monotonic=lambda: now_s[0], monotonic_ns=lambda: round(now_s[0] * 1e9))
+    for name, value in (
+        ("RunClient", lambda *_, **__: client),
+        ("StartListener", MagicMock()),
+        ("TypedWords", lambda: TypedWords(read)),
+        ("summary", lambda *_: ["who is connected"]),
+        ("connected", lambda *_: {}),
+        ("time", clock),
+    ):
+        monkeypatch.setattr(follow, name, value)
+    live = MagicMock(start_at_once=False, remappings=())
+    try:
+        outcome = follow.follow(
+            run, group, Path("run.yaml"), Path("bag"), say, follow.Interrupt(), live
+        ).outcome
+    finally:
+        os.close(read)
+        os.close(write)
+    assert outcome.reasons == ("abort before the start",)
+    assert not client.begin.called
 
 
 @pytest.mark.parametrize("noticed", [True, False])

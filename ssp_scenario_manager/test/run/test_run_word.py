@@ -100,6 +100,18 @@ def test_what_a_pipe_held_before_the_prompt_does_not_count(pipe: Hand, early: st
     assert pipe.hears() is Word.START
 
 
+@pytest.mark.parametrize("asked", [False, True])
+@pytest.mark.parametrize(("text", "counts"), [("abort", True), ("start", False)])
+def test_of_a_pipe_that_ends_within_a_line_abort_counts_alone(
+    pipe: Hand, text: str, counts: bool, asked: bool
+) -> None:
+    if asked:
+        pipe.words.ask()
+    pipe.types(text)
+    pipe.closes()
+    assert pipe.hears() is (Word.ABORT if counts else Word.END_OF_INPUT if asked else None)
+
+
 @pytest.mark.parametrize("early", ["do not ", "sta", " "])
 def test_a_line_of_a_pipe_that_began_before_the_prompt_does_not_count(
     pipe: Hand, early: str
