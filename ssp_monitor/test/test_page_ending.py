@@ -8,7 +8,7 @@ import pytest
 
 from ssp_core.run_file.verdict import EndWord
 from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
-from ssp_monitor.page.ending import NEXT, end_of
+from ssp_monitor.page.ending import NEXT, NEXT_BY_HAND, end_of
 from ssp_monitor.page.snapshot import Snapshots
 from ssp_monitor.status.board import Board, Event, EventList, SessionFact
 from support.states import object_state
@@ -56,7 +56,7 @@ def test_an_accepted_abort_ends_with_its_verdict_and_with_what_stood_when() -> N
     assert end is not None
     assert end["head"] == "ended: aborted by the operator"
     assert (end["stands"], end["text"]) == (True, "everything stood at 10.0 s")
-    assert end["next"] == f"{NEXT[Verdict.ABORTED]} (out/run)"
+    assert end["next"] == f"{NEXT_BY_HAND} (out/run)"
 
 
 def test_an_abort_of_another_cause_is_not_the_operators() -> None:
@@ -67,6 +67,7 @@ def test_an_abort_of_another_cause_is_not_the_operators() -> None:
     end = end_of(board, word(Verdict.ABORTED), 30 * S)
     assert end is not None
     assert end["head"] == "ended: aborted"
+    assert end["next"] == f"{NEXT[Verdict.ABORTED]} (out/run)"
 
 
 @pytest.mark.parametrize("verdict", list(Verdict))

@@ -503,7 +503,7 @@ def test_an_orderly_end_is_heard_and_stays_on_the_page(
     assert tab.evaluate(f"{BANNER}.hidden")
     assert tab.evaluate("document.title") == f"{head} – SSP"
     assert tab.text("#abort-hint") == "the run has ended"
-    assert tab.text("#next").startswith("Next: mend" if abort else "Next: check")
+    assert tab.text("#next").startswith("Next: repeat" if abort else "Next: check")
     # It is served to who comes or reloads, until the terminal's word.
     tab.go(str(tab.evaluate("location.href")))
     tab.wait(f"{ENDED}.includes({head!r})")
@@ -532,6 +532,9 @@ def test_the_death_of_the_manager_goes_on_shouting(
     assert "Objects may be moving" in tab.text("#banner")
     assert tab.evaluate("document.getElementById('ended').hidden")
     assert "keep clear" in tab.text("#next")
+    # However long the reasons are, with the last lines of its log, the map stays in sight.
+    tab.wait("document.getElementById('state-why').innerText.includes('its last lines')")
+    assert tab.evaluate("document.querySelector('main').getBoundingClientRect().top < 300")
     assert tab.text("#abort-hint") == "not heard now"
     found = re.search(r"`kill (\d+)` ends it now", "".join(session.lines))
     assert found is not None

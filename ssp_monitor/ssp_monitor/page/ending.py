@@ -21,6 +21,7 @@ NEXT: dict[Verdict, str] = {
     Verdict.FAILED_SAFETY: "stop, and find out why before the next run",
     Verdict.INVALID_HARNESS: "mend the equipment; this recording counts for nothing",
 }
+NEXT_BY_HAND = "repeat the run, once the reason for the abort is gone"
 _UNARMED = (SessionPhase.IDLE, SessionPhase.LOADED, SessionPhase.CONNECTED)
 # As messages.safety_event titles what a person asked for.
 _BY_HAND = "operator"
@@ -98,5 +99,7 @@ def _next(board: Board, word: EndWord | None, stands: bool) -> str:
         return "keep clear until you have seen that everything stands"
     if word is not None and not word.final:
         return "wait until the recording is closed; the verdict may still change"
-    text = NEXT[verdict_of(board, word)[0]]
+    verdict, _ = verdict_of(board, word)
+    by_hand = verdict is Verdict.ABORTED and _is_by_hand(board)
+    text = NEXT_BY_HAND if by_hand else NEXT[verdict]
     return f"{text} ({word.folder})" if word is not None and word.folder else text
