@@ -342,7 +342,7 @@ def taken_folder(path: str | Path, *, empty: bool = False) -> Iterator[Path]:
     handle = _created_alone(file)
     try:
         if empty and any(entry.name != TAKEN_FILE for entry in folder.iterdir()):
-            raise InputError("is not empty", file=folder, remedy="name a new folder with --out")
+            raise InputError("is not empty", file=folder, remedy="name a new folder")
         yield folder
     finally:
         with suppress(OSError):

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, write_json, write_text
+from ssp_core.files import taken_folder, write_json, write_text
 from ssp_eval.audit.judge import ACCEPTED, judge_files
 from ssp_eval.audit.page import draw, render
 from ssp_eval.data.audit import AUDIT_FILE, HARDLY_VISIBLE_PX, PAGE_FILE, Audit, RecordingEntry
@@ -98,6 +98,7 @@ def audit(
     measured; observation files and labels.json are looked for beside each bag. Exit status 0 when
     all three are admitted, 1 when one is refused.
     """
+    click.get_current_context().with_resource(taken_folder(out))
     for file in (out / AUDIT_FILE, out / PAGE_FILE):
         if file.exists() and not force:
             raise InputError("exists already", file=file, remedy="give --force to replace it")
@@ -112,7 +113,6 @@ def audit(
         for one in judged.examined:
             one.whole.files.check_same()
         page = render(judged.audit, drawn)
-    make_folder(out)
     value = judged.audit.model_dump(mode="json", by_alias=True)
     write_json(out / AUDIT_FILE, value)
     write_text(out / PAGE_FILE, page)

@@ -16,7 +16,7 @@ from ssp_core import console
 from ssp_core.chat import OpenAIChat, Policy
 from ssp_core.credentials import check_key, is_http_address, without_userinfo
 from ssp_core.errors import InputError
-from ssp_core.files import read_mapping
+from ssp_core.files import read_mapping, taken_folder
 from ssp_core.options import Number, WholeNumber
 from ssp_scenario_manager.event_spec.checks.check import Undecided, check_event
 from ssp_scenario_manager.event_spec.extract.candidate import Origin
@@ -146,7 +146,7 @@ def extract_command(
     policy = Policy(timeout_s=timeout, tries=tries, retry_lost=True)
     key = _key(api_key_env)
     chat = OpenAIChat(base_url, model, key, policy, console.note, remedies=_REMEDIES)
-    with console.progress(f"asking {model}", None) as bar:
+    with taken_folder(order.store), console.progress(f"asking {model}", None) as bar:
         task = bar.task_ids[0]
         found = extract(
             order,

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import jinja2
 
-from ssp_core.errors import InputError
-from ssp_core.files import make_folder, write_json, write_text
+from ssp_core.files import make_folder, taken_folder, write_json, write_text
 from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES
 from ssp_eval.extract.conventions import ASKED, CONVENTIONS, GENERAL, REVIEWERS_TOO
 from ssp_eval.extract.measure import NOBODY
@@ -26,14 +25,12 @@ def write_review(subset: Subset, out: Path) -> None:
     Raises:
         InputError: there is something in the folder already, or it can't be made.
     """
-    make_folder(out)
-    if any(out.iterdir()):
-        raise InputError("isn't empty", file=out, remedy="name a new folder")
-    for reviewer in REVIEWERS:
-        folder = make_folder(out / f"reviewer_{reviewer}")
-        page = form(_order(subset, reviewer), subset.key.subset, reviewer)
-        write_text(folder / "form.html", page)
-    write_json(out / "key.json", subset.key.model_dump(mode="json", by_alias=True))
+    with taken_folder(out, empty=True):
+        for reviewer in REVIEWERS:
+            folder = make_folder(out / f"reviewer_{reviewer}")
+            page = form(_order(subset, reviewer), subset.key.subset, reviewer)
+            write_text(folder / "form.html", page)
+        write_json(out / "key.json", subset.key.model_dump(mode="json", by_alias=True))
 
 
 def form(texts: Mapping[str, str], subset: str, reviewer: int) -> str:
