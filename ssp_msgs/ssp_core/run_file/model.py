@@ -60,21 +60,31 @@ LimitRad = Annotated[Finite, Field(ge=0.01, le=math.pi)]
 class Limits(Strict):
     """Limits of the site, each within a plausible range; passing one is a safety event."""
 
-    speed_mps: Annotated[Finite, Field(ge=0.1, le=100)]
-    acceleration_mps2: Annotated[Finite, Field(ge=0.1, le=100)]
-    stop_deceleration_mps2: Annotated[Finite, Field(ge=0.1, le=20)] = 4.0
-    separation_m: Annotated[Finite, Field(ge=0, le=100)] = 0.5
-    state_age_s: LimitS = 0.3
-    heartbeat_s: LimitS = 0.5
-    ack_s: LimitS = 0.5
-    error_longitudinal_m: Annotated[Finite, Field(ge=0.01, le=1000)] = 2.0
-    error_lateral_m: LimitM = 0.8
-    error_yaw_rad: LimitRad = 0.35
-    duration_s: Annotated[Finite, Field(ge=0.1, le=86400)] = 60.0
+    speed_mps: Annotated[Finite, Field(ge=0.1, le=100)] = Field(description="of everybody, fastest")
+    acceleration_mps2: Annotated[Finite, Field(ge=0.1, le=100)] = Field(
+        description="while a reference is driven, hardest"
+    )
+    stop_deceleration_mps2: Annotated[Finite, Field(ge=0.1, le=20)] = Field(
+        4.0, description="of a safe stop"
+    )
+    separation_m: Annotated[Finite, Field(ge=0, le=100)] = Field(
+        0.5, description="between any two bodies, least"
+    )
+    state_age_s: LimitS = Field(0.3, description="of a state when it is used")
+    heartbeat_s: LimitS = Field(
+        0.5, description="silence of the manager, after which an object stops by itself"
+    )
+    ack_s: LimitS = Field(0.5, description="until a reference is answered")
+    error_longitudinal_m: Annotated[Finite, Field(ge=0.01, le=1000)] = Field(
+        2.0, description="ahead of or behind the reference"
+    )
+    error_lateral_m: LimitM = Field(0.8, description="beside the reference")
+    error_yaw_rad: LimitRad = Field(0.35, description="turned from the reference")
+    duration_s: Annotated[Finite, Field(ge=0.1, le=86400)] = Field(60.0, description="of a run")
     position_std_m: LimitM = Field(0.5, description="localisation's own stated uncertainty")
     jump_m: LimitM = Field(1.0, description="between a position and where the last one led")
     frozen_s: LimitS = Field(0.3, description="a moving object whose position stands")
-    clock_offset_s: LimitS = 0.05
+    clock_offset_s: LimitS = Field(0.05, description="of an object's clock")
     link_delay_s: LimitS = Field(0.5, description="there and back")
     start_region_m: LimitM = Field(1.5, description="from an object's start when it is armed")
     start_yaw_rad: LimitRad = Field(

@@ -36,16 +36,19 @@ def words_of(page: str) -> str:
 
 def test_every_limit_stands_there_with_words_value_and_unit(task: Task) -> None:
     """``stop_reaction_s`` was missing, which the serializer leaves out at its default."""
-    rows = {row.name: row for row in limit_rows(task.limits)}
+    rows = {row.name: row for row in limit_rows(task)}
     assert list(rows) == list(Limits.model_fields)
     text = words_of(sheet(task))
     for name, row in rows.items():
         assert f"{row.words} {name} {row.value}" in text
+        assert re.fullmatch(r"[a-z ]+: .+", row.words), row
         value = getattr(task.limits, name)
         if isinstance(value, float):
             assert re.match(rf"{value:g} (m/s²|m/s|m|s|rad)( \(|$)", row.value), row
     assert rows["stop_reaction_s"].value == "1 s"
     assert rows["error_yaw_rad"].value == "0.35 rad (20°)"
+    assert rows["trigger_age_s"].value == f"{task.run.trigger_age_s:g} s"
+    assert rows["omnidirectional"].value == "none"
 
 
 def test_starts_have_heading_bearing_and_tolerance(task: Task) -> None:
@@ -56,7 +59,7 @@ def test_starts_have_heading_bearing_and_tolerance(task: Task) -> None:
         assert f"{row.heading_deg:.1f} {row.bearing_deg:.1f} {row.body}" in text
     for name in Limits.model_fields:
         if name.startswith("start_"):
-            row = next(r for r in limit_rows(task.limits) if r.name == name)
+            row = next(r for r in limit_rows(task) if r.name == name)
             assert f"{row.words}, {row.value}" in text
     assert "under the middle of the rear axle" in text
 

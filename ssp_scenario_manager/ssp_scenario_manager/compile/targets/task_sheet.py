@@ -75,7 +75,7 @@ def sheet(task: Task) -> str:
     ]
     rows.append(("all", "conflict point", task.anchors[VUT_ID].conflict))
     rows += [("zone", f"corner {k}", corner) for k, corner in enumerate(task.conflict_zone, 1)]
-    limits = limit_rows(task.limits)
+    limits = limit_rows(task)
     page = templates(Path(__file__).parent).get_template("task.html.j2")
     return page.render(
         task=task,
@@ -91,12 +91,11 @@ def sheet(task: Task) -> str:
     )
 
 
-def limit_rows(limits: Limits) -> list[LimitRow]:
-    """Return every field of the limits, with words, value and unit; none can be missing."""
-    return [
-        LimitRow(name, _words(name), _value(name, getattr(limits, name)))
-        for name in type(limits).model_fields
-    ]
+def limit_rows(task: Task) -> list[LimitRow]:
+    """Return every field of the limits, with words, the value that counts and its unit."""
+    values = {name: getattr(task.limits, name) for name in Limits.model_fields}
+    values["trigger_age_s"] = task.run.trigger_age_s
+    return [LimitRow(name, _words(name), _value(name, value)) for name, value in values.items()]
 
 
 def _parts(name: str) -> tuple[str, str]:
@@ -114,8 +113,8 @@ def _words(name: str) -> str:
 
 
 def _value(name: str, value: object) -> str:
-    if value is None:
-        return "–"
+    if isinstance(value, list):
+        return ", ".join(value) or "none"
     if not isinstance(value, float | int) or isinstance(value, bool):
         return str(value)
     unit = _parts(name)[1]
