@@ -297,7 +297,7 @@ def check_control(realisations: Sequence[Realisation]) -> None:
 
     Raises:
         ControlFailed: one has KPR below LEAST_KPR, an unsound session, a phase that isn't located,
-            or no run.
+            an event that isn't admitted, or no run.
     """
     failed = []
     for one in realisations:
@@ -311,13 +311,15 @@ def check_control(realisations: Sequence[Realisation]) -> None:
             shown = f"verdict {judged.verdict}"
         elif not judged.located:
             shown = "a phase that isn't located"
+        elif not judged.admitted:
+            shown = "an event that isn't admitted"
         else:
             continue
         failed.append(f"{one.arm} has {shown} ({one.why or 'nothing was measured'})")
     if failed:
         raise ControlFailed(
             f"no table: at {SOURCE_PLACE} each arm must end soundly, with each phase located and "
-            f"KPR {LEAST_KPR:g} or more; {'; '.join(failed)}",
+            f"KPR {LEAST_KPR:g} or more, and be admitted; {'; '.join(failed)}",
             remedy="the arms can't be compared on this event; name another source with --source",
         )
 

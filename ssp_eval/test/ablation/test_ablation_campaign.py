@@ -60,7 +60,7 @@ def test_no_table_is_printed_where_an_arm_loses_the_event_at_the_source_place(
     assert main([*ARGS, "--out", str(out)]) == 1
     told = capsys.readouterr()
     assert told.out == ""
-    assert "KPR 0.9 or more; tracks has KPR 0.80 (motion differs)" in told.err
+    assert "KPR 0.9 or more, and be admitted; tracks has KPR 0.80 (motion differs)" in told.err
     assert [job.place for job in seen] == [None] * 3
     assert tables_in(out) == {"realisations.csv"}
     # Nor is it when the same command is given again.
@@ -74,9 +74,10 @@ def test_no_table_is_printed_where_an_arm_loses_the_event_at_the_source_place(
         ({"verdict": "failed_safety", "why": "collision: ot2"}, "verdict failed_safety (collision"),
         ({"verdict": "aborted"}, "verdict aborted"),
         ({"located": "false", "why": "no resolution"}, "a phase that isn't located (no resolution"),
+        ({"admitted": "false", "why": "ot1 stands"}, "an event that isn't admitted (ot1 stands"),
     ],
 )
-def test_an_arm_whose_control_is_unsound_cannot_play_the_event(
+def test_an_arm_whose_control_is_unsound_or_not_admitted_cannot_play_the_event(
     changes: dict[str, str], shown: str
 ) -> None:
     arms = ("structure", "relations", "tracks")
