@@ -356,6 +356,15 @@ def driver_options(
     return options
 
 
+def check_models(models_file: Path) -> None:
+    """Read a file of ssp.models/1, whether a driver names one of its models or not.
+
+    Raises:
+        InputError: it isn't valid.
+    """
+    importlib.import_module(BRIDGE_MODULE).load_models(models_file)
+
+
 def sees_frames(name: str) -> bool:
     """Tell whether a driver's questions hold frames: those of all models do."""
     known: bool = importlib.import_module(BASELINE_MODULE).is_known(name)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +14,15 @@ from ssp_core.files import load_model
 from ssp_core.run_file.driven import DriverName
 from ssp_core.run_file.latency import ZERO_LATENCY, Latency, LatencyField
 from ssp_core.run_file.values import Strict
-from ssp_core.world.driver import driver_options, history_s_of, sees_frames, try_driver
+from ssp_core.world.driver import (
+    check_models,
+    driver_options,
+    history_s_of,
+    sees_frames,
+    try_driver,
+)
+from ssp_scenario_manager.compile.targets.folder import check_event
+from ssp_scenario_manager.maps.site import load_site
 
 LOOP_SCHEMA: Literal["ssp.loop/1"] = "ssp.loop/1"
 # METHOD 8.10: they stand in each campaign. Those that know the truth stand in no rank.
@@ -109,10 +118,21 @@ class LoopPlan(Strict):
         return max(one.seconds for one in self.latencies)
 
 
-def _resolved(one: CampaignDriver, models: Path | None) -> CampaignDriver:
-    """Return a driver with the options that its runs have."""
-    options = driver_options(one.driver, one.options, models)
-    return one.model_copy(update={"options": options})
+@contextmanager
+def _at(file: str | Path | None, field: str, value: str) -> Iterator[None]:
+    """Name the place in the plan, or the option, of whatever is refused within."""
+    try:
+        yield
+    except InputError as error:
+        line = None if error.line is None else f"line {error.line}"
+        within = [part for part in (error.file, line, error.field) if part]
+        raise InputError(
+            error.problem,
+            file=file,
+            field=": ".join([field, *within]),
+            value=value if error.value is None else error.value,
+            remedy=error.remedy,
+        ) from error
 
 
 def load_plan(path: str | Path, further: Sequence[CampaignDriver] = ()) -> LoopPlan:
@@ -123,12 +143,26 @@ def load_plan(path: str | Path, further: Sequence[CampaignDriver] = ()) -> LoopP
         further: drivers of the campaign that don't stand in the file.
 
     Raises:
-        InputError: it isn't valid, names no driver, or one twice.
+        InputError: it isn't valid, names no event, site, models or driver, or a driver twice.
     """
     plan = load_model(LoopPlan, path)
-    models = None if plan.models is None else Path(path).parent / plan.models
+    for i, event in enumerate(plan.events):
+        with _at(path, f"events[{i}]", event):
+            check_event(event)
+    with _at(path, "site", plan.site):
+        load_site(plan.site)
+    models = None
+    if plan.models is not None:
+        models = Path(path).parent / plan.models
+        with _at(path, "models", plan.models):
+            check_models(models)
     named = len(plan.drivers)
-    drivers = [_resolved(one, models) for one in (*plan.drivers, *further)]
+    drivers = []
+    for i, one in enumerate((*plan.drivers, *further)):
+        file, field = (path, f"drivers[{i}]") if i < named else (None, f"--drive {one.driver}")
+        with _at(file, field, one.driver):
+            options = driver_options(one.driver, one.options, models)
+        drivers.append(one.model_copy(update={"options": options}))
     plan = plan.model_copy(update={"drivers": drivers})
     shown = [one.shown for one in plan.everybody]
     for i, one in enumerate(plan.drivers):

@@ -61,7 +61,8 @@ def draw_starts(
         engine: where the workers are.
 
     Raises:
-        InputError: the folder holds another campaign, or an event has too few critical starts.
+        InputError: the folder holds another campaign, or an event doesn't fit the site or has too
+            few critical starts, which leaves no campaign.
     """
     sealed = {**software(), "plan": plan.model_dump(mode="json", by_alias=True)}
     _claim(folder, sealed)
@@ -71,9 +72,15 @@ def draw_starts(
     # Tasks of a call that was cut off before the seal may be half written.
     shutil.rmtree(folder / TASKS_FOLDER, ignore_errors=True)
     starts = []
-    for number, event in enumerate(plan.events):
-        draft = folder / TASKS_FOLDER / str(number)
-        starts += _starts_of(plan, event, draft, say, jobs, engine)
+    try:
+        for number, event in enumerate(plan.events):
+            draft = folder / TASKS_FOLDER / str(number)
+            starts += _starts_of(plan, event, draft, say, jobs, engine)
+    except InputError:
+        # Nothing is sealed: the mended plan may take the same folder.
+        shutil.rmtree(folder / TASKS_FOLDER, ignore_errors=True)
+        (folder / PLAN_FILE).unlink()
+        raise
     kept = {"schema": STARTS_SCHEMA, "starts": starts}
     write_json(path, {**kept, "hash": sha256_json(starts)})
     return starts

@@ -223,6 +223,29 @@ def mode_of(what: str) -> Mode:
     return load_run(Path(what) / RUN_FILE).mode if is_session(what) else "lockstep"
 
 
+def check_event(what: str) -> None:
+    """Check that there is a K*, or a folder with a task, of this name.
+
+    Raises:
+        InputError: there is none, or its K* is not valid.
+    """
+    if Path(what).is_dir():
+        _has_task(what)
+    else:
+        load_event(what)
+
+
+def _has_task(what: str) -> None:
+    """Refuse a folder that `ssp compile` and `ssp run` didn't write."""
+    if not (is_compiled(what) or is_session(what)):
+        raise InputError(
+            "is no compiled folder and no session's",
+            file=what,
+            remedy=f"it has neither {TASK_FILE} nor {TASK_FOLDER}/{TASK_FILE} with {RUN_FILE}; "
+            "name a folder of `ssp compile` or `ssp run`, or an event",
+        )
+
+
 def prepare_run(
     what: str,
     site: str | None,
@@ -247,17 +270,12 @@ def prepare_run(
     Raises:
         InputError: the event or the site is not valid, or they don't fit.
     """
+    if Path(what).is_dir():
+        _has_task(what)
     if is_compiled(what):
         run = _take_over(Path(what), Path(what) / RUN_FILE, folder)
     elif is_session(what):
         run = _take_over(Path(what) / TASK_FOLDER, Path(what) / RUN_FILE, folder)
-    elif Path(what).is_dir():
-        raise InputError(
-            "is no compiled folder and no session's",
-            file=what,
-            remedy=f"it has neither {TASK_FILE} nor {TASK_FOLDER}/{TASK_FILE} with {RUN_FILE}; "
-            "name a folder of `ssp compile` or `ssp run`, or an event",
-        )
     else:
         run = _compile(what, site, folder, 1 if seed is None else seed)
     # Another session than the one that the file may be of.

@@ -1,0 +1,83 @@
+"""The file of a campaign: what is wrong with it is named by its place, and nothing is left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from ssp_core.errors import InputError
+from ssp_scenario_manager.cli.loop import loop
+from ssp_scenario_manager.closed_loop.campaigns import seal
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import LoopPlan
+
+PLAN = {"schema": "ssp.loop/1", "events": ["cut_in"], "starts": 1, "others": 0}
+HTTP = {"backend": "http", "url": "http://127.0.0.1:9"}
+
+
+def refusal_of(tmp_path: Path, changes: dict[str, Any], *options: str) -> InputError:
+    """Return the refusal of a plan by the command, which must leave no folder."""
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(yaml.safe_dump({**PLAN, **changes}))
+    out = tmp_path / "out"
+    done = CliRunner().invoke(loop, [str(plan), "--out", str(out), *options])
+    assert isinstance(done.exception, InputError), done.exception
+    assert not out.exists()
+    return done.exception
+
+
+@pytest.mark.parametrize(
+    ("changes", "field", "said"),
+    [
+        ({"events": ["cut_in", "nothing"]}, "events[1]", "no such event"),
+        ({"events": ["."]}, "events[0]", "is no compiled folder"),
+        ({"site": "nowhere"}, "site", "no such site"),
+        ({"models": "nothing.yaml"}, "models", "can't be read"),
+        ({"drivers": [{"driver": "nobody"}]}, "drivers[0]", "is no driver"),
+        (
+            {"drivers": [{"driver": "aeb", "label": "a", "options": {"ttc_s": -1}}]},
+            "drivers[0]",
+            "ttc_s: Input should be greater than 0",
+        ),
+        (
+            {
+                "drivers": [
+                    {"driver": "mine", "options": HTTP},
+                    {"driver": "mine", "label": "other", "options": {**HTTP, "url": "x"}},
+                ]
+            },
+            "drivers[1]",
+            "is no address of HTTP",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_plan_is_named_by_its_place(
+    changes: dict[str, Any], field: str, said: str, tmp_path: Path
+) -> None:
+    error = refusal_of(tmp_path, changes)
+    assert error.file == str(tmp_path / "plan.yaml")
+    assert (error.field or "").split(": ")[0] == field
+    assert said in str(error)
+    assert error.remedy or error.value is not None
+
+
+def test_a_driver_that_the_command_names_is_no_part_of_the_file(tmp_path: Path) -> None:
+    error = refusal_of(tmp_path, {}, "--drive", "nobody")
+    assert (error.file, error.field) == (None, "--drive nobody: driver")
+
+
+def test_events_without_starts_leave_a_folder_that_another_plan_may_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(*_: Any) -> tuple[str, dict[str, Any]]:
+        return "off_spec", {"why": "no run-up"}
+
+    monkeypatch.setattr(seal, "_drawn", none)
+    for seed in (1, 2):
+        plan = LoopPlan.model_validate({**PLAN, "seed": seed})
+        with pytest.raises(InputError, match="has 0 critical starts among"):
+            seal.draw_starts(plan, tmp_path, 1, lambda _: None)
+        assert list(tmp_path.iterdir()) == []
