@@ -13,11 +13,12 @@ import pytest
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import FloatArray
+from ssp_core.motion.passing import Passing
 from ssp_core.motion.reference import Points
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
-from ssp_core.run_file.participants import Brake, FollowPath
+from ssp_core.run_file.participants import Brake, FollowPath, Hold
 from ssp_core.world.driver import Answer, Answered, DriveMode, DriveReport
 from ssp_core.world.plant import StepReport
 from ssp_scenario_manager.closed_loop.outcomes.careful import (
@@ -127,6 +128,30 @@ def test_the_careful_driver_brakes_behind_one_that_brakes_by_more_than_5_mps2(ru
     assert not is_defined(run.model_copy(update={"triggers": [brake]}))
 
 
+def test_the_careful_driver_perceives_who_leaves_its_lane_for_one_that_stands(
+    run: RunSpec,
+) -> None:
+    (leaves,) = run.triggers
+    stands = leaves.model_copy(update={"manoeuvre": Hold(kind="hold")})
+    cut_out = run.model_copy(
+        update={"triggers": [stands, leaves.model_copy(update={"object_id": "ot2"})]}
+    )
+    assert is_defined(cut_out)
+    assert not is_defined(run.model_copy(update={"triggers": [stands]}))
+
+    def leaving(t_s: float) -> ObjectState:
+        aside_m = min(max(t_s - 1.0, 0.0), 3.5)
+        return object_state("ot2", x_m=80.0 + 10.0 * t_s, y_m=aside_m, speed_mps=10.0)
+
+    standing = object_state(x_m=120.0)
+    reports = [report(t, object_state("vut"), standing, leaving(t)) for t in times(8.0)]
+    outcome, steps = careful_motion(start_of(cut_out, 8.0), Record(reports))
+    assert outcome.kind == "avoided"
+    assert outcome.response_s == pytest.approx(1.38 + 0.4 + 0.75)
+    # It is in the VUT's lane from the beginning, which is no cut-in: 0.774 g, not 0.85 g.
+    assert max(decelerations(steps).values()) == pytest.approx(0.774 * 9.80665)
+
+
 def test_the_careful_driver_collides_where_it_is_too_late(run: RunSpec) -> None:
     outcome, _ = careful_steps(run, lambda t: replace(cutting_in(t), x_m=82.0))
     assert outcome.kind == "collision"
@@ -156,10 +181,9 @@ def facts(run: RunSpec, reports: list[StepReport], **changes: Any) -> Severity:
 
 
 class _Passed:
-    """A result of which the time gap alone is asked."""
+    """A result of which the passing alone is asked."""
 
-    class passing:
-        time_gap_s = 1.25
+    passing = Passing(other_arrival_s=1.5, own_arrival_s=3.0, time_gap_s=1.25)
 
 
 def closing(t_s: float) -> StepReport:
@@ -181,7 +205,7 @@ def test_ttc_distance_needed_deceleration_and_pet_are_those_of_method_8_8(run: R
 
 def test_nothing_counts_before_the_hand_over_or_behind_the_deciding_fact(run: RunSpec) -> None:
     found = facts(run, [closing(t) for t in times(4.0)], decided_s=2.0)
-    assert found.distance_m == pytest.approx(16.0)
+    assert (found.distance_m, found.pet_s) == (pytest.approx(16.0), None)
     near = report(0.5, object_state("vut", x_m=50.0), object_state(x_m=51.0))
     assert facts(run, [near, closing(2.0)]).distance_m == pytest.approx(16.0)
 

@@ -1,8 +1,8 @@
 """The careful driver of UN R157 as a prescribed motion of the VUT, outside the plant (METHOD 8.8).
 
-It is defined for an object that changes lanes and for one that brakes hard ahead of the VUT;
-elsewhere there is none. Up to its braking, which is prescribed, it moves as the ``no_response``
-twin does.
+It is defined for an object that comes into the VUT's lane or leaves it, and for one that brakes
+hard ahead of the VUT; elsewhere there is none. Up to its braking, which is prescribed, it moves as
+the ``no_response`` twin does.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import Polyline
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participants import TriggerSpec
 from ssp_core.world.plant import StepReport
 from ssp_scenario_manager.closed_loop.contact import (
     contact_words,
@@ -43,7 +44,8 @@ class CarefulDriver:
         deceleration_mps2: of the braking.
         jerk_mps3: with which it builds up.
         wrap_m: by so much its side may stick out beside the VUT's then.
-        wrapped_mps2: deceleration once the object is in the VUT's lane with its whole width.
+        wrapped_mps2: deceleration once an object that came in is in the VUT's lane with its whole
+            width.
         wrapped_s: within which it is reached.
     """
 
@@ -66,10 +68,16 @@ def is_defined(run: RunSpec, driver: CarefulDriver = CAREFUL_DRIVER) -> bool:
 
     UN R157 doesn't say what it does behind an object that brakes by less than it perceives.
     """
-    manoeuvre = run.triggers[0].manoeuvre
+    manoeuvre = _acting(run).manoeuvre
     if manoeuvre.kind == "brake":
         return manoeuvre.deceleration_mps2 > driver.braking_mps2
     return manoeuvre.kind == "lane_change"
+
+
+def _acting(run: RunSpec) -> TriggerSpec:
+    """Return the trigger of the object that does something: in a cut-out not the initiator."""
+    acting = (t for t in run.triggers if t.manoeuvre.kind != "hold")
+    return next(acting, run.triggers[0])
 
 
 def careful_motion(
@@ -143,12 +151,13 @@ def _instants(
     driver: CarefulDriver,
 ) -> tuple[float, float]:
     """Return when the braking begins, and when the object has come in with its whole width."""
-    kind = run.triggers[0].manoeuvre.kind
+    acting = _acting(run)
+    kind, comes_in = acting.manoeuvre.kind, acting.object_id == run.initiator_id
     perceived_s = wrap_s = math.inf
     lane_m: float | None = None
     for report in others:
         at_s = ns_to_seconds(report.now_ns)
-        other = next(s for s in report.truths if s.object_id == run.initiator_id)
+        other = next(s for s in report.truths if s.object_id == acting.object_id)
         vut = next(s for s in report.truths if s.object_id == run.vut.id)
         if kind == "brake":
             seen = at_s >= observable_s and other.acceleration_mps2 <= -driver.braking_mps2
@@ -157,7 +166,7 @@ def _instants(
             lane_m = offset_m if lane_m is None else lane_m
             seen = abs(offset_m - lane_m) >= driver.lateral_m
             spare_m = 0.5 * abs(vut.size.width_m - other.size.width_m)
-            if math.isinf(wrap_s) and abs(offset_m) <= spare_m + driver.wrap_m:
+            if comes_in and math.isinf(wrap_s) and abs(offset_m) <= spare_m + driver.wrap_m:
                 wrap_s = at_s
         if seen and math.isinf(perceived_s):
             perceived_s = at_s

@@ -34,7 +34,7 @@ class Severity:
     Args:
         ttc_s: smallest TTC to any object; None: the VUT never closed in on one.
         distance_m: smallest distance of the outlines of the VUT and an object.
-        pet_s: time gap at the conflict point; None where one of the two didn't pass.
+        pet_s: time gap at the conflict point; None where one of the two didn't pass by then.
         needed_mps2: largest deceleration that was needed, (closing speed)² / (2 · bumper gap),
             while an object was in the VUT's swept corridor; None after a contact, before which it
             grows without bound.
@@ -78,11 +78,11 @@ def severity_facts(
         for other in report.truths:
             if other is not vut:
                 nearest.take(vut, other)
-    passed = None if contact is not None or result is None else result.passing.time_gap_s
+    passed = None if contact is not None or result is None else _pet_s(result, decided_s)
     return Severity(
         ttc_s=_finite(nearest.ttc_s),
         distance_m=_finite(nearest.distance_m),
-        pet_s=None if passed is None else _finite(passed),
+        pet_s=passed,
         needed_mps2=None if contact is not None else nearest.needed_mps2,
         jerk_mps3=None if result is None else _jerk_mps3(accelerations, run.step_s),
         replan_m=_replan_m(led),
@@ -153,6 +153,16 @@ def _apart_m(before: Reference, after: Reference) -> float | None:
         at_s = ns_to_seconds(at_ns - plan.execute_at_ns)
         places.append((float(np.interp(at_s, t, x)), float(np.interp(at_s, t, y))))
     return math.dist(*places)
+
+
+def _pet_s(result: InProcessResult, decided_s: float) -> float | None:
+    """Return the time gap, whose end is the second one's arrival; None where that came later."""
+    passing = result.passing
+    arrivals_s = (passing.own_arrival_s, passing.other_arrival_s)
+    over_s = max((t for t in arrivals_s if t is not None), default=math.inf)
+    if passing.time_gap_s is None or over_s > decided_s:
+        return None
+    return _finite(passing.time_gap_s)
 
 
 def _finite(value: float) -> float | None:
