@@ -31,6 +31,7 @@ from ssp_eval.closed_loop.page import (
     notices_of,
     planned_of,
     render,
+    tables_of,
 )
 from ssp_eval.closed_loop.prediction import (
     Point,
@@ -42,11 +43,12 @@ from ssp_eval.closed_loop.prediction import (
 from ssp_eval.closed_loop.tables import (
     groups_of,
     headline_table,
+    other_starts_table,
     pair_table,
     severity_table,
     unlike_pair_table,
 )
-from ssp_eval.closed_loop.words import words_table
+from ssp_eval.closed_loop.words import words_tables
 from ssp_eval.report.cli import report
 from ssp_eval.statistics.rows import CellRow
 from ssp_eval.statistics.table import texts
@@ -316,6 +318,26 @@ def test_unlike_cards_never_share_a_column(folder: Path) -> None:
     assert all(len(one) == 1 or MINE not in one for one in groups)
 
 
+def test_starts_that_are_not_critical_are_reported_apart(folder: Path) -> None:
+    rows = (folder / "runs.csv").read_text()
+    campaign = load_loop(folder)
+    assert other_starts_table(campaign, campaign.drivers).rows == ()
+    assert "Other starts" not in render(campaign)
+    (folder / "runs.csv").write_text(re.sub(",s3,critical,", ",s3,harmless,", rows))
+    campaign = load_loop(folder)
+    (plain, _) = groups_of(campaign)
+    table = other_starts_table(campaign, plain)
+    assert "careful" not in [row[2] for row in table.rows]
+    names = [column.key for column in table.columns]
+    found = {row[2:4]: dict(zip(names, row, strict=True)) for row in table.rows}
+    mine = found[MINE, "0.5"]
+    assert (mine["event"], mine["kind"], mine["planned"]) == ("cut_in", "harmless", 1)
+    assert (mine["avoided"], mine["collision"], mine["needless"]) == (1, 0, 0)
+    assert found["always_brake", "0"]["evaded"] == 1
+    assert "Other starts" in render(campaign)
+    assert "other_starts_1" in [table.name for table in tables_of(campaign)]
+
+
 def test_pairs_say_of_which_events_they_are(campaign: LoopCampaign) -> None:
     table = pair_table(campaign, groups_of(campaign)[0])
     assert table.title.endswith("for these events: cut_in")
@@ -379,6 +401,17 @@ def test_each_failed_run_has_the_command_that_drives_it_again(campaign: LoopCamp
     assert bag_of(campaign, first) == f"bags/{first.number:06d}/bag"
     assert f"<code>bags/{first.number:06d}/bag</code>" in render(campaign)
     assert again(campaign, first) == f"ssp loop '{campaign.folder}' --again {first.number}"
+    assert "a prescribed motion, in no session" not in render(campaign)
+
+
+def test_a_prescribed_motion_has_no_command_that_drives_it_again(folder: Path) -> None:
+    rows = (folder / "runs.csv").read_text()
+    hit = re.sub(r"(,careful,zero,0),avoided", r"\1,collision", rows, count=1)
+    (folder / "runs.csv").write_text(hit)
+    campaign = load_loop(folder)
+    ((failed,),) = [runs for name, runs in failed_of(campaign) if name == "careful"]
+    assert again(campaign, failed) == ""
+    assert render(campaign).count("a prescribed motion, in no session") == 1
 
 
 def test_a_campaign_that_is_refused_or_unfinished_says_so(campaign: LoopCampaign) -> None:
@@ -467,13 +500,27 @@ def test_words_are_held_against_the_plan_of_the_same_answer(
         {"row": fourth, "stamp_s": 10.1, "text": BRAKES, "speed_mps": 0.4, "slows_mps": 0.4},
         {"row": fourth, "stamp_s": 10.2, "text": "A car.", "speed_mps": 9.0, "slows_mps": 3.0},
     )
-    table = words_table(campaign)
-    assert table is not None
+    (table,) = words_tables(campaign)
     assert table.rows == ((MINE, "0.5", 3, pytest.approx(1 / 3), pytest.approx(1 / 3)),)
 
 
 def test_without_texts_there_is_no_table_of_words(campaign: LoopCampaign) -> None:
-    assert words_table(campaign) is None
+    assert words_tables(campaign) == []
+
+
+def test_words_of_drivers_with_unlike_cards_stand_in_tables_of_their_own(folder: Path) -> None:
+    cards = [
+        card(name, **({"route_m": None} if name == MINE else {})) for name in (*BASELINES, MINE)
+    ]
+    (folder / "cards.json").write_text(json.dumps({"cards": cards}))
+    campaign = load_loop(folder)
+    groups = groups_of(campaign)
+    rows = {run.row.driver: run.number for run in campaign.runs}
+    kept = {"stamp_s": 10.1, "text": BRAKES, "speed_mps": 10.0, "slows_mps": 3.0}
+    said(folder, {"row": rows[MINE], **kept}, {"row": rows["aeb"], **kept})
+    found = {table.name: [row[0] for row in table.rows] for table in words_tables(campaign)}
+    place = {name: k for k, group in enumerate(groups, 1) for name in group}
+    assert found == {f"words_{place[MINE]}": [MINE], f"words_{place['aeb']}": ["aeb"]}
 
 
 def test_an_answers_file_that_is_none_is_refused_by_file_and_line(
@@ -481,7 +528,7 @@ def test_an_answers_file_that_is_none_is_refused_by_file_and_line(
 ) -> None:
     said(folder, {"row": 1, "text": BRAKES})
     with pytest.raises(InputError, match=r"000008\.jsonl.*1.*speed_mps"):
-        words_table(campaign)
+        words_tables(campaign)
 
 
 def point(name: str, score: float, headline: float, half: float = 0.05) -> Point:

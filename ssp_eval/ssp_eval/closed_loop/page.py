@@ -28,6 +28,7 @@ from ssp_eval.closed_loop.tables import (
     conditions_of,
     groups_of,
     headline_table,
+    other_starts_table,
     outcome_table,
     over_events_table,
     pair_table,
@@ -40,6 +41,7 @@ from ssp_eval.statistics.table import Table, counted
 from ssp_scenario_manager.closed_loop.campaigns.bags import bag_folder
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES, PRIVILEGED, ZERO
 from ssp_scenario_manager.closed_loop.campaigns.runs import jobs_of
+from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL
 from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS
 from ssp_scenario_manager.closed_loop.outcomes.rates import refused_for, rising
 from ssp_scenario_manager.closed_loop.outcomes.tables import off_the_twin
@@ -67,12 +69,14 @@ def write_loop_report(campaign: LoopCampaign, further: Sequence[Table] = ()) -> 
 
 def tables_of(campaign: LoopCampaign) -> list[Table]:
     """Return all tables of a campaign, for files; those of a group of drivers have its number."""
-    found = []
+    found, rates = [], campaign.rates
     for k, group in enumerate(groups_of(campaign)):
         others = [one for one in campaign.drivers if one not in group]
         own = [
             *(severity_table(campaign, event, group) for event in campaign.plan.events),
             *(headline_table(campaign, event, group) for event in campaign.plan.events),
+            *(outcome_table(rates, event, group) for event in campaign.plan.events),
+            other_starts_table(campaign, group),
             over_events_table(campaign, group),
             pair_table(campaign, group),
             unlike_pair_table(campaign, group, others),
@@ -109,6 +113,7 @@ def render(campaign: LoopCampaign, further: Sequence[Table] = ()) -> str:
             ],
             parts=[_part(campaign, event, groups) for event in campaign.plan.events],
             over_events=[grid(over_events_table(campaign, group)) for group in groups],
+            others=_others(campaign, groups),
             pairs=_pairs(campaign, groups, own),
             further=[grid(table) for table in further],
             failed=failed_of(campaign),
@@ -163,7 +168,15 @@ def _part(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> dict[s
 
 def _severity(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> list[Grid]:
     """Return the tables of one event, with the note under the last one alone."""
-    tables = [severity_table(campaign, event, group) for group in groups]
+    return _noted([severity_table(campaign, event, group) for group in groups])
+
+
+def _others(campaign: LoopCampaign, groups: list[list[str]]) -> list[Grid]:
+    """Return the tables of starts that aren't critical, with the note under the last one alone."""
+    return _noted([other_starts_table(campaign, group) for group in groups])
+
+
+def _noted(tables: Sequence[Table]) -> list[Grid]:
     found = [grid(table) for table in tables if table.rows]
     return [*(replace(one, notes=()) for one in found[:-1]), *found[-1:]]
 
@@ -288,7 +301,9 @@ def failed_of(campaign: LoopCampaign) -> list[tuple[str, list[Run]]]:
 
 
 def again(campaign: LoopCampaign, run: Run) -> str:
-    """Return the command that drives one run again."""
+    """Return the command that drives one run again; empty: it is of no session."""
+    if campaign.card(run.row.driver)["kind"] == CAREFUL:
+        return ""
     return f"ssp loop {shlex.quote(str(campaign.folder))} --again {run.number}"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from statistics import median
@@ -14,7 +15,7 @@ from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.table import Column, Table, Value
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES
 from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
-from ssp_scenario_manager.closed_loop.outcomes.rates import Rates
+from ssp_scenario_manager.closed_loop.outcomes.rates import CRITICAL, Rates, RunRow
 
 # What must be like for two drivers' results to stand under one another.
 CONDITIONS = (
@@ -109,6 +110,39 @@ def outcome_table(rates: Iterable[Rates], event: str, drivers: Sequence[str]) ->
         for one in own
     )
     return Table(f"outcomes_{event}", event, columns, rows)
+
+
+def other_starts_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
+    """Return how many runs on starts that aren't critical have which outcome (METHOD 8.1)."""
+    cells: dict[tuple[str, str, str, Latency], list[RunRow]] = {}
+    for row in (run.row for run in campaign.runs):
+        if row.kind != CRITICAL and row.driver in drivers:
+            cells.setdefault((row.event, row.kind, row.driver, row.latency), []).append(row)
+    counts = {cell: Counter(row.outcome for row in found) for cell, found in cells.items()}
+    there = [kind for kind in OUTCOMES if any(count[kind] for count in counts.values())]
+    return Table(
+        "other_starts",
+        "On harmless and unavoidable starts",
+        (
+            *(Column("event", "event", "text"), Column("kind", "start", "text")),
+            *(Column("driver", "driver", "text"), Column("latency", "L, s", "number")),
+            Column("planned", "runs", "count"),
+            *(Column(kind, kind.replace("_", " "), "count") for kind in there),
+            Column("needless", "needless", "count"),
+        ),
+        tuple(
+            (
+                *(event, kind, driver, latency.shown, len(found)),
+                *(counts[event, kind, driver, latency][one] for one in there),
+                sum(bool(row.needless) for row in found),
+            )
+            for (event, kind, driver, latency), found in cells.items()
+        ),
+        notes=(
+            "They are in no headline. On a harmless start a VUT that doesn't respond has no "
+            "contact, and avoiding it is no answer; on an unavoidable one the oracle has one.",
+        ),
+    )
 
 
 def severity_table(campaign: LoopCampaign, event: str, drivers: Sequence[str]) -> Table:

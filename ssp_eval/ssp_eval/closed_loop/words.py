@@ -11,6 +11,7 @@ from pathlib import Path
 from ssp_core.errors import InputError
 from ssp_core.run_file.latency import Latency
 from ssp_eval.closed_loop.folder import LoopCampaign
+from ssp_eval.closed_loop.tables import groups_of
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.statistics.table import Column, Table
 from ssp_scenario_manager.closed_loop.outcomes.texts import TEXTS_FOLDER
@@ -120,14 +121,26 @@ def words_of(
     ]
 
 
-def words_table(campaign: LoopCampaign) -> Table | None:
-    """Return words against deeds of each driver; None where no answer has a text."""
+def words_tables(campaign: LoopCampaign) -> list[Table]:
+    """Return words against deeds of the drivers whose answers have texts, by groups of like cards.
+
+    A group has its number, as in the other tables.
+    """
     said = load_said(campaign)
     if not said:
-        return None
+        return []
     found = words_of(campaign, said, lon_action_by(Extractor()))
+    tables = []
+    for k, group in enumerate(groups_of(campaign), 1):
+        own = [one for one in found if one.driver in group]
+        if own:
+            tables.append(_table(f"words_{k}", own))
+    return tables
+
+
+def _table(name: str, found: Iterable[Words]) -> Table:
     return Table(
-        "words",
+        name,
         "Words against deeds",
         (
             Column("driver", "driver", "text"),

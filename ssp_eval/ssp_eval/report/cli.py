@@ -346,14 +346,13 @@ def _report_loop(
     from ssp_eval.closed_loop.folder import load_loop
     from ssp_eval.closed_loop.page import tables_of, write_loop_report
     from ssp_eval.closed_loop.prediction import prediction_table
-    from ssp_eval.closed_loop.words import words_table
+    from ssp_eval.closed_loop.words import words_tables
 
     if not is_plain:
         raise click.UsageError("a campaign of driven runs has a page and tables: see --tables DIR")
     _take(folder, tables)
     campaign = load_loop(folder)
-    words = words_table(campaign)
-    further = [] if words is None else [words]
+    further = words_tables(campaign)
     if open_loop:
         cells, rows, _ = runs_of(open_loop)
         both = zip(cells, rows, strict=True)
