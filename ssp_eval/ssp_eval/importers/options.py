@@ -293,7 +293,7 @@ def _log(given: Mapping[str, Any]) -> LogDeclaration | None:
 
 moving = adding(
     click.option("--site", help="OpenDRIVE map, SUMO network or site: the road, for topology."),
-    click.option("--block", help="The stretch of it that the VUT drives on, where several fit."),
+    click.option("--block", help="Block or route of it that the VUT drives on."),
     click.option(
         "--transform",
         "transforms",
