@@ -127,9 +127,8 @@ def braking_starts(reference: Drive, comparison: Drive) -> tuple[float | None, f
     starts = [None if b is None else b.start_s for b in found]
     first = 0 if found[0] is not None else 1
     leads, leader, other = found[first], drives[first], drives[1 - first]
-    if leads is None or any(
-        obstacle(d, s, b is not None) for d, s, b in zip(drives, starts, found, strict=True)
-    ):
+    # Where the other one begins to brake is found below.
+    if leads is None or obstacle(leader, leads.start_s) or obstacle(other, None, brakes=False):
         return starts[0], starts[1]
     follows = delay(leader, other, leads.start_s)
     if follows.lag_s is None or follows.gain is None:

@@ -21,7 +21,8 @@ STEP_S = 0.01
 DECELERATES_MPS2, DECELERATION_STEP_S = -0.5, 0.5
 # It brakes where its acceleration falls below a share of the strongest one of a pair. Its braking
 # is the first point below a share of its own strongest one, from there back to the crossing of a
-# smaller share. Stronger braking doesn't deepen any of the three.
+# smaller share. Stronger braking doesn't deepen any of the three, but where the VUT is below the
+# last of them from the beginning on, as with the engine's drag.
 _STRONG_SHARE, _STRONG_MPS2 = 0.5, -3.0
 _BRAKES_SHARE, _BRAKES_MPS2 = 0.9, -3.0
 _BEGINS_SHARE, _BEGINS_MPS2 = 0.5, -1.0
@@ -110,9 +111,13 @@ def braking(drive: Drive, strong_mps2: float | None) -> Braking | None:
     if strong_mps2 is None or own_mps2 >= strong_mps2:
         return None
     level_mps2 = max(_BRAKES_MPS2, _BRAKES_SHARE * own_mps2)
-    begins_mps2 = max(_BEGINS_MPS2, _BEGINS_SHARE * own_mps2)
     i = int(np.flatnonzero(drive.acceleration_mps2 < level_mps2)[0])
-    return Braking(float(drive.t_s[i]), begins_mps2, _crossing(drive, i, begins_mps2))
+    share_mps2 = _BEGINS_SHARE * own_mps2
+    begins_mps2 = max(_BEGINS_MPS2, share_mps2)
+    start_s = _crossing(drive, i, begins_mps2)
+    if start_s is None and share_mps2 < begins_mps2:
+        begins_mps2, start_s = share_mps2, _crossing(drive, i, share_mps2)
+    return Braking(float(drive.t_s[i]), begins_mps2, start_s)
 
 
 def _strongest(drive: Drive) -> float:

@@ -46,6 +46,12 @@ DRIVES = {
     "the engine's drag beyond -1 m/s² before": np.minimum(
         pulse(T_S, -1.02, start_s=0.6, hold_s=4.0), pulse(T_S, -3.3, start_s=2.0)
     ),
+    "the engine's drag near -1 m/s² from the beginning on": np.minimum(
+        -0.98, pulse(T_S, -5.0, start_s=1.6)
+    ),
+    "the engine's drag beyond -1 m/s² from the beginning on": np.minimum(
+        -1.02, pulse(T_S, -3.3, start_s=1.6)
+    ),
     "two steps": corners(
         (1.5, 0.0), (1.8, -2.9), (2.6, -2.9), (2.8, -6.0), (3.6, -6.0), (4.0, 0.0)
     ),
@@ -72,6 +78,8 @@ CASES = [
     *((name, NEAR, "comparison") for name in DRIVES),
     ("a tap just above the threshold, then the braking", NEAR, "reference"),
     ("noise at the threshold", NEAR, "reference"),
+    ("the engine's drag near -1 m/s² from the beginning on", NEAR, "reference"),
+    ("the engine's drag beyond -1 m/s² from the beginning on", NEAR, "reference"),
 ]
 
 
