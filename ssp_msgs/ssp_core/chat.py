@@ -69,8 +69,8 @@ class Trouble:
 
     Args:
         kind: by which a remedy is found: ``unreachable``, ``lost``, ``too_large``, ``unsendable``,
-            ``key``; what an error's message names, ``images``, ``length`` or ``filter``; else the
-            status as text.
+            ``key``; what an error's message names, ``images``, ``length``, ``option``, ``filter``,
+            a model or a key that isn't known (``404``, ``401``); else the status as text.
         safe: nothing was answered, so that asking again costs nothing.
         lost: an answer may have been made.
         late: no whole answer came within the time that it had.
@@ -273,7 +273,8 @@ class OpenAIChat:
         return f"{self._shown_url}: {trouble.reason}{made}" + (f"; {remedy}" if remedy else "")
 
 
-_SAY_WHY = frozenset({400, 403, 413, 422, 500, 501})
+_SAY_WHY = frozenset({400, 403, 404, 413, 422, 500, 501})
+_OF_REQUEST = frozenset({400, 404, 422})
 _FILTER = "filter"
 # Texts of a server that ran out of it speak of what it was at, such as images, and not of a cause.
 _MEMORY = re.compile(r"out of memory|\bOOM\b|outofmemory|cannot allocate|CUDA error", re.I)
@@ -281,10 +282,13 @@ _TOPICS = (
     (
         "length",
         re.compile(
-            r"context (?:length|window|size)|context_length|maximum context|exceed_context"
+            r"context (?:length|window|size)|context_length|maximum context|exceed_context|n_ctx"
             r"|too many (?:\w+ )?tokens|max(?:imum)? (?:model|sequence|input|prompt) length"
             r"|max_(?:new|completion)?_?tokens\W{0,3} (?:is too large|must be)|completion tokens"
-            r"|max_model_len|token count exceeds"
+            r"|max_model_len|token count\b[^.;\n]{0,30}exceeds|maximum number of (?:\w+ )?tokens"
+            r"|(?:token|input|prompt|message|sequence)s?(?: token)? length\b[^.;\n]{0,20}"
+            r"(?:should be|must be|exceed|limit)|(?:prompt|input) tokens exceed"
+            r"|reduce (?:your|the) (?:prompt|length|input|message)"
             r"|(?:prompt|input|request) (?:is |was )?too (?:long|large)",
             re.I,
         ),
@@ -294,6 +298,31 @@ _TOPICS = (
         re.compile(
             r"\b(?:images?|image_url|vision|multi-?modal|pictures?|mmproj)\b"
             r"|content\W{1,4}(?:must be|should be|expected) a? ?(?:valid )?str",
+            re.I,
+        ),
+    ),
+)
+# The same of a refused request, with a model or a key that isn't known, and options.
+_TOPICS_OF_REQUEST = (
+    (
+        "404",
+        re.compile(
+            r"\bmodel\b(?:[^.;,\n]|\.(?!\s)){0,80}\b(?:(?:do|does|is|was|could)(?: not|n[o'’]t)"
+            r" (?:be )?(?:exist|found|available|served)|not (?:exist|found)|unknown)"
+            r"|(?:invalid|unknown|no such|unsupported) model\b",
+            re.I,
+        ),
+    ),
+    *_TOPICS,
+    ("401", re.compile(r"\bapi[ _-]?key\b|unauthori[sz]ed|authenticat|credential", re.I)),
+    (
+        "option",
+        re.compile(
+            r"temperature|\bseed\b|\btop_?[pk]\b|penalt(?:y|ies)|max_(?:\w+_)?tokens|logprobs"
+            r"|response_format|json_schema|grammar|guided_|\bstream|\bparam(?:eter)?s?\b"
+            r"|\barguments?\b|\b(?:extra|unknown|unexpected|additional|unrecogni[sz]ed) "
+            r"(?:\w+ )?(?:inputs?|fields?|keys?|propert\w+|options?|keyword)"
+            r"|unsupported value",
             re.I,
         ),
     ),
@@ -308,7 +337,8 @@ def _topic(code: int, said: str, body: bytes) -> str:
         return _FILTER
     if code == 403 or _MEMORY.search(said):
         return ""
-    return next((name for name, words in _TOPICS if words.search(said)), "")
+    topics = _TOPICS_OF_REQUEST if code in _OF_REQUEST else _TOPICS
+    return next((name for name, words in topics if words.search(said)), "")
 
 
 def _said(body: bytes) -> str:

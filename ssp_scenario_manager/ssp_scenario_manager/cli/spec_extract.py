@@ -41,11 +41,14 @@ _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _PATH = click.Path(path_type=Path)
 _KEY_REMEDY = "name the variable that holds the key with --api-key-env"
 _SIZE_REMEDY = "give fewer --frames or a smaller --width"
+_SCHEMA_REMEDY = "where the server can't hold answers to a schema, give --no-schema"
 _REMEDIES = {
     "unreachable": "start it, or give its --base-url",
     "lost": "is the model still being loaded? give a larger --timeout",
-    "400": "where the server can't hold answers to a schema, give --no-schema; where it finds the "
-    f"request too long, {_SIZE_REMEDY}",
+    "400": f"{_SCHEMA_REMEDY}; where it finds the request too long, {_SIZE_REMEDY}",
+    "option": _SCHEMA_REMEDY,
+    "length": _SIZE_REMEDY,
+    "images": "give a model that takes pictures",
     "401": _KEY_REMEDY,
     "403": _KEY_REMEDY,
     "404": "--model must be a name that the server serves, and --base-url usually ends in /v1",

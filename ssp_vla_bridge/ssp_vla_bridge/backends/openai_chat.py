@@ -489,7 +489,7 @@ def _remedies(variable: str) -> dict[str, str]:
         "401": key,
         "403": key,
         "404": "model must be a name that the server serves, and base_url usually ends in /v1",
-        "400": "a decoding option that the server refuses is left out by null",
+        "option": "a decoding option that the server refuses is left out by null",
         "images": "give a model that takes pictures, or fewer, or images: none, which asks without",
         "length": "give fewer frames, an image_width, or a smaller max_tokens",
         "filter": "a filter of the server refused it, which is final",

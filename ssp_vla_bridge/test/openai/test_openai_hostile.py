@@ -147,7 +147,13 @@ SERVICES = {
     "has a short model": error_status(
         400, "The prompt (length 9) is longer than the maximum model length of 8. Images count."
     ),
+    "counts tokens": error_status(400, "The input token count (9) exceeds the maximum number"),
+    "bounds the input": error_status(400, "Range of input length should be [1, 30720]"),
     "takes plain text": error_status(400, "'messages.0.content' must be a string"),
+    "finds no eyes": error_status(404, "No endpoints found that support image input"),
+    "serves no such model": error_status(400, "The model `qwen2.5-vision` does not exist"),
+    "knows no key": error_status(400, "API key not valid. Please pass a valid API key."),
+    "wants turns": error_status(400, "Conversation roles must alternate"),
     "filters the question": error_status(
         400, "The prompt triggered the content management policy."
     ),

@@ -17,9 +17,12 @@ from ssp_core.options import Number
 from ssp_eval.extract.combined.extractor import Extractor
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+_SCHEMA_REMEDY = "where the server can't hold answers to a schema, say so with the option for it"
 _REMEDIES = {
     "unreachable": "start it, or give the address of another",
-    "400": "where the server can't hold answers to a schema, say so with the option for it",
+    "400": _SCHEMA_REMEDY,
+    "option": _SCHEMA_REMEDY,
+    "length": "give a model with a longer context, or serve this one with it",
     "401": "name the variable that holds the key",
     "403": "name the variable that holds the key",
     "404": "the model must be one that the server serves, and the address usually ends in /v1",
