@@ -136,7 +136,15 @@ def overlay(
     line = pages.element("polyline", points=pages.points(list(found.middle)), class_="path")
     body = (surface + line if len(found.middle) >= 2 else "") + "".join(dots)
     box = f"0 0 {geometry['width_px']} {geometry['height_px']}"
-    return pages.element("svg", body, class_="overlay", viewBox=box, preserveAspectRatio="none")
+    # The view from above says the same to those who don't see it.
+    return pages.element(
+        "svg",
+        body,
+        class_="overlay",
+        viewBox=box,
+        preserveAspectRatio="none",
+        aria_hidden="true",
+    )
 
 
 WIDTH, HEIGHT = 170, 250
@@ -203,4 +211,13 @@ def top_view(trajectory: Trajectory | None, history: Sequence[dict[str, Any]]) -
         width=WIDTH,
         height=HEIGHT,
         role="img",
+        aria_label=_described(trajectory),
     )
+
+
+def _described(trajectory: Trajectory | None) -> str:
+    if trajectory is None:
+        return "No valid trajectory"
+    x_m, y_m, t_s = trajectory.x_m[-1], trajectory.y_m[-1], trajectory.t_s[-1]
+    side = "left" if y_m >= 0.0 else "right"
+    return f"Plan from above: {x_m:.1f} m ahead, {abs(y_m):.1f} m to the {side} at {t_s:g} s"

@@ -282,6 +282,14 @@ def test_top_view_shows_that_there_is_nothing() -> None:
     assert plan.count("<circle") == 2
 
 
+def test_drawings_have_a_name_for_screen_readers_or_are_left_out() -> None:
+    plan = Trajectory((0.0, 0.5, 1.0), (0.0, 5.0, 10.0), (0.0, 0.0, -0.5))
+    named = 'role="img" aria-label="Plan from above: 10.0 m ahead, 0.5 m to the right at 1 s">'
+    assert named in top_view(plan, [])
+    assert 'role="img" aria-label="No valid trajectory">' in top_view(None, [])
+    assert 'aria-hidden="true"' in overlay(plan, GEOMETRY, 1.8)
+
+
 def test_shade_goes_from_light_to_dark() -> None:
     assert shade(0.0) == "#d6e4f0"
     assert shade(1.0) == "#084081"
