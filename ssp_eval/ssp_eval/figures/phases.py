@@ -29,7 +29,7 @@ from ssp_eval.figures.style import (
 )
 from ssp_eval.figures.write import Written, written_drawings
 from ssp_eval.score.cli import NULL
-from ssp_eval.statistics.notices import domain_text
+from ssp_eval.statistics.notices import caption_text
 from ssp_eval.statistics.rows import rows_from_cells
 
 _LEFT_IN, _GAP_IN, _HEAD_IN, _FOOT_IN = 0.22, 0.06, 0.22, 0.24
@@ -219,7 +219,7 @@ def _caption(
         f"Without a known pose of the camera, and so without paths: {', '.join(blind)}."
         if blind
         else "",
-        domain_text(rows_from_cells([story.cell for story in by_domain.values()])),
+        caption_text(rows_from_cells([story.cell for story in by_domain.values()])),
     )
 
 

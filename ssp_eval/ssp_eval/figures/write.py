@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_bytes, write_text
 from ssp_eval.figures.scores import Scores
-from ssp_eval.statistics.notices import domain_text
+from ssp_eval.statistics.notices import caption_text
 from ssp_eval.statistics.rows import CellRow
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def write_figures(
             remedy=f"name one of {', '.join(scores.by_model) or 'none, since there is no score'}",
         )
     make_folder(out)
-    told = domain_text(scores.rows)
+    told = caption_text(scores.rows)
     return written_drawings(_drawings(scores, reference, only), out, progress, told)
 
 

@@ -84,7 +84,11 @@ def control_names(models: Sequence[str]) -> list[str]:
     names = sorted(set(models))
     taken = [name for name in names if is_control_name(name)]
     answering = [name for name in names if name in ANSWERERS and name not in taken]
-    nearly = [name for name in names if name not in own.values() and folded(name) in own]
+    nearly = {
+        name: written
+        for name in names
+        if name not in (*own.values(), *taken) and (written := _control_written(name, own))
+    }
     found = []
     if taken:
         found.append(
@@ -99,7 +103,19 @@ def control_names(models: Sequence[str]) -> list[str]:
     if nearly:
         found.append(
             f"ranked as models, with a control's name but for case, dashes or spaces: "
-            f"{some(nearly)}. A control is written {some([own[folded(n)] for n in nearly])}; a "
+            f"{some([*nearly])}. A control is written {some([*dict.fromkeys(nearly.values())])}; a "
             "model needs another name."
         )
     return found
+
+
+def _control_written(name: str, own: Mapping[str, str]) -> str:
+    """Return how a control of this name, but for case, dashes and spaces, is written; else empty.
+
+    Args:
+        name: of a row.
+        own: names of controls that are no model under a condition, by the folded ones.
+    """
+    base, _, condition = name.rpartition("+")
+    written = f"{base.strip()}+{folded(condition)}"
+    return own.get(folded(name)) or (written if is_control_name(written) else "")

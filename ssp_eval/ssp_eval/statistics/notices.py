@@ -17,7 +17,6 @@ from ssp_eval.evaluate.clients.models import (
     condition_of,
 )
 from ssp_eval.evaluate.store.admission import ADMITTED
-from ssp_eval.evaluate.store.cell_file import outages
 from ssp_eval.evaluate.store.results import CellData, CellFacts
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.score.aggregate import domain_order
@@ -149,6 +148,29 @@ def domain_text(rows: Sequence[CellRow]) -> str:
     return " ".join(text for text in told if text)
 
 
+def outage_text(rows: Iterable[CellRow]) -> tuple[str, tuple[str, ...]]:
+    """Write what outages cost, with the names of the cells; empty where they cost nothing."""
+    lost = [row for row in rows if row.status == OK and row.lost]
+    if not lost:
+        return "", ()
+    # Models first: of many names only some are printed.
+    ordered = sorted(lost, key=lambda row: (row.control, *row.key))
+    names = tuple(dict.fromkeys(" / ".join(row.key) for row in ordered))
+    count = sum(row.lost for row in lost)
+    times = "1 label time, which counts as a missing output"
+    if count > 1:
+        times = f"{count} label times, which count as missing outputs"
+    return (
+        f"Outage: bridge, server or network gave no answer at {times}. Every mean that "
+        f"holds these cells measures them too: {some(names, '; ')}. Ask again with --retry-errors."
+    ), names
+
+
+def caption_text(rows: Sequence[CellRow]) -> str:
+    """Write what the caption of a figure must say beside the figure; empty for nothing."""
+    return " ".join(text for text in (domain_text(rows), outage_text(rows)[0]) if text)
+
+
 def lead(rows: Sequence[CellRow]) -> str:
     """Describe the cells and what a difference between two of them is, without naming a cause."""
     scenarios, domains = {row.scenario for row in rows}, {row.domain for row in rows}
@@ -181,6 +203,9 @@ def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
         yield Notice(STAND_IN, stand_in_text(names), tuple(names), everywhere=True)
     for text, about in declared_texts(rows):
         yield Notice(DECLARED, text, about, everywhere=True)
+    text, about = outage_text(rows)
+    if text:
+        yield Notice(OUTAGE, text, about, everywhere=True)
     for status in sorted({row.status for row in rows if row.status != OK}):
         names = sorted({" / ".join(row.key) for row in rows if row.status == status})
         cells = "1 cell enters" if len(names) == 1 else f"{len(names)} cells enter"
@@ -283,7 +308,6 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
     yield from _of_carla(cells)
     yield from _of_rules(cells)
     yield from _of_drivers(cells)
-    yield from _of_outages(cells)
     for finding in sorted({name for cell in cells for name in cell.facts.clip.accepted}):
         names = _recordings(cell for cell in cells if finding in cell.facts.clip.accepted)
         text = f"Accepted as it is at import: {finding} in {some(names)}."
@@ -310,25 +334,6 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
             yield Notice(CELL, f"{name}: {records} no label and {ignoring}.", (name,))
         for note in cell.notes:
             yield Notice(CELL, f"{name}: {note}", (name,))
-
-
-def _of_outages(cells: Sequence[CellData]) -> Iterable[Notice]:
-    lost = {
-        f"{cell.scenario} / {cell.domain} / {cell.model}": sum(
-            outages(cell.facts.answers.missing_by_kind).values()
-        )
-        for cell in cells
-        if cell.score is not None and not cell.is_control
-    }
-    names = sorted(name for name, count in lost.items() if count)
-    if names:
-        text = (
-            "Outage: bridge, server or network gave no answer at "
-            f"{sum(lost.values())} label times, which count as missing outputs. Every mean that "
-            f"holds these cells measures them too: {some(names, '; ')}. Ask again with "
-            "--retry-errors."
-        )
-        yield Notice(OUTAGE, text, tuple(names), everywhere=True)
 
 
 def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable[Notice]:

@@ -69,6 +69,7 @@ class CellRow(Scores):
         status: ok, refused or failed; only an ok one has scores.
         reason: why it is not ok, or OTHER_LABELS; of an ok one also what an outage cost, and who
             drove the recording.
+        lost: answers that an outage cost: they count as missing outputs in every mean.
         declared_by: who says of which domain the recording is; empty where no person had to.
         thresholds: hash of those that it was scored with; empty: METHOD's, or not stated.
         weighted: IVCS where it isn't METHOD 6.10 of this row's components: a mean over runs, or as
@@ -89,6 +90,7 @@ class CellRow(Scores):
     stand_in: bool = False
     status: str = OK
     reason: str = ""
+    lost: int = 0
     thresholds: str = ""
     declared_by: str = ""
     weighted: float | None = None
@@ -174,6 +176,7 @@ def _merge(group: Sequence[CellRow]) -> CellRow:
         **values,  # type: ignore[arg-type]  # the names are those of METRICS
         weighted=mean(row.ivcs for row in group).value,
         admitted=all(row.admitted for row in group),
+        lost=sum(row.lost for row in group),
         run=f"mean of {len(group)} runs",
         seed=None,
         n=group[0].n if len({row.n for row in group}) == 1 else None,
@@ -224,8 +227,9 @@ def _row_of(cell: CellData, run: str, compared: LabelComparison | None) -> CellR
 
     is_comparable = score is None or compared is None or compared.comparable
     reasons = [*cell.facts.reasons, *([] if is_comparable else [OTHER_LABELS])]
-    if lost := losses_text(outages(cell.facts.answers.missing_by_kind)):
-        reasons.append(lost)
+    lost = outages(cell.facts.answers.missing_by_kind)
+    if lost:
+        reasons.append(losses_text(lost))
 
     if driver := cell.facts.clip.driven_by:
         reasons.append(f"driven by {driver}")
@@ -247,6 +251,7 @@ def _row_of(cell: CellData, run: str, compared: LabelComparison | None) -> CellR
         declared_by=cell.facts.clip.declared_by,
         status=cell.facts.status,
         reason="; ".join(reasons),
+        lost=0 if score is None else sum(lost.values()),
         thresholds="" if cell.thresholds == DEFAULT else cell.thresholds.sha256,
     )
 
@@ -267,7 +272,7 @@ COLUMNS = (
     "atc_eff",
     "risk",
 )
-_NUMBERS = frozenset({*METRIC_NAMES, "n", "seed", "total_b", "active_b"})
+_NUMBERS = frozenset({*METRIC_NAMES, "n", "seed", "lost", "total_b", "active_b"})
 _FACTS = ("total_b", "active_b", "architecture")
 
 
@@ -314,6 +319,7 @@ class _Line(
     stand_in: bool = False
     status: Literal["ok", "refused", "failed"] = "ok"
     reason: Annotated[str, AfterValidator(unguarded)] = ""
+    lost: Annotated[int, Field(ge=0)] = 0
     thresholds: Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")] = ""
     declared_by: Annotated[str, AfterValidator(unguarded)] = ""
 

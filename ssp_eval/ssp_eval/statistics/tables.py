@@ -75,10 +75,10 @@ _BEHIND = (
             "stand_in",
             "status",
             "reason",
-            "thresholds",
-            "declared_by",
         )
     ),
+    Column("lost", "answers lost", "count", printed=False),
+    *(Column(key, key, "text", printed=False) for key in ("thresholds", "declared_by")),
 )
 
 
@@ -123,6 +123,7 @@ def matrix_table(rows: Sequence[CellRow]) -> Table:
             YES if row.stand_in else NO,
             row.status,
             row.reason,
+            row.lost,
             row.thresholds,
             row.declared_by,
         )

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_eval.statistics.notices import everywhere, notices
+from ssp_eval.statistics.notices import OUTAGE, caption_text, everywhere, notices
 from ssp_eval.statistics.rows import COLUMNS, MACRO, entering, merged, repeated, rows_from_csv
-from ssp_eval.statistics.table import write_tables
+from ssp_eval.statistics.table import to_csv, write_tables
 from ssp_eval.statistics.tables import all_tables, matrix_table
 from support.score_rows import row
 
@@ -427,6 +427,40 @@ def test_a_row_that_is_called_a_mean_is_told(tmp_path, key, name):
     (text,) = told
     assert f"named like a mean, and counted as a {key} like any other: {name}." in text
     assert any("Named like a mean" in one for one in everywhere(notices(rows)))
+
+
+@pytest.mark.parametrize(
+    ("name", "written"),
+    [
+        ("Perfect", "perfect"),
+        ("best constant", "best_constant"),
+        ("a+Black", "a+black"),
+        ("a + shuffled", "a+shuffled"),
+        ("A+Twin.without.ot1", "A+twin.without.ot1"),
+        ("a+BLIND", "a+blind"),
+    ],
+)
+def test_a_name_that_is_nearly_a_controls_is_told(tmp_path, name, written):
+    told: list[str] = []
+    rows_from_csv(write(tmp_path, *lines_of("m", name)), told.append)
+    (text,) = told
+    assert f"but for case, dashes or spaces: {name}. A control is written {written};" in text
+
+
+def test_what_an_outage_cost_comes_back_from_a_file(tmp_path):
+    black = row(model="a+black", control=True, lost=1)
+    lost = [black, row(model="b", lost=2), row(model="c")]
+    path = tmp_path / "matrix.csv"
+    path.write_text(to_csv(matrix_table(lost)))
+    rows = rows_from_csv(path)
+    assert {one.model: one.lost for one in rows} == {"b": 2, "a+black": 1, "c": 0}
+    (notice,) = [one for one in notices(rows) if one.kind == OUTAGE]
+    assert notice.everywhere
+    assert "no answer at 3 label times" in notice.text
+    assert notice.about == ("s / physical / b", "s / physical / a+black")
+    assert notice.text in caption_text(rows)
+    assert caption_text([one for one in rows if not one.lost]) == ""
+    assert merged([row(run="1", lost=2), row(run="2", lost=1)])[0].lost == 3
 
 
 def test_sound_names_are_told_nothing(tmp_path):
