@@ -208,6 +208,32 @@ def test_map_axes_and_an_empty_twist_are_told_apart_wherever_the_way_leads(
     assert found[1].kind == window.EMPTY_TWIST
 
 
+@pytest.mark.parametrize("rate_hz", [5.0, 50.0])
+@pytest.mark.parametrize("yaw_rad", [0.5 * math.pi, -0.5 * math.pi, 0.5 * math.pi - 0.02])
+@pytest.mark.parametrize(("mps", "kind"), [(1e-15, window.MAP_AXES), (0.0, window.EMPTY_TWIST)])
+def test_uncertain_places_do_not_hide_that_the_way_leads_north(
+    mps: float, kind: str, yaw_rad: float, rate_hz: float
+) -> None:
+    random = np.random.default_rng(1)
+    sound = measured(_straight(yaw_rad, 5.0), SOURCES["float"], rate_hz, random, white=1.0)
+    found = ended([(*row[:4], mps, row[5]) for row in sound], Bounds())
+    assert found is not None
+    assert found[1].kind == kind
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("late_s", [-0.25, 0.25])
+def test_a_turned_yaw_is_named_although_the_speed_comes_late(late_s: float, rate_hz: float) -> None:
+    fine = _straight(1.0, 9.3).rows
+    stamps = np.arange(0.5, 11.0, 1.0 / rate_hz)
+    x, y, yaw = (np.interp(stamps, fine[:, 0], fine[:, k]) for k in (1, 2, 3))
+    speed = np.interp(stamps - late_s, fine[:, 0], fine[:, 4])
+    columns = (c.tolist() for c in (stamps, x, y, yaw, speed, 0.0 * stamps))
+    found = ended(falsified(list(zip(*columns, strict=True)), "180"), bounds("drive"))
+    assert found is not None
+    assert found[1].kind == window.TURNED
+
+
 def test_of_a_person_the_amount_counts_and_of_what_is_omnidirectional_no_direction() -> None:
     backwards = drive(3.0, lambda t: (-1.5 * t, 0.0), speed_mps=1.5)
     assert ended(backwards, bounds("drive")) is not None

@@ -203,19 +203,19 @@ class ConsistencyWatch:
         if share <= 1.0 and self._speed_delays.is_at_rest and self._yaw_delays.is_at_rest:
             self._findings.agree(samples.t_s[-1], moves=moves)
             return
-        found = None
+        found, by_speed = None, False
         if share <= 1.0 and self._fits_as_before(start):
             self._speed_delays.begin_anew()
             self._yaw_delays.begin_anew()
         else:
-            found = self._found(start)
+            found, by_speed = self._found(start)
         if share <= 1.0:
             self._take_for_now(found, moves)
         elif found is None:
             # Only a delay explains it: no proof that the last contradiction is mended.
             self._findings.interrupt()
         elif not self._steps(start if self._direction_rad is None else samples.way_from):
-            kind = UNSTEADY_DELAY if self._fits_alone else self._kind(found)
+            kind = UNSTEADY_DELAY if self._fits_alone else self._kind(found, by_speed)
             self._contradicts(found, kind)
 
     def _fits_as_before(self, start: int) -> bool:
@@ -295,19 +295,23 @@ class ConsistencyWatch:
                 return False
         return True
 
-    def _found(self, start: int) -> Window | None:
-        """Give the window in which no delay explains what is stated; None: one does."""
+    def _found(self, start: int) -> tuple[Window | None, bool]:
+        """Give the window in which no delay explains what is stated; None: one does.
+
+        Returns:
+            It; and whether it is the speed that no delay explains.
+        """
         way = self._direction_window(start)
         fast = self._samples.window(start)
         is_off = abs(fast.speed_excess_mps) > self._speed_bound(fast, start)
         if self._is_off(self._speed_delays, is_off, start, self._speed_fit(start)):
-            return way or fast
+            return way or fast, True
         if way is None:
-            return None
+            return None, False
         first = self._samples.way_from
         is_off = self._direction_share(way, first) > 1.0
         fit = self._direction_fit(first)
-        return way if self._is_off(self._yaw_delays, is_off, first, fit) else None
+        return (way if self._is_off(self._yaw_delays, is_off, first, fit) else None), False
 
     def _speed_bound(self, window: Window, first: int) -> float:
         noise_mps = self._samples.noise_m(first) / window.span_s
@@ -445,10 +449,14 @@ class ConsistencyWatch:
             text += f" at {turned:+.0f}° to the yaw"
         return f"{text} in {window.span_s:.2f} s"
 
-    def _kind(self, window: Window) -> str:
-        fastest = self._samples.fastest_mps(self._samples.t_s[-1] - window.span_s - 1e-9)
-        direction_rad = self._direction_rad or DIRECTION_RAD
-        return kind_of(window, fastest, direction_rad, signed=self._bounds.signed)
+    def _kind(self, window: Window, by_speed: bool) -> str:
+        return kind_of(
+            window,
+            self._samples.fastest_mps(self._samples.t_s[-1] - window.span_s - 1e-9),
+            self._direction_rad or DIRECTION_RAD,
+            signed=self._bounds.signed,
+            speed_fits=not by_speed,
+        )
 
     # -- standstill ----------------------------------------------------------------------------
 

@@ -72,7 +72,14 @@ def speed_bound_mps(stated_mps: float, way_mps: float, noise_mps: float = 0.0) -
     return max(SPEED_SHARE * max(abs(stated_mps), way_mps), SPEED_MPS, noise_mps)
 
 
-def kind_of(w: Window, fastest: float, direction_rad: float, *, signed: bool) -> str:
+def kind_of(
+    w: Window,
+    fastest: float,
+    direction_rad: float,
+    *,
+    signed: bool,
+    speed_fits: bool = False,
+) -> str:
     """Name the mistake that explains a window best.
 
     Args:
@@ -80,16 +87,20 @@ def kind_of(w: Window, fastest: float, direction_rad: float, *, signed: bool) ->
         fastest: amount of the speeds stated in it, m/s.
         direction_rad: that the way may lead off the yaw.
         signed: the sign of the speed says whether the object goes forwards.
+        speed_fits: a delay explains the amount of the speed.
     """
     if w.way_mps > _NO_SPEED_MPS and fastest <= _NO_SPEED_MPS:
         # Due north or south a twist in map axes is nearly none, yet no field that nobody filled.
-        across = abs(w.vx_mps) <= max(_NO_SPEED_MPS, _ACROSS_SHARE * w.way_mps)
+        # Where its places are uncertain the yaw leads there more exactly than they do.
+        along_x_mps = min(abs(w.vx_mps), abs(w.way_mps * math.cos(w.yaw_rad)))
+        across = along_x_mps <= max(_NO_SPEED_MPS, _ACROSS_SHARE * w.way_mps)
         return MAP_AXES if across and fastest > 0.0 else EMPTY_TWIST
     course = math.atan2(w.vy_mps, w.vx_mps)
     forwards = abs(wrap_angle(course - w.yaw_rad)) < math.pi / 2.0
     along = w.way_mps * math.cos(course - w.yaw_rad)
     in_parent = abs(w.speed_mps - w.vx_mps) < 0.5 * abs(w.speed_mps - along)
-    is_other_speed = abs(w.speed_excess_mps) > max(SPEED_SHARE * w.way_mps, SPEED_MPS)
+    bound_mps = max(SPEED_SHARE * w.way_mps, SPEED_MPS)
+    is_other_speed = not speed_fits and abs(w.speed_excess_mps) > bound_mps
     if in_parent and (is_other_speed or (forwards and w.speed_mps < 0.0)):
         return MAP_AXES
     if is_other_speed:
