@@ -6,6 +6,7 @@ import json
 import re
 import socket
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from ssp_core.geometry import Pose2
 from ssp_core.motion.reference import Points
 from ssp_core.motion.state import Size
 from ssp_core.run_file.participants import Motion
+from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.iso22133.framing import (
     Frame,
     Header,
@@ -33,6 +35,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Grem,
     Heab,
     Message,
+    Monr,
     decode,
     encode,
 )
@@ -55,6 +58,7 @@ from ssp_ot_controller.rehearsal.iso_probe import load_fence, load_motion
 from tests.support.iso22133 import ObjectSockets
 from tests.support.iso_centre import FENCE, HOST, MS, PLACE, T0, S, rules_of
 
+C = ControlState
 STAGES = tuple(Stage)
 SIZE = Size(2.5, 2.5, 2.0, 1.5)
 WAY_AND_FENCE = FencedWay(FENCE, SIZE)
@@ -78,13 +82,20 @@ class SetLink:
 
     Args:
         lost: messages of the object that get lost.
+        states: the state that a MONR states instead of its own.
     """
 
     def __init__(
-        self, played: Any, clock: SetClock, tap: Tap, lost: Callable[[Message], bool]
+        self,
+        played: Any,
+        clock: SetClock,
+        tap: Tap,
+        lost: Callable[[Message], bool],
+        states: Callable[[int | None], int | None],
     ) -> None:
         self.problem, self.receiver_id = "not connected yet", 0
-        self._played, self._clock, self._tap, self._lost = played, clock, tap, lost
+        self._played, self._clock, self._tap = played, clock, tap
+        self._lost, self._states = lost, states
         self._connected = False
         self._counter = 0
         self._tcp = StreamDecoder()
@@ -120,6 +131,10 @@ class SetLink:
             for frame in frames_of(sent.data) if sent.udp else self._tcp.feed(sent.data):
                 outcome = decode(frame) if isinstance(frame, Frame) else frame
                 data = frame.data if isinstance(frame, Frame) else frame.evidence
+                if isinstance(outcome, Decoded) and isinstance(outcome.message, Monr):
+                    monr = outcome.message
+                    monr = replace(monr, state=self._states(monr.state))
+                    outcome = replace(outcome, message=monr)
                 if not (isinstance(outcome, Decoded) and self._lost(outcome.message)):
                     found.append(Received(sent.udp, now_ns, outcome, data))
         if self._played.link.closes:
@@ -148,6 +163,7 @@ class Probed:
         way: FencedWay = WAY_AND_FENCE,
         lost: Callable[[Message], bool] = lambda message: False,
         watch: Callable[[str], None] = lambda text: None,
+        states: Callable[[str, int | None], int | None] = lambda step, state: state,
     ) -> None:
         self.clock = SetClock()
         self.told: list[str] = []
@@ -163,7 +179,7 @@ class Probed:
                     self.beats.append((stamp_ns, found.message.status))
                 tap(sent, stamp_ns, data)
 
-            return SetLink(self.object, self.clock, both, lost)
+            return SetLink(self.object, self.clock, both, lost, self._stated)
 
         def tell(text: str) -> None:
             self.told.append(text)
@@ -171,6 +187,10 @@ class Probed:
 
         self.probe = Probe(open_wire, Datum(PLACE), way, 0.5, tell, self.clock)
         self.stages = tuple(stages)
+        self._states = states
+
+    def _stated(self, state: int | None) -> int | None:
+        return self._states(list(self.probe.steps)[-1], state)
 
     def run(self) -> ProbeReport:
         self.probe.run(self.stages)
@@ -241,6 +261,38 @@ def test_an_object_that_states_another_state_while_it_drives_is_not_armed(fault:
     text = " ".join(cannot_arm(report, 1.0, report.firmware, None))
     assert "move.running" in text
     assert ("listen.values" in text) is fault.endswith("77")
+
+
+@pytest.mark.parametrize(
+    ("step", "settled", "stated", "clause"),
+    [
+        ("listen", C.DISARMED, C.RUNNING, "connect.disarmed"),
+        ("listen", C.DISARMED, C.ABORTING, "connect.disarmed"),
+        ("arm", C.ARMED, C.DISARMED, "arm.arm"),
+        ("arm", C.ARMED, C.RUNNING, "arm.arm"),
+        ("arm_loss", C.ARMED, C.RUNNING, "arm.heartbeat_loss"),
+        ("arm_again", C.DISARMED, C.ARMED, "arm.reconnect"),
+        ("abort", C.ARMED, C.RUNNING, "move.running"),
+    ],
+)
+def test_a_state_that_is_left_again_is_judged_by_each_report(
+    step: str, settled: C, stated: C, clause: str
+) -> None:
+    """The object states another one after five reports of it."""
+    seen = 0
+
+    def states(now: str, state: int | None) -> int | None:
+        nonlocal seen
+        seen += now == step and state == settled
+        return int(stated) if seen > 5 and now == step and state == settled else state
+
+    until = STAGES.index(Stage(clause.partition(".")[0]))
+    report = Probed(states=states, stages=STAGES[: until + 1]).run()
+    row = report.row(clause)
+    assert row is not None
+    assert row.verdict is Outcome.FAIL
+    assert stated.name in row.text
+    assert row.came
 
 
 @pytest.mark.parametrize("fault", ["deaf_to_abort@0", "deaf_to_silence"])

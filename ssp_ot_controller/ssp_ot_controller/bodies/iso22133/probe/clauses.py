@@ -48,13 +48,15 @@ from ssp_ot_controller.bodies.iso22133.probe_report import (
     Row,
     Stage,
 )
-from ssp_ot_controller.bodies.iso22133.states import state_of
+from ssp_ot_controller.bodies.iso22133.states import state_of, state_text
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
 
 C = ControlState
 # Frames of each direction that are kept as evidence of a clause.
 _MOST_EVIDENCE = 4
 _NEEDED = ("time_of_week_ns", "x_m", "y_m", "yaw_rad", "speed_mps")
+# States of an object that nobody leads, or that was disarmed.
+_UNARMED = (C.INIT, C.OFF, C.DISARMED, C.ABORTING)
 # Steps in which heartbeats are withheld.
 _UNHEARD = ("arm_loss", "loss")
 
@@ -257,21 +259,31 @@ def _identity(step: Step, _clause: ProbeClause, _: Mapping[str, Step]) -> Findin
 
 
 def _reaches(*wanted: ControlState) -> Judge:
-    """Make a judge of whether the object reports one of these states after the step's stimulus."""
+    """Make a judge of whether the object reports one of these states after the step's stimulus.
+
+    Once it does, it reports no other one until the step ends.
+    """
 
     def judge(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
         since_ns = step.marks.get("stimulus", step.begin_ns)
-        after = [(r, state_of(m.state)) for r, m in step.monrs() if r.stamp_ns >= since_ns]
+        after = [(r, m.state) for r, m in step.monrs() if r.stamp_ns >= since_ns]
         if not after:
             return silent(step)
         stimulus = tuple(s.data for s in step.sent if s.stamp_ns >= since_ns)[:1]
-        for received, state in after:
-            if state in wanted:
-                waited_s = ns_to_seconds(received.stamp_ns - since_ns)
-                return within(clause, waited_s, sent=stimulus, came=(received.data,))
-        received, state = after[-1]
-        text = f"is {'unknown' if state is None else state.name}"
-        return Finding(Outcome.FAIL, text, sent=stimulus, came=(received.data,))
+        first: tuple[Received, int | None] | None = None
+        for received, number in after:
+            if state_of(number) in wanted:
+                first = first or (received, number)
+            elif first is not None:
+                text = f"was {state_text(first[1])}, then {state_text(number)}"
+                return Finding(Outcome.FAIL, text, sent=stimulus, came=(received.data,))
+        if first is None:
+            received, number = after[-1]
+            state = state_of(number)
+            text = f"is {'unknown' if state is None else state.name}"
+            return Finding(Outcome.FAIL, text, sent=stimulus, came=(received.data,))
+        waited_s = ns_to_seconds(first[0].stamp_ns - since_ns)
+        return within(clause, waited_s, sent=stimulus, came=(first[0].data,))
 
     return judge
 
@@ -302,10 +314,16 @@ def _disarmed(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding
 
 def _disarms(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     """Check that the object isn't ARMED in its last report after lost heartbeats, or hangs up."""
+    since_ns = step.marks.get("stimulus", step.begin_ns)
+    for received, monr in step.monrs():
+        is_odd = state_of(monr.state) not in (C.ARMED, *_UNARMED)
+        if is_odd and received.stamp_ns >= since_ns:
+            text = f"is {state_text(monr.state)}"
+            return Finding(Outcome.FAIL, text, came=(received.data,))
     if "lost" in step.marks:
         waited_s = ns_to_seconds(step.marks["lost"] - step.marks["stimulus"])
         return within(clause, waited_s, "ended the connection")
-    return _reaches(C.INIT, C.OFF, C.DISARMED, C.ABORTING)(step, clause, {})
+    return _reaches(*_UNARMED)(step, clause, {})
 
 
 # A table: id, step, title, judge, bound and unit.

@@ -286,7 +286,7 @@ def _windows(track: _Track) -> list[tuple[int, int]]:
 def runs(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     """Judge that each drive is in RUNNING from its start to the stimulus that ends it.
 
-    It must never be DISARMED in motion.
+    It stays ARMED until it hears of the start, and must never be DISARMED in motion.
     """
     late_s: float | None = None
     for name in _DRIVES:
@@ -297,9 +297,16 @@ def runs(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
         start_ns = one.marks["start"]
         until_ns = one.marks.get("stimulus", one.marks.get("end", int(track.arrived_ns[-1])))
         moving_ns = _moving_until_ns(track)
+        strt = one.last_sent(Strt)
+        strt_ns = start_ns if strt is None else strt.stamp_ns
         running_ns: int | None = None
+        armed = False
         for received, monr in one.monrs():
             at_ns, state = received.stamp_ns, state_of(monr.state)
+            armed = armed or state is C.ARMED
+            if at_ns <= strt_ns and armed and state is not C.ARMED:
+                text = f"reports {state_text(monr.state)} before it hears of its start"
+                return Finding(Outcome.FAIL, text, came=(received.data,))
             if at_ns < start_ns:
                 continue
             if at_ns > until_ns:
