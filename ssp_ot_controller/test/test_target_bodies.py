@@ -328,6 +328,8 @@ def test_why_nothing_of_a_body_is_taken_is_known() -> None:
         assert problem_after(STATE) == f"nothing comes from {at}"
         older = replace(ENVELOPE, boot_ns=T0 - 20 * S)
         assert "its clock set back by 20.0 s" in problem_after(encode_state(older, READING))
+        anew = replace(ENVELOPE, sequence=1)
+        assert "counts anew with the same boot" in problem_after(encode_state(anew, READING))
 
     def refused() -> bool:
         ours.command(Command(1.0, 0.0, 0.0), T0 + 5)
@@ -482,6 +484,25 @@ def test_a_sender_that_starts_again_with_its_clock_set_back_is_followed_after_a_
     assert order.set_back_s == 0.0
     # Now the one that was obeyed before would have to prove itself.
     assert order.is_new(replace(ENVELOPE, sequence=8), T0 + 2 * S)
+
+
+def test_a_sender_without_a_clock_that_starts_again_is_followed_after_a_second() -> None:
+    """Its boot is the same each time, and its sequence begins anew."""
+    order = Order()
+    for sequence in range(1, 5001):
+        assert order.is_new(replace(ENVELOPE, sequence=sequence), T0)
+    again = [replace(ENVELOPE, sequence=n) for n in range(1, 60)]
+    taken = [order.is_new(one, T0 + round(0.02 * n * S)) for n, one in enumerate(again, 1)]
+    assert taken == [False] * 51 + [True] * 8
+
+
+def test_late_datagrams_of_the_same_boot_are_never_followed() -> None:
+    order = Order()
+    for n in range(1, 99):
+        at_ns = T0 + round(0.04 * n * S)
+        assert order.is_new(replace(ENVELOPE, sequence=100 + n), at_ns)
+        assert not order.is_new(replace(ENVELOPE, sequence=50 + n), at_ns)
+        assert not order.is_new(replace(ENVELOPE, sequence=100 + n), at_ns)
 
 
 def test_why_datagrams_of_an_older_boot_are_refused_is_known() -> None:

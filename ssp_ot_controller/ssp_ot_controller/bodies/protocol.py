@@ -180,8 +180,8 @@ def decode_command(data: bytes, object_id: str) -> CommandDatagram | Reason:
     return CommandDatagram(envelope, command, timeout_ms)
 
 
-# A sender of an older boot is taken for the same one, started again, when it has gone on for so
-# long, without such a gap and without a word of the newer boot.
+# A sender of an older boot, or of lower sequences of the same one, is taken for the same sender,
+# started again, when it has gone on for so long, without such a gap and without a newer word.
 RESTART_S = 1.0
 _GAP_S = 0.25
 
@@ -190,8 +190,9 @@ class Order:
     """Lets each datagram of a sender pass once and in order; a late one is an old one.
 
     A sender that is started again has a higher boot. One whose clock was set back meanwhile has a
-    lower one: it is refused until it has gone on in order for RESTART_S while nothing of the
-    newer boot was heard. Datagrams that were merely late don't do that.
+    lower one, and one without a clock may have the same, and counts anew: it is refused until it
+    has gone on in order for RESTART_S while nothing newer was heard. Datagrams that were merely
+    late don't do that.
 
     Attributes:
         set_back_s: by how much the newest datagram's boot lies before the one that is obeyed, s;
@@ -201,7 +202,7 @@ class Order:
     def __init__(self) -> None:
         self.set_back_s = 0.0
         self._last: tuple[int, int] | None = None
-        # Of an older boot: boot and newest sequence, since when it goes on, and when it was heard.
+        # Of an older one: boot and newest sequence, since when it goes on, and when it was heard.
         self._older = (0, 0)
         self._older_since_ns: int | None = None
         self._older_heard_ns = 0
@@ -219,9 +220,6 @@ class Order:
         if last is None or order > last:
             self._follow(order)
             return True
-        if envelope.boot_ns == last[0]:
-            self._older_since_ns = None
-            return False
         self.set_back_s = ns_to_seconds(last[0] - envelope.boot_ns)
         boot_ns, sequence = self._older
         gap_ns, self._older_heard_ns = now_ns - self._older_heard_ns, now_ns
@@ -304,11 +302,12 @@ class UdpBody:
             return (f"nothing comes from {self._address}",)
         count = self.rejected[self._refused]
         text = f"what comes from {self._address} is refused: {self._refused.value} ({count} times)"
-        if self._refused is Reason.ORDER and self._order.set_back_s > 0.0:
-            text += (
-                f"; it was started again, and its clock set back by {self._order.set_back_s:.1f} s "
-                f"or more: it is followed after {RESTART_S:g} s"
-            )
+        if self._refused is Reason.ORDER:
+            back_s = self._order.set_back_s
+            why = "it counts anew with the same boot"
+            if back_s > 0.0:
+                why = f"it was started again, and its clock set back by {back_s:.1f} s or more"
+            text += f"; {why}: it is followed after {RESTART_S:g} s"
         return (text,)
 
     def command(self, command: Command, now_ns: int) -> None:

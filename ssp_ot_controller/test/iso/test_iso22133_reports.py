@@ -109,6 +109,25 @@ def test_an_old_monr_is_not_taken_again() -> None:
     taken(readings, monr(T0 + 10 * MS), T0)
 
 
+@pytest.mark.parametrize("ahead_s", [2, 18, 3 * 86_400])
+def test_one_monr_from_the_future_does_not_keep_out_those_that_follow(ahead_s: int) -> None:
+    readings = MonrReadings(FLAT)
+    taken(readings, monr(T0), T0)
+    ahead = taken(readings, monr(T0 + ahead_s * NS_PER_S), T0 + 10 * MS)
+    assert ahead.stamp_ns == T0 + ahead_s * NS_PER_S
+    reading = taken(readings, monr(T0 + 20 * MS, speed_mps=5.2), T0 + 20 * MS)
+    assert reading.stamp_ns == T0 + 20 * MS
+    assert 0.0 < reading.acceleration_mps2 < 10.0
+    assert isinstance(readings.take(monr(T0), T0 + 30 * MS), Rejected)
+
+
+def test_an_object_that_is_connected_again_may_have_an_earlier_clock() -> None:
+    readings = MonrReadings(FLAT)
+    taken(readings, monr(T0), T0)
+    readings.forget()
+    assert taken(readings, monr(T0 - 5 * NS_PER_S), T0 + MS).acceleration_mps2 == 0.0
+
+
 @pytest.mark.parametrize("stated", [5.0, -5.0])
 def test_an_object_that_drives_backwards_has_a_negative_speed(stated: float) -> None:
     report = monr(T0, drive_direction=int(DriveDirection.BACKWARD), speed_mps=stated)

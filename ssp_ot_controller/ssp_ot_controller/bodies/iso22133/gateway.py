@@ -282,6 +282,7 @@ class IsoBody:
             gate, lasting = self._reported.gate, self._reported.lasting
             self._reported = Reported(connected=True, gate=gate, lasting=lasting)
             self._refused = ""
+            self._readings.forget()
             self._conversation.on_connected(now_ns)
             self._say.always(" is connected")
         return self._newest is not None

@@ -19,7 +19,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 )
 from ssp_ot_controller.bodies.iso22133.states import state_of
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
-from ssp_ot_controller.bodies.odometry import LeverArm, smoothed_rate
+from ssp_ot_controller.bodies.odometry import AHEAD_S, LeverArm, smoothed_rate
 
 
 class MonrReadings:
@@ -45,8 +45,15 @@ class MonrReadings:
         self._lever = lever or LeverArm()
         self._last: BodyReading | None = None
 
+    def forget(self) -> None:
+        """Begin anew with the next MONR: a new connection stands, maybe to another clock."""
+        self._last = None
+
     def take(self, monr: Monr, now_ns: int) -> BodyReading | Rejected:
         """Return the reading of a MONR, or why it gives none.
+
+        One of more than AHEAD_S ahead, which isn't taken elsewhere, is not remembered: no later
+        MONR could follow it.
 
         Args:
             monr: of the object, newly arrived.
@@ -70,7 +77,7 @@ class MonrReadings:
         acceleration, rate = self._derived(stamp_ns, speed, there.yaw_rad)
         stated = monr.acceleration_mps2
         inaccurate = monr.error_status & ObjectError.BAD_POSITIONING_ACCURACY
-        self._last = BodyReading(
+        reading = BodyReading(
             stamp_ns=stamp_ns,
             x_m=x_m,
             y_m=y_m,
@@ -81,7 +88,9 @@ class MonrReadings:
             position_std_m=math.inf if inaccurate else self._position_error_m,
             brakes_by_itself=state_of(monr.state) is ControlState.ABORTING,
         )
-        return self._last
+        if ns_to_seconds(stamp_ns - now_ns) <= AHEAD_S:
+            self._last = reading
+        return reading
 
     def _derived(self, stamp_ns: int, speed_mps: float, yaw_rad: float) -> tuple[float, float]:
         """Return the acceleration and yaw rate; 0 at first and after a pause."""
