@@ -42,8 +42,9 @@ from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver
 from ssp_scenario_manager.closed_loop.campaigns.runs import Job, rows_of
 from ssp_scenario_manager.closed_loop.outcomes.outcome import Outcome, outcome_of, told_of
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
+from ssp_scenario_manager.closed_loop.single_run import single
 from ssp_scenario_manager.closed_loop.single_run.sessions import told_of_session
-from ssp_scenario_manager.closed_loop.single_run.single import parse_drive
+from ssp_scenario_manager.closed_loop.single_run.single import Drive, parse_drive
 from ssp_scenario_manager.closed_loop.single_run.top_view import top_view
 from ssp_scenario_manager.closed_loop.starts.start import Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
@@ -434,6 +435,29 @@ def test_a_driver_that_can_not_be_is_refused_with_what_there_is(
 ) -> None:
     with pytest.raises(InputError, match=said):
         driver_options(name, given)
+
+
+def test_a_start_leaves_no_time_for_a_longer_history_or_latency(
+    start: Start, tmp_path: Path
+) -> None:
+    """The start was made for 1.7 s of motion and a latency of 0.5 s."""
+    run = start.driven_by("oracle", {}, Latency(0.5))
+    entry = {"backend": "http", "options": {"url": "http://127.0.0.1:1"}}
+    fits = {**entry, "history_s": start.first_request_s}
+    longer = {**entry, "history_s": start.first_request_s + 0.1}
+
+    def driven_by(given: dict[str, Any], latency_s: float) -> RunSpec:
+        asked = Drive("mine", driver_options("mine", {"model": given}), Latency(latency_s))
+        return single.driven_run(run, tmp_path / "event.yaml", asked, lambda _: None)
+
+    (tmp_path / "task.json").write_text(
+        json.dumps({"run": run.model_dump(mode="json", by_alias=True)})
+    )
+    assert driven_by(fits, 0.5).driven is not None
+    with pytest.raises(InputError, match=r"--drive mine: needs .* s of own motion.*name the event"):
+        driven_by(longer, 0.5)
+    with pytest.raises(InputError, match=r"--latency: is more than this start leaves time for"):
+        driven_by(fits, 0.6)
 
 
 @pytest.fixture

@@ -129,7 +129,8 @@ def driven_run(
         say: takes what becomes of seeds, for people.
 
     Raises:
-        InputError: no seed gives a start, or the start leaves no time for the latency.
+        InputError: no seed gives a start, or the start leaves no time for the latency or for the
+            driver's history.
     """
     if drive is None:
         return run
@@ -191,6 +192,14 @@ def _with_driver(run: RunSpec, drive: Drive, task_file: Path) -> RunSpec:
             f"is more than this start leaves time for, {max(room_s, 0.0):.3g} s",
             field="--latency",
             value=str(latency),
+            remedy="name the event instead of the folder, for a start of its own",
+        )
+    history_s = history_s_of(drive.driver, drive.options)
+    if history_s > driven.first_request_s + 1e-9:
+        raise InputError(
+            f"needs {history_s:g} s of own motion before its first question, which is about "
+            f"{driven.first_request_s:g} s",
+            field=f"--drive {drive.driver}",
             remedy="name the event instead of the folder, for a start of its own",
         )
     changes = {
