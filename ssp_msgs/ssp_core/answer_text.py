@@ -232,6 +232,7 @@ _ENDING_PARTS: dict[Ending, frozenset[str]] = {
         | {"failure", "timeout", "timed", "interrupted", "interrupt", "disconnected", "disconnect"}
         | {"shutdown", "unloaded", "unload", "killed", "crashed", "preempted", "exception"}
         | {"malformed", "overloaded", "unavailable", "unclosed", "oom", "expired", "memory"}
+        | {"busy", "connection", "unreachable", "overload", "throttled"}
         | {
             "died",
             "dead",

@@ -41,6 +41,8 @@ _MOST_IN_REMARK = 8  # brackets
 _LETTER = re.compile(r"[^\W\d]")
 # A remark behind a row on its own line: " - the car is at (20, 3)".
 _REMARK_BEHIND = re.compile(r"[ \t]*(?:[-–—:;,#(]|//)[ \t]*[^\W\d][^\n]*")
+_LONGEST_COMMENT = 200  # characters
+_IN_COMMENT = re.compile(r"[ \t]*[,;]?[ \t]*(?:#|//)[^\n]*[^\W\d][^\n]*")
 _TIME = (
     r"(?:\b(?:t|time)\b\s*[_=:≈]?\s*\+?\s*(?P<named>\d*\.?\d+)\s*(?P<unit>ms|s|secs?|seconds?)?\b"
     r"|(?<![\w.])\+?(?P<timed>\d*\.?\d+)\s*(?P<of>ms|s|secs?|seconds?)\b"
@@ -196,7 +198,8 @@ def lone_at_end(before: str, after: str) -> bool:
 def remarks(text: str, starts: Sequence[int], ends: Sequence[int]) -> frozenset[int]:
     """Find the brackets that stand in remarks between the rows of one numbering or bullet.
 
-    A remark stands behind a row on its line, or on lines that are indented deeper than the row's.
+    A remark stands behind a row on its line, or on lines that are indented deeper than the row's; a
+    comment of code stands behind any row.
 
     Args:
         text: the answer's.
@@ -228,6 +231,14 @@ def remarks(text: str, starts: Sequence[int], ends: Sequence[int]) -> frozenset[
             ):
                 found.update(inner)
         last[key] = i
+    row_end = 0
+    for i, start in enumerate(starts):  # in the comment behind a row of code
+        near = i > 0 and start - row_end <= _LONGEST_COMMENT
+        holds_words = near and _LETTER.search(text, start, ends[i]) is not None
+        if holds_words and _IN_COMMENT.fullmatch(text, row_end, start) is not None:
+            found.add(i)
+        else:
+            row_end = ends[i]
     return frozenset(found)
 
 

@@ -214,6 +214,11 @@ NESTED = frozenset({"a nested list"})
 _LABELLED = frozenset({"labels between rows"})
 _REMARKS = frozenset({"remarks between rows"})
 _names_of = attrgetter("names")
+# More rows that aren't written, behind the last one.
+_AND_SO_ON = re.compile(
+    r"\s*[,;]?\s*(?:etc|and (?:etc|so (?:on|forth)))\b|\s*,\s*(?:\.{2,}|…)",
+    re.IGNORECASE,
+)
 # More of a text than this between two rows is no label.
 _LABEL_LENGTH = 80
 # So much of a remark is looked at.
@@ -335,7 +340,8 @@ def _finish(
     lone = lone_at_end(gaps[0].text, after.text) and gaps[0].opened >= 0
     if lone or any(gap.unread for gap in gaps[1:]) or lacks_first(gaps[0].text, items):
         fault = UNREAD
-    if any(gap.ellipsis for gap in gaps[1:]) or (after.ellipsis and not after.prose):
+    elided = after.ellipsis and not after.prose
+    if elided or any(gap.ellipsis for gap in gaps[1:]) or _AND_SO_ON.match(after.text):
         fault = ELIDED
     if cut and not fault:
         fault = CUT

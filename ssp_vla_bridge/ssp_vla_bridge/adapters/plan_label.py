@@ -67,6 +67,11 @@ _BOXES = re.compile(
     r"\bb(?:ounding[ _-]?)?box(?:es)?\b|\bbbox|\bbox_(?:start|end)\b|\bdetect(?:ed|ions?|s)\b"
     r"|\b(?:key)?points? of\b|\bcorners?\b"
 )
+# What sensors and grids give, where it isn't called a plan.
+_SENSED = re.compile(
+    r"\b(?:occup(?:ancy|ied)|lidar|radar|sonar|grid|heat[ _-]?map|point[ _-]cloud|costmap|flow)"
+    r"[ _-](?:grid )?(?:cells?|points?|returns?|peaks?|vectors?|grid)\b"
+)
 _SPECIFIC = (
     r"(?:cars?|vans?|trucks?|lorr(?:y|ies)|bus(?:es)?|coach(?:es)?|motorcycl\w+|motorbikes?|bikes?"
     r"|bicycles?|cyclists?|riders?|pedestrians?|persons?|people|man|men|woman|women|child(?:ren)?"
@@ -76,7 +81,7 @@ _SPECIFIC = (
 )
 _GENERIC = (
     r"(?:agents?|actors?|obj(?:ect)?s?|obstacles?|road[ _]users?|participants?|neighbou?rs?"
-    r"|leaders?|opponents?|others?|traffic|lead"
+    r"|leaders?|opponents?|others?|traffic|lead|followers?|tailgaters?|overtakers?"
     rf"|targets?(?! (?:{PLAN_WORDS}|points?|positions?)\b))"
 )
 _VEHICLE = r"vehicles?"
@@ -114,7 +119,7 @@ _NAMES_USER = re.compile(rf"{_ARTICLE}{_ADJECTIVES}{_USER}{_NUMBER}", re.IGNOREC
 _SIBLING = re.compile(
     r"[\"'](?P<key>times?(?:_?stamps?)?(?:_m?s)?|dt(?:_m?s)?|delta_t|(?:time_?step|interval"
     r"|time_interval|step|sampling_time)_m?s|time_?step|time_interval|frequency_hz|hz|rate_hz"
-    r"|(?:coordinate_)?(?:units?|frame|system)|axes|order|format)[\"']\s*:\s*"
+    r"|(?:\w{1,12}_)?horizon(?:_m?s)?|(?:coordinate_)?(?:units?|frame|system)|axes|order|format)[\"']\s*:\s*"
     r"(?P<value>[\"'][^\"'\n]{0,80}[\"']|\[[^\[\]{}]{0,200}\]|\d*\.?\d+)",
     re.IGNORECASE,
 )
@@ -132,7 +137,8 @@ _ACTION_KEY = re.compile(
 # A line that says how all coordinates are meant.
 _CONVENTION = re.compile(
     r"^\W*(?:(?:all|the|ego|my) )?(?:(?:coordinate )?(?:system|frame)(?! rate)|coordinates?|axes"
-    r"|units?|convention|time ?steps?|step size|sampling)\b[^\n]*$",
+    r"|units?|convention|time ?steps?|step size|sampling"
+    r"|(?:(?:planning|prediction|time) )?horizon)\b[^\n]*$",
     re.IGNORECASE | re.MULTILINE,
 )
 # What follows, avoids or yields is not the one whose motion is told.
@@ -257,7 +263,8 @@ def _siblings(text: str, start: int, end: int) -> str:
             unit = "hz" if key.endswith("hz") else unit
             if re.match(r"dt|delta|interval|step|sampling|time_?(?:step|interval)", key):
                 key = "dt"
-            timed = key.startswith("time") or key == "dt" or unit == "hz"
+            key = "horizon" if "horizon" in key else key
+            timed = key.startswith("time") or key in ("dt", "horizon") or unit == "hz"
             found += f"; {'' if unit == 'hz' else key} {value} {unit if timed else ''}"
             found += f"; {value} frame" if key.endswith(("frame", "system")) else ""
             found += f" ({value})" if key.endswith(("unit", "units")) else ""
@@ -358,6 +365,8 @@ def _owner(words: str, is_key: bool = False) -> Owner:
     if _NOT_AN_ANSWER.fullmatch(said):
         return Owner.OTHER
     if _REFUSED.search(said) or _CONDITION.search(said) or _BOXES.search(said):
+        return Owner.OTHER
+    if _SENSED.search(said) and not _PLAN.search(said):
         return Owner.OTHER
     road = _ROAD.search(said)
     if road is not None and _PLAN.search(said, 0, road.start()) is None:

@@ -1,8 +1,8 @@
 """The times of a list's rows that its heading states (METHOD 5.4b).
 
-Read are times themselves, a first and a last one, the time of the first row, and a step or rate. A
-heading may also say how far a plan reaches ("over the next 6 s"), which says nothing of its rows.
-What states times in any other way is a problem, never passed over.
+Read are times themselves, a first and a last one, the time of the first row, and a step or rate.
+How far a plan reaches ("over the next 6 s") is the time of its last row, by one step, or the
+interface's horizon. What states times in any other way is a problem, never passed over.
 """
 
 from __future__ import annotations
@@ -59,6 +59,7 @@ _STEP = re.compile(
     r"|\bstep(?: size)?\s*[:=]?\s*(?P<decimal>\d*\.\d+)(?=\s*[,;)\]])"
     rf"|\b(?:{_ROW}|one),?(?: for)? (?:per|every|each) (?P<half>half[- ](?:a )?)?(?P<word>second)\b"
 )
+_COUNTS = ("two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 # Spans of time in words: "one second apart", "at half-second steps".
 _IN_WORDS = tuple(
     (re.compile(rf"\b(?:{words})(?:[- ]| of )(?:a )?seconds?\b"), f"{number} s")
@@ -67,7 +68,7 @@ _IN_WORDS = tuple(
         ("(?:a |one[- ])?quarter", "0.25"),
         ("(?:a |one[- ])?tenth", "0.1"),
         ("one(?! (?:per|every|each|for))", "1"),
-        ("two", "2"),
+        *((word, str(number)) for number, word in enumerate(_COUNTS, 2)),
         ("a(?= seconds? (?:apart|steps?|intervals?|spacing|between))", "1"),
     )
 )
@@ -76,9 +77,10 @@ _IS_STEP = r"[ -]*(?:steps?|apart|intervals?|spac|increments?|each|between|per|r
 _HORIZON = re.compile(
     r"\b(?:next|over|for|horizon|within|future|coming|following|total|duration|until|up to|lasting"
     r"|length|long)\b(?:\W+(?:the|a|of|is|next|coming|following|future|time|horizon|period|window"
-    rf"|span|about|approximately))*\W*{_NUMBER}\W?{_UNIT}\b(?!{_IS_STEP})"
-    rf"|(?<![\w.]){_NUMBER}\W?{_UNIT}[ -](?:horizon|trajector\w+|plan\w*|ahead|long|total|windows?"
-    r"|look\w*|future|in (?:all|total)|into|of (?:driving|motion))\b"
+    rf"|span|about|approximately))*\W*(?P<behind>{_NUMBER})\W?(?P<unit>{_UNIT})\b(?!{_IS_STEP})"
+    rf"|(?<![\w.])(?P<before>{_NUMBER})\W?(?P<of>{_UNIT})[ -]"
+    r"(?:horizon|trajector\w+|plan\w*|ahead|long|total|windows?|look\w*|future|in (?:all|total)"
+    r"|into|of (?:driving|motion))\b"
 )
 # Words of which a statement of times consists; a remark has others: "(headway 2 s)".
 _STATING_TEXT = """
@@ -92,6 +94,13 @@ waypoints way row rows pair pairs position positions entry entries value values 
 fixed uniform equal equally evenly m metre metres meter meters x y
 """
 _STATING = frozenset(_STATING_TEXT.split())
+# Words of which a statement of a horizon consists as well.
+_REACHING = _STATING | frozenset(
+    {"horizon", "over", "within", "future", "coming", "following", "total", "duration", "up"}
+    | {"lasting", "length", "long", "ahead", "look", "lookahead", "in", "all", "into", "window"}
+    | {"covering", "covers", "spanning", "span", "planning", "prediction", "predicted", "about"}
+)
+_HORIZON_LINE = re.compile(r"^\W*(?:\w+ ){0,2}horizon\b[^\n]*", re.MULTILINE)
 _WORDS = re.compile(r"[^\W\d_]+(?:_[^\W\d_]+)*")
 _TIMED = re.compile(
     rf"(?<![\w.]){_NUMBER}\s*(?:{_UNIT}|k?hz|fps|min(?:utes?)?)\b"
@@ -99,6 +108,11 @@ _TIMED = re.compile(
 )
 _BRACKET = re.compile(r"[(\[]([^()\[\]]*)[)\]]")
 _PLAN = re.compile(rf"\b{PLAN_WORDS}\b")
+# "The next 6 s of my trajectory", "6 s trajectory".
+_NAMED_BY_HORIZON = re.compile(
+    rf"\b(?:next|coming|following)\W+{_NUMBER}\W?{_UNIT} (?:of|for) (?:\w+ )?{PLAN_WORDS}\b"
+    rf"|(?<![\w.]){_NUMBER}\W?{_UNIT}[ -]{PLAN_WORDS}\b"
+)
 _CLAUSE_END = re.compile(r"[,;:\n]|(?<!\.)\.(?![\d.])")
 _ONLY_SPAN = re.compile(rf"\W*(?P<span>{_NUMBER})\s*(?:s|secs?|seconds?)\W*")
 # A unit of times that no number stands before: "(t in ms, x, y)".
@@ -268,23 +282,54 @@ def _ranged(said: str, rows: Sequence[Sequence[float]], raster: Raster) -> Times
     return Times()
 
 
-def _statements(said: str) -> list[str]:
-    """Return the brackets of a heading, and clauses behind its plan's name, that speak of times."""
+def _statements(said: str, known: frozenset[str] = _STATING) -> list[str]:
+    """Return the brackets of a heading, and clauses behind its plan's name, that speak of times.
+
+    Args:
+        said: the heading, in lower case.
+        known: the words of which they consist.
+    """
     rest = _BRACKET.sub(" , ", said)
     plans = list(_PLAN.finditer(rest))
     clauses = _CLAUSE_END.split(rest[plans[-1].end() :]) if plans else []
     parts = (*_BRACKET.findall(said), *clauses)
-    return [part for part in parts if _STATING.issuperset(_WORDS.findall(part))]
+    return [part for part in parts if known.issuperset(_WORDS.findall(part))]
+
+
+def _other_horizon(said: str, count: int, raster: Raster) -> str:
+    """Name a horizon that is neither that of the rows nor the interface's, else nothing."""
+    parts = (*_statements(said, _REACHING), *_HORIZON_LINE.findall(said))
+    named = [match.group() for match in _NAMED_BY_HORIZON.finditer(said)]
+    for part in (*parts, *named):
+        match = _HORIZON.search(part)
+        if match is None:
+            continue
+        given, unit = match["behind"] or match["before"], match["unit"] or match["of"]
+        if _is_other(float(given), unit, count, raster):
+            return match.group()
+    return ""
+
+
+def _is_other(last: float, unit: str, count: int, raster: Raster) -> bool:
+    """Tell whether a plan's end is neither that of its rows, by one step, nor the interface's."""
+    horizon_s = _scaled((last,), unit).values[0]
+    of_rows = abs(horizon_s - count * raster.step_s) <= raster.step_s + _TOLERANCE
+    return not of_rows and abs(horizon_s - raster.horizon_s) > _TOLERANCE
 
 
 def _unread(said: str, count: int, raster: Raster) -> str:
     """Say what a heading states of times that isn't read, empty where that is nothing."""
+    if other := _other_horizon(said, count, raster):
+        return f"the list's times can't be told: {count} rows for {other!r}"
     for part in _statements(said):
         span = _ONLY_SPAN.fullmatch(part)
         if span is not None and abs(float(span["span"]) - count * raster.step_s) <= raster.step_s:
             continue
         ranged = _RANGE.search(part)
         if ranged is not None and float(ranged["first"]) == 0:
+            unit = ranged["unit"] or ranged["of"] or ("s" if ranged["key"] else "")
+            if unit and _is_other(float(ranged["last"]), unit, count, raster):
+                return f"the list's times can't be told: {count} rows for {ranged.group()!r}"
             continue
         if (match := _TIMED.search(_HORIZON.sub(" ", part))) is not None:
             return f"the list's times can't be told: {match.group()!r}"
