@@ -33,7 +33,14 @@ _OPTIONS = frozenset({"options", "alternatives", "candidates", "choices"})
 _ITEMS = frozenset({"(", "a", "b", "c", "d", "i", "ii", "iii", "1", "2", "3", "4", ")"})
 _WORDS_TOO = frozenset({"a", "i"})  # of these marks
 _COUNTS = frozenset({"a", "an", "one", "two", "three", "four", "five", "six", "several", "many"})
+_BETWEEN = 2  # words before the next one of several actions
+_TO_OR = 6  # words behind it in which "or" stands
 _HEADING = 4  # words of a heading
+# Words with which a heading says that what is below isn't the decision: "For example:", "Plan B:".
+_DISOWNING = frozenset(
+    {"example", "examples", "for", "hypothesis", "contingency", "fallback", "plan", "previous"}
+    | {"last", "prev", "history", "rejected", "not"}
+)
 _FRAMES = frozenset({"frame", "frames", "image", "picture"})
 _BREAKS = frozenset({".", "?", "\n"})
 REACH = 24  # hits that a backward look covers, so that the whole stays linear
@@ -42,9 +49,9 @@ REACH = 24  # hits that a backward look covers, so that the whole stays linear
 def scopes(words: list[str], hits: list[Hit], ranges: list[tuple[int, int]]) -> list[Scope]:
     """Return the flags of every hit."""
     flags = [Scope(0)] * len(hits)
-    for start, stop in ranges:
-        _Sentence(words, hits, flags, start, stop).run()
+    headings = [_Sentence(words, hits, flags, start, stop).run() for start, stop in ranges]
     _echoes(words, hits, flags, ranges)
+    _below_headings(words, hits, flags, ranges, headings)
     return flags
 
 
@@ -56,10 +63,11 @@ class _Sentence:
         self.start, self.stop, self.clause = start, stop, start
         self.local = self.wide = Scope(0)
         self.verb: Hit | None = None
+        self.weighed = False  # what is quoted is what one could do, or later does
         self.verb_at = start
 
-    def run(self) -> None:
-        """Set the flags of the sentence's hits."""
+    def run(self) -> Scope:
+        """Set the flags of the sentence's hits; return those of what it is the heading of."""
         for index in range(self.start, self.stop):
             hit = self.hits[index]
             if hit.kind == "mark":
@@ -70,10 +78,30 @@ class _Sentence:
                 self.flags[index] |= self._at(index, hit)
                 if index > self.start and self._attached(index, hit):
                     self.flags[index] = self.flags[index - 1]
-                if hit.kind == "relative":
+                if hit.kind == "relative" or self._opens_main_clause(hit):
                     self._end(index)
                 elif hit.kind in ("verb", "noun", "action"):
                     self.verb, self.verb_at = hit, index
+        return self._of_heading()
+
+    def _of_heading(self) -> Scope:
+        """Return the flags of the lines below: "For example:", "If the van merges:"."""
+        last = self.hits[self.stop - 1]
+        if last.value != "\n" or self.words[last.first - 1] != ":" or not self.wide:
+            return Scope(0)
+        cues = [hit for hit in self.hits[self.start : self.stop] if hit.kind == "cue"]
+        if self.wide & Scope.QUOTED:
+            quoting = (hit for hit in cues if hit.value in ("quoted", "rejected"))
+            disowns = any(self.words[hit.first] in _DISOWNING for hit in quoting)
+            return Scope.QUOTED if disowns else Scope(0)
+        says_nothing = cues[-1].stop == last.first - 1  # as you provided:
+        return Scope(0) if says_nothing else self.wide & Scope.IMAGINED
+
+    def _opens_main_clause(self, hit: Hit) -> bool:
+        """Tell whether the VUT decides behind what it rejects: rather than braking I go on."""
+        if hit.kind != "ego" or self.verb is None or not self.local & Scope.REJECTED:
+            return False
+        return self.verb_at >= self.clause and self.words[hit.first] in ("i", "we")
 
     def _attached(self, index: int, hit: Hit) -> bool:
         """Tell whether an attribute stands right behind its noun, and is as true as the noun is."""
@@ -121,9 +149,21 @@ class _Sentence:
             return  # no cars, trucks or buses; but: no cars, two trucks
         if value == '"' and near[0].kind == "cue" and self.local & Scope.DENIED:
             return  # not "slow"
+        if value == "," and self.local & Scope.PLANNED and self._enumerates(index):
+            return  # thinking about braking, stopping or a lane change
         self._end(index)
         if value in (";", "|"):
-            self.wide &= Scope.QUOTED
+            self.wide &= Scope(0) if value == ";" and self.weighed else Scope.QUOTED
+
+    def _enumerates(self, index: int) -> bool:
+        """Tell whether a comma parts actions of one form, the last of them behind "or"."""
+        behind = self.hits[index + 1 : min(index + 3, self.stop)]
+        following = next((hit for hit in behind if hit.kind in ("verb", "noun")), None)
+        if following is None or self.verb is None or self.verb_at < self.clause:
+            return False
+        first = self.hits[index].stop
+        close = following.first - first <= _BETWEEN and following.form == self.verb.form
+        return close and "or" in self.words[first : following.stop + _TO_OR]
 
     def _heads_the_past(self, index: int) -> bool:
         """Tell whether a line's heading says that the rest of it is past: T-3 s: …; Before: …."""
@@ -181,6 +221,7 @@ class _Sentence:
             self.wide |= flag
         elif reach == "sentence":
             self.wide |= flag
+            self.weighed = self.words[hit.stop - 1] in ("could", "later")
         elif name == "rejected" and index == self.start and self.hits[index + 1 :][:1]:
             self.wide |= Scope.QUOTED  # not recommended: speed up; …
         elif reach in ("back", "clause"):
@@ -230,6 +271,9 @@ class _Sentence:
     def _and(self, index: int) -> None:
         if index + 1 == self.stop:
             return
+        if self.words[self.hits[index - 1].first] == "neither":  # I do neither, and keep my speed
+            self._end(index)
+            return
         following = self.hits[index + 1]
         users = following.kind == "user" and self.hits[index - 1].kind == "user"
         verbs = following.kind == "verb" and self.verb and following.form == self.verb.form
@@ -243,6 +287,40 @@ def _opens_item(words: list[str], first: int) -> bool:
         if words[at] in _ITEMS:
             return words[at] not in _WORDS_TOO or words[at + 1 : at + 2] in ([")"], ["."], [":"])
     return False
+
+
+def _below_headings(
+    words: list[str],
+    hits: list[Hit],
+    flags: list[Scope],
+    ranges: list[tuple[int, int]],
+    headings: list[Scope],
+) -> None:
+    """Put what is below a heading of a condition or example in its scope.
+
+    That is the line below it, and if it is an item the items that follow.
+    """
+    below, inside = Scope(0), False
+    for (start, stop), heading in zip(ranges, headings, strict=True):
+        opens_line = start == 0 or hits[start - 1].value == "\n"
+        if opens_line and below and not _is_listed(words, hits[start - 1].stop if start else 0):
+            if inside:
+                below = Scope(0)
+            else:
+                inside = True
+        elif opens_line:
+            inside = inside or bool(below)
+        for index in range(start, stop) if below else ():
+            flags[index] |= below
+        if heading:
+            below, inside = heading, False
+
+
+def _is_listed(words: list[str], first: int) -> bool:
+    """Tell whether a line is an item of a list: - brake, 1. brake, a) brake."""
+    is_bullet = words[first] == ","
+    is_numbered = words[first - 1] == "\n" and first > 1 and words[first - 2].isdigit()
+    return is_bullet or is_numbered or _opens_item(words, first)
 
 
 def _echoes(

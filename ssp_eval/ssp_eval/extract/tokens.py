@@ -127,6 +127,14 @@ _OPENERS: tuple[list[str], ...] = ([], [":"], ["."], ["\n"])
 _DROPPED = ""
 _MINUS = frozenset("-\u2212\u2013")
 _SINGLE = frozenset(',;:"=|')
+# A line whose sentence goes on behind it: it ends so, or it is a condition without its other half.
+_RUNS_ON = re.compile(
+    r"(?:,|\b(?:and|or|but|so|if|when|while|because|since|as|that|then|until|unless|before|after"
+    r"|where|which|than|what|how|whether))\Z"
+    r"|\A\W*(?:if|when|whenever|once|unless|should|in case|as soon as)\b[^,:;.]*\Z",
+    re.IGNORECASE,
+)
+_LEAST_WIDTH = 40  # characters of a line that is wrapped
 _LISTS = "\u2022\u25cf\u25e6-*#>|0123456789\"'[({<"
 
 FIELD_NAME = 24  # characters in which the name of a field at the start of a line must end
@@ -286,8 +294,23 @@ def _starts_item(text: str, start: int) -> bool:
     if start >= len(text):
         return True
     first = text[start]
-    if first in _LISTS or (first.isupper() and text[start : start + 2] != "I "):
-        return True
+    if first in _LISTS or first.isupper():
+        return text[start : start + 2] != "I " or not _is_wrapped(text, start)
     head = text[start : start + FIELD_NAME]
     colon = max(head.find(":"), head.find("="))
     return colon > 0 and head[:colon].count(" ") < 3 and "\n" not in head[:colon]
+
+
+def _is_wrapped(text: str, start: int) -> bool:
+    """Tell whether a line that begins with "I" goes on with the sentence of the line before.
+
+    A line is wrapped where the next word doesn't fit: the line behind it isn't longer than that.
+    """
+    end = text.rfind("\n", 0, start)
+    before = text[text.rfind("\n", 0, end) + 1 : end].rstrip()
+    if _RUNS_ON.search(before) is not None:
+        return True
+    stop = text.find("\n", start)
+    length = (len(text) if stop < 0 else stop) - start
+    opens_item = before.lstrip()[:1] in _LISTS and text[end + 1 : start] == ""
+    return not opens_item and len(before) >= max(_LEAST_WIDTH, length - 1)

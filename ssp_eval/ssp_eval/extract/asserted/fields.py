@@ -10,10 +10,16 @@ from ssp_eval.extract.asserted.labels import ACTIONS, CLEAR, NAME, QUOTES, SIDES
 
 _CHOSEN = ("accepted", "chosen", "selected")
 _FOUND, _NOT_FOUND = ("present", "positive"), ("absent", "negative")
-_YES = frozenset({"true", "yes", "✓", "✔", "☑", "✅", "on", "t", "y", *_CHOSEN, *_FOUND})
+_APPLIED = ("enabled", "engaged", "applied")
+_NOT_APPLIED = (
+    *(f"not {word}" for word in (*_APPLIED, "needed", "required", "necessary")),
+    *("disabled", "disengaged", "released"),
+)
+_YES = frozenset({"true", "yes", "✓", "✔", "☑", "✅", "on", "t", "y", *_CHOSEN, *_FOUND, *_APPLIED})
 _REFUSED = ("rejected", "cancelled", "canceled", "denied", "aborted", "refused", "discarded")
 _NO = frozenset(
-    {"false", "no", "✗", "✘", "☒", "❌", "n", "off", "f", "none", "null", *_REFUSED, *_NOT_FOUND}
+    {"false", "no", "✗", "✘", "☒", "❌", "n", "off", "f", "none", "null"}
+    | {*_REFUSED, *_NOT_FOUND, *_NOT_APPLIED}
 )
 # Words that deny a manoeuvre; of nobody's presence the rules read them.
 _NO_ACTION = frozenset({"none", "null", "off"})
@@ -23,13 +29,13 @@ _SHARE = r"[-−]?\d+(?:\.\d+)?\s*%?"
 _SIGN = "[✓✔☑✅✗✘☒❌]"
 _WORD_VALUE = (
     r"(?:(?:true|false|yes|no|on|off|none|null|present|absent|positive|negative|"
-    + "|".join((*_CHOSEN, *_REFUSED))
+    + "|".join((*_CHOSEN, *_REFUSED, *_APPLIED, *_NOT_APPLIED))
     + rf")\b|{_SIGN}"
     r"|(?-i:[TFYN])\b)"
 )
 # Behind a sign, or two blanks, may stand the next field.
 _FIELD_END = (
-    r"(?=\s*(?:[,;}\]\n|(]|\.(?:\s|$)|$)|\s{2}|(?<=[✓✔☑✅✗✘☒❌])\s"
+    r"(?=\s*(?:[,;}\])\n|(]|\.(?:\s|$)|$)|\s{2}|(?<=[✓✔☑✅✗✘☒❌])\s"
     r"|(?<=[\"'])\s*/?>|(?<=[\"'])\s+[\w-]{2,30}=[\"'])"  # of a tag's attribute
 )
 # {"pedestrian": {"present": false}}
@@ -75,6 +81,13 @@ _PARTS = (
 )
 # Of the last four forms one alone is a remark: "I brake (80 %)".
 _NEVER_ALONE = frozenset({"label", "before", "behind", "ahead"})
+# A motion as a field's name, of a road user that is named elsewhere.
+_OF_MOTION = frozenset({"motion"})
+_NAMES_MOTION = re.compile(
+    r"(?:is |object |motion )?(?:stationary|stopped|parked|standing(?: still)?|oncoming"
+    r"|same direction|(?:crossing|cutting in)(?: from (?:the )?(?:left|right))?)"
+)
+_MOST_INDENT = 40  # of a field's line
 _LEAST_RATED = 2  # conflicts in one object
 # {"conflict": {"potential": 0.2, "active": 0.8}}
 _RATED_CONFLICTS = re.compile(
@@ -114,7 +127,10 @@ class _Field:
     def named(self, text: str) -> str:
         """Its name as a sentence, with blanks for the rest."""
         start, end = self.key_span
-        return " " * (start - self.start) + text[start:end] + "." + " " * (self.end - end - 1)
+        # A side alone is read where a mark says that it is a value; a motion is its road user's.
+        stop = "]." if words(text[start:end]) in SIDES else "" if self.slots == _OF_MOTION else "."
+        stop = stop[: self.end - end]
+        return (" " * (start - self.start) + text[start:end] + stop).ljust(self.end - self.start)
 
 
 def fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
@@ -127,6 +143,8 @@ def fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
         key = words(match[name].strip("\"'*_"))
         said = match[value].strip("\"'*_ ").lower()
         slots = frozenset(SIDES.get(key) or values_of(key))
+        if not slots and name != "cell" and _NAMES_MOTION.fullmatch(key):
+            slots = _OF_MOTION
         count = len(key.split())
         if said in _NO_ACTION and (count > _FEW_WORDS or slots - ACTIONS):
             continue
@@ -147,6 +165,10 @@ def fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
                 yield one.start, " " * (one.end - one.start)
             elif holds and _says_name_alone(one, text, values_of):
                 yield one.start, one.named(text)
+                line_end = text.rfind("\n", max(0, one.start - _MOST_INDENT), one.start)
+                if line_end >= 0 and not text[line_end : one.start].strip():
+                    # The line before is no part of it.
+                    yield line_end, "," if one.slots == _OF_MOTION else "."
 
 
 def conflicts(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
@@ -170,6 +192,9 @@ def conflicts(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
 
 def _says_name_alone(one: _Field, text: str, values_of: Values) -> bool:
     """Tell whether a field says no more than its name, which the rules don't read in it."""
+    # Motions are read beside their road user in quotes, and in lines without a value.
+    if one.slots == _OF_MOTION and text[one.start] in "\"'":
+        return False
     if "objects" in one.slots or _BEHIND_FIELD.match(text, one.end) is None:
         return False
     return not one.slots <= values_of(text[one.start : one.end]).keys()
