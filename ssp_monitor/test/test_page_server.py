@@ -247,6 +247,7 @@ def test_a_page_whose_run_has_ended_says_so_to_a_command(page, manager):
     status, answer = post(page, "abort")
     assert (status, answer["accepted"], answer["answered"]) == (200, False, True)
     assert "the run has ended" in answer["text"]
+    assert "if anything moves, use the emergency stop" in answer["text"]
     assert manager.asked == []
 
 

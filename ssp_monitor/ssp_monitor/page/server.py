@@ -68,6 +68,7 @@ LEAVE_S = 3.0
 # What sends no whole request for so long is closed.
 REQUEST_S = 10.0
 LEAVE = "/api/leave"
+RETIRED = "the run has ended, and its processes with it: if anything moves, use the emergency stop"
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -237,7 +238,7 @@ class PageServer:
             except ValueError as error:
                 return _answer(400, Answer(False, f"not sent: {error}; load the page again"))
         if self._retired:
-            return _answer(200, Answer(False, "the run has ended, and its processes with it"))
+            return _answer(200, Answer(False, RETIRED))
         limit_s = ABORT_ANSWER_S if name == "abort" else ANSWER_S
         asked = self._commands.ask(name, f"operator page at {request.remote}", shown)
         try:
