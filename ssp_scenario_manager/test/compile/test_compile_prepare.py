@@ -15,6 +15,8 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import RunSpec
+from ssp_scenario_manager.compile.compiler import Compiled
+from ssp_scenario_manager.compile.targets import folder
 from ssp_scenario_manager.compile.targets.folder import mode_of, prepare_run
 from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task
 from ssp_scenario_manager.maps.site import LIBRARY
@@ -146,6 +148,28 @@ def test_what_is_neither_event_nor_compiled_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such event"):
         prepare("overtake", tmp_path / "run", "boulevard")
     assert not (tmp_path / "run").exists()
+
+
+def test_what_another_compilation_wrote_meanwhile_is_kept(
+    compiled: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Each of two that begin at once finds no folder."""
+    out = tmp_path / "out"
+    write_target = folder.write_target
+
+    def written_late(made: Compiled, work: Path) -> None:
+        write_target(made, work)
+        shutil.copytree(compiled, out)
+
+    monkeypatch.setattr(folder, "write_target", written_late)
+    where = ["--target", "track", "--site", "north_track", "--seed", "6", "--out", str(out)]
+    assert main(["compile", "cut_in", *where]) == 1
+    assert "is not empty" in capsys.readouterr().err
+    assert load_task(out).run.seed == 5
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["compiled", "out"]
 
 
 def test_run_refuses_a_site_beside_a_compiled_folder(

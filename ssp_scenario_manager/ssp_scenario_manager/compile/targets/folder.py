@@ -144,6 +144,7 @@ def write_folder(compiled: Compiled, out: Path, *, replace: bool = False) -> lis
         write_task_files(compiled, work)
         write_text(work / RUN_FILE, run_text(compiled.task.run))
         write_target(compiled, work)
+        check_out(out, replace=replace)  # of another command that began at once
         _put_in_place(work, out)
     except BaseException:
         shutil.rmtree(work, ignore_errors=True)
