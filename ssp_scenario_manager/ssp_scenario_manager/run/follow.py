@@ -256,6 +256,8 @@ class _Following:
             return RunOutcome(Verdict.INVALID_HARNESS, (silent,))
         if self._interrupt.count:
             return RunOutcome(Verdict.ABORTED, ("interrupted before the start",))
+        if self._words is not None and self._words.aborts_unasked(time.monotonic_ns()):
+            return RunOutcome(Verdict.ABORTED, (f"{ABORT} before the start",))
         return None
 
     def _silent_manager(self) -> str:

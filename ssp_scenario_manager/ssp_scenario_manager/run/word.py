@@ -120,6 +120,14 @@ class TypedWords:
         self._text += self._line_not_ended()
         return self._take(word_of(self._text) or Word.OTHER)
 
+    def aborts_unasked(self, now_ns: int) -> bool:
+        """Tell whether ``abort`` was typed while no question is asked; others are left as they are.
+
+        Args:
+            now_ns: on the steady clock.
+        """
+        return not self._asked and self.poll(now_ns) is Word.ABORT
+
     def _take(self, word: Word) -> Word:
         self._text, self._asked, self._is_begun = b"", False, False
         return word

@@ -151,6 +151,32 @@ def test_what_is_typed_while_the_summary_appears_starts_nothing(
     assert not client.begin.called
 
 
+@pytest.mark.parametrize("start_at_once", [True, False])
+def test_an_abort_that_is_typed_while_the_session_comes_up_ends_it_before_anything_is_asked(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch, start_at_once: bool
+) -> None:
+    read, write = os.pipe()
+    group = MagicMock()
+    group.ended.return_value = []
+    client = quiet_client(was_armed=False)
+    client.outcome = RunOutcome(Verdict.VALID, ())
+    client.lacks.side_effect = lambda: [] if client.spin.call_count > 5 else ["the manager"]
+    monkeypatch.setattr(follow, "RunClient", lambda *_, **__: client)
+    monkeypatch.setattr(follow, "TypedWords", lambda: TypedWords(read))
+    live = MagicMock(start_at_once=start_at_once, remappings=())
+    os.write(write, b"abort\n")
+    try:
+        outcome = follow.follow(
+            run, group, Path("run.yaml"), Path("bag"), MagicMock(), follow.Interrupt(), live
+        ).outcome
+    finally:
+        os.close(read)
+        os.close(write)
+    assert (outcome.verdict, outcome.reasons) == (Verdict.ABORTED, ("abort before the start",))
+    assert not client.begin.called
+    assert not client.load.called
+
+
 @pytest.mark.parametrize("noticed", [True, False])
 def test_an_abort_that_is_under_way_has_its_own_time_for_the_result(
     run: RunSpec, monkeypatch: pytest.MonkeyPatch, noticed: bool
