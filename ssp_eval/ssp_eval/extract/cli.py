@@ -13,6 +13,7 @@ import click
 from pydantic import StrictInt
 
 from ssp_core import console
+from ssp_core.answer_text import AnswerText, split_answer
 from ssp_core.errors import InputError
 from ssp_core.files import MAX_TEXT_BYTES, refuse_named_pipe
 from ssp_core.hashing import sha256_file
@@ -86,7 +87,8 @@ def extract(
     FILE.jsonl has lines {"id": …, "text": …}; "-" reads standard input. For each, one line
     {"id": …, "slots": …} goes to standard output, slots as in behaviour records (METHOD 5.3), with
     "language" where the text isn't English, which isn't read; it says which slots the learned
-    reader filled or took back, and with --llm which the LLM filled.
+    reader filled or took back, and with --llm which the LLM filled. Of an output with reasoning or
+    further turns only the answer is read (METHOD 5.4b), which stands in "answer" then.
 
     Instead, --review OUT prepares a blind review of FILE.jsonl by two people, --returned A B
     --key KEY compares what they returned with each other and with the extractor, and --measure
@@ -114,9 +116,13 @@ def extract(
     elif file is not None:
         foreign: Counter[str] = Counter()
         for key, text in console.tracked(_read(file), "texts", _count(file)):
-            found_slots = extractor(text)
+            answer = _answer(text)
+            found_slots = extractor(answer.text)
             foreign.update([found_slots.language] if found_slots.language else [])
-            click.echo(json.dumps(_line(key, text, found_slots, extractor)))
+            line = _line(key, answer.text, found_slots, extractor)
+            if answer.text != text:
+                line |= {"answer": answer.text, "notes": answer.notes}
+            click.echo(json.dumps(line))
         if foreign:
             told = ", ".join(f"{name} {number}" for name, number in sorted(foreign.items()))
             console.note(f"note: texts {NOT_READ}: {told}")
@@ -149,6 +155,12 @@ def _check_mode(
         )
 
 
+def _answer(text: str) -> AnswerText:
+    """Return the answer within an output; the whole text, as it is, where it is all answer."""
+    found = split_answer(text)
+    return found if len(found.text) != len(text) else AnswerText(text)
+
+
 def _line(key: str | int, text: str, found: Extracted, extractor: Extractor) -> dict[str, Any]:
     record = record_to_json(BehaviourRecord(0.0, text, found.slots))
     line = {"id": key, "slots": json.loads(record)["slots"]}
@@ -166,8 +178,9 @@ def _prepare(file: str, out: Path, extractor: Extractor, count: int, seed: int) 
     if file == "-":
         raise click.UsageError("--review needs a file, whose hash goes into the key")
     candidates = [
-        Candidate(key, text, extractor(text).slots)
+        Candidate(key, answer, extractor(answer).slots)
         for key, text in console.tracked(_read(file), "texts", _count(file))
+        for answer in (_answer(text).text,)
     ]
     chosen = choose([one for one in candidates if one.text.strip()], count, seed)
     if not chosen:

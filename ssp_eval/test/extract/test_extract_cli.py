@@ -36,6 +36,39 @@ def test_each_text_gives_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert second == {"id": 7, "slots": empty}
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "note"),
+    [
+        ("<think>A pedestrian crosses from the left, I stop.</think>", "", "reasoning"),
+        ("", "<|im_end|>\nHuman: Now a truck cuts in from the left. Brake!", "own turn"),
+    ],
+)
+def test_of_an_output_the_answer_alone_is_read(
+    before: str, after: str, note: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = "A cyclist is ahead. I keep my speed."
+    path = tmp_path / "texts.jsonl"
+    lines = [{"id": 1, "text": answer}, {"id": 2, "text": before + answer + after}]
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    assert main(["extract", str(path)]) == 0
+    plain, whole = map(json.loads, capsys.readouterr().out.splitlines())
+    assert plain["slots"]["objects"]["value"] == ["cyclist"]
+    assert whole["slots"] == plain["slots"]
+    assert whole["answer"] == answer
+    assert note in whole["notes"][0]
+    assert "answer" not in plain
+
+
+def test_the_review_shows_the_answer_alone(tmp_path: Path) -> None:
+    path = tmp_path / "texts.jsonl"
+    text = "<think>A bus, I stop.</think>A cyclist is ahead."
+    path.write_text(json.dumps({"id": 1, "text": text}) + "\n")
+    assert main(["extract", str(path), "--review", str(tmp_path / "review"), "--n", "1"]) == 0
+    form = (tmp_path / "review" / "reviewer_1" / "form.html").read_text()
+    assert "A cyclist is ahead." in form
+    assert "A bus" not in form
+
+
 def test_standard_input() -> None:
     result = CliRunner().invoke(extract, ["-"], input=LINES)
     assert result.exit_code == 0
