@@ -273,6 +273,7 @@ def test_an_object_that_states_another_state_while_it_drives_is_not_armed(fault:
         ("arm_loss", C.ARMED, C.RUNNING, "arm.heartbeat_loss"),
         ("arm_again", C.DISARMED, C.ARMED, "arm.reconnect"),
         ("abort", C.ARMED, C.RUNNING, "move.running"),
+        ("normal_stop", C.DISARMED, C.RUNNING, "move.postrun"),
     ],
 )
 def test_a_state_that_is_left_again_is_judged_by_each_report(

@@ -328,7 +328,10 @@ def runs(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
 
 
 def ends_run(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
-    """Judge that the object is in POSTRUN from soon after the normal stop until it stands."""
+    """Judge that the object is in POSTRUN from soon after the normal stop until it stands.
+
+    Then it may be DISARMED, and nothing else.
+    """
     mark_ns, track = step.marks.get("stimulus"), _track(step)
     if mark_ns is None or _begun(step, track) is None:
         return Finding(Outcome.NOT_RUN, step.problem or "it wasn't brought to speed")
@@ -336,7 +339,8 @@ def ends_run(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     postrun_ns: int | None = None
     for received, monr in step.monrs():
         at_ns, state = received.stamp_ns, state_of(monr.state)
-        if at_ns <= mark_ns or (at_ns >= moving_ns and postrun_ns is not None):
+        stood = postrun_ns is not None and at_ns >= moving_ns
+        if at_ns <= mark_ns or (stood and state is C.DISARMED):
             continue
         if state is C.POSTRUN:
             postrun_ns = postrun_ns or at_ns
