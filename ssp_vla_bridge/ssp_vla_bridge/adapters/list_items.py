@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 _CLOSES = {"]": "[", ")": "(", "}": "{"}
 # A line's numbering or bullet, and what may stand between it and the row.
@@ -49,6 +50,10 @@ _TIME = (
     r"|(?<![\w.])(?P<decimal>\d*\.\d+)(?=[\"'*]*\s*(?::|=|→|->)))"
 )
 _BEFORE = re.compile(_TIME + r"[^\w\n]*\Z", re.IGNORECASE)
+# A time alone in round brackets at the end of a remark: "# braking (1.0 s)". Remarks hold other
+# spans too, so that these are the rows' only where they are even and begin with a step or at 0.
+_IN_REMARK = re.compile(r"[^\n()]{0,60}\([^\w\n()]*(?:at\s+)?" + _TIME + r"\s*\)", re.IGNORECASE)
+_EVEN_S = 1e-6
 _BEHIND = re.compile(r"[^\w\n]*(?:(?:at|after)\s+)?" + _TIME, re.IGNORECASE)
 
 
@@ -272,6 +277,13 @@ def stated_times(gaps: Sequence[str]) -> tuple[tuple[float, ...], bool]:
         found = [at.search(gap[-60:]) if at is _BEFORE else at.match(gap) for gap in some]
         if all(found):
             return _with_units([_time(match) for match in found if match is not None])
+    remarked = [match for gap in gaps[1:] if (match := _IN_REMARK.match(gap)) is not None]
+    if len(remarked) == len(gaps) - 1 > 1:
+        times, have_unit = _with_units([_time(match) for match in remarked])
+        step_s = times[1] - times[0]
+        even = all(abs(b - a - step_s) <= _EVEN_S for a, b in pairwise(times))
+        if even and step_s > 0 and min(abs(times[0]), abs(times[0] - step_s)) <= _EVEN_S:
+            return times, have_unit
     return (), False
 
 
