@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import atexit
-import errno
 import gc
 import importlib
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ import click
 
 from ssp_core import __version__
 from ssp_core.cycles import search_as_usual
-from ssp_core.errors import InputError, SspError
+from ssp_core.errors import SYSTEM_REMEDIES, InputError, SspError
 from ssp_core.host.environment import set_log_folder, set_middleware_aside
 from ssp_core.host.terminal import end_at_once, lost_output, on_stop_signals, survive_lost_output
 
@@ -167,13 +167,7 @@ def cli() -> None:
     """
 
 
-# What the system may say of any file that a command names.
-_REMEDIES = {
-    errno.ENOSPC: "make room and try again",
-    errno.EDQUOT: "make room and try again",
-    errno.ENAMETOOLONG: "give a shorter name",
-    errno.EROFS: "name another folder",
-}
+_EMPTY_OPTION = re.compile(r"--[a-z][a-z-]*=")
 
 
 def main(args: list[str] | None = None) -> int:
@@ -209,9 +203,24 @@ def _check_names(args: Sequence[str]) -> None:
             )
 
 
+def _check_not_empty(args: Sequence[str]) -> None:
+    """Raise UsageError for an empty argument, which as a path would be the folder here."""
+    if args[:1] == ["test"]:  # its arguments are pytest's
+        return
+    for place, text in enumerate(args):
+        if text and not _EMPTY_OPTION.fullmatch(text):
+            continue
+        where = text or (f"the argument after {args[place - 1]}" if place else "the command")
+        raise click.UsageError(
+            f"{where} is empty; give a value or leave it out (a variable of the shell may be unset)"
+        )
+
+
 def _run(args: list[str] | None) -> int:
     try:
-        _check_names(sys.argv[1:] if args is None else args)
+        given = sys.argv[1:] if args is None else args
+        _check_names(given)
+        _check_not_empty(given)
         result = cli.main(args=args, prog_name="ssp", standalone_mode=False)
         return result if isinstance(result, int) else 0
     except click.exceptions.Exit as stop:
@@ -238,7 +247,7 @@ def _run(args: list[str] | None) -> int:
         report_error(str(error))
         return 1
     except OSError as error:
-        remedy = _REMEDIES.get(error.errno or 0)
+        remedy = SYSTEM_REMEDIES.get(error.errno or 0)
         if remedy is None:
             raise
         from ssp_core.console import report_error

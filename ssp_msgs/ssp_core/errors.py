@@ -11,10 +11,22 @@ SspError into one message and exit code 1; anything else is a traceback and a bu
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Sequence
 from pathlib import Path
 
 _MOST_TOLD = 50
+
+# The remedies of what the system says of any file that a command names.
+SYSTEM_REMEDIES = {
+    errno.ENOSPC: "make room and try again",
+    errno.EDQUOT: "make room and try again",
+    errno.ENAMETOOLONG: "give a shorter name",
+    errno.EROFS: "name another folder",
+    errno.EBUSY: "name a new folder within it",  # a mount, or the folder here
+    errno.EACCES: "get permission, or name another place",
+    errno.EPERM: "get permission, or name another place",
+}
 
 
 class SspError(Exception):
@@ -27,6 +39,13 @@ class PeerError(SspError):
 
 class HostError(SspError):
     """This machine lacks something; the message says how to get it."""
+
+
+def not_written(path: object, error: OSError) -> HostError:
+    """Make the error of a file or folder that the system refuses to write, with the remedy."""
+    remedy = SYSTEM_REMEDIES.get(error.errno or 0)
+    text = f"{path}: can't be written: {error.strerror or error}"
+    return HostError(f"{text}; {remedy}" if remedy else text)
 
 
 class InputError(SspError):

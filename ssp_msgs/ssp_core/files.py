@@ -21,7 +21,7 @@ from typing import Any, Self, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from ssp_core.errors import HostError, InputError
+from ssp_core.errors import SYSTEM_REMEDIES, HostError, InputError, not_written
 from ssp_core.yaml_core import CoreLoader, number_remedy
 
 
@@ -431,6 +431,24 @@ def remove_folder(folder: Path) -> None:
         shutil.rmtree(aside, ignore_errors=True)
 
 
+def scratch_beside(target: Path) -> Path:
+    """Make a hidden folder beside a target that is made in it and then renamed.
+
+    Raises:
+        InputError: it can't be made, or no file can have the target's name.
+    """
+    parent = make_folder(target.absolute().parent)
+    try:
+        with suppress(FileNotFoundError):
+            os.lstat(target)
+        return Path(tempfile.mkdtemp(dir=parent, prefix=f".{target.name[:50]}."))
+    except OSError as error:
+        remedy = SYSTEM_REMEDIES.get(error.errno or 0, "name another folder")
+        raise InputError(
+            f"can't be made: {error.strerror or error}", file=target, remedy=remedy
+        ) from error
+
+
 @contextmanager
 def new_folder(target: Path, remedy: str = "name a new directory") -> Iterator[Path]:
     """Yield a path at which a folder is made; it becomes the target, or there is none.
@@ -441,20 +459,39 @@ def new_folder(target: Path, remedy: str = "name a new directory") -> Iterator[P
     """
     if os.path.lexists(target):
         raise InputError("exists already", file=target, remedy=remedy)
-    parent = make_folder(target.absolute().parent)
-    try:
-        scratch = Path(tempfile.mkdtemp(dir=parent, prefix=f".{target.name[:50]}."))
-    except OSError as error:
-        raise InputError(f"can't be made: {error.strerror or error}", file=target) from error
+    scratch = scratch_beside(target)
     try:
         yield scratch / "new"
         (scratch / "new").rename(target)
     except OSError as error:
         if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):  # made in the meantime
             raise InputError("exists already", file=target, remedy=remedy) from error
-        raise HostError(f"{target}: can't be written: {error.strerror or error}") from error
+        raise not_written(target, error) from error
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+
+
+def put_in_place(made: Path, target: Path) -> None:
+    """Rename a finished folder to its place; an earlier one there goes once the new one stands.
+
+    Raises:
+        HostError: the system doesn't let it, such as where the target is a mount; the earlier
+            folder is there as it was.
+    """
+    aside = scratch_beside(target)
+    old = aside / "old"
+    try:
+        if os.path.lexists(target):
+            target.rename(old)
+        made.rename(target)
+    except BaseException as error:
+        if os.path.lexists(old):
+            old.rename(target)
+        if isinstance(error, OSError):
+            raise not_written(target, error) from error
+        raise
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
 
 
 @contextmanager
@@ -472,13 +509,13 @@ def new_files(folder: Path) -> Iterator[Path]:
     try:
         scratch = Path(tempfile.mkdtemp(dir=folder, prefix=".new."))
     except OSError as error:
-        raise HostError(f"{folder}: can't be written: {error.strerror or error}") from error
+        raise not_written(folder, error) from error
     try:
         yield scratch
         for file in sorted(scratch.iterdir()):
             file.replace(folder / file.name)
     except OSError as error:
-        raise HostError(f"{folder}: can't be written: {error.strerror or error}") from error
+        raise not_written(folder, error) from error
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
         if made:
@@ -508,7 +545,7 @@ def write_bytes(path: str | Path, data: bytes) -> None:
             Path(name).unlink(missing_ok=True)
             raise
     except OSError as error:
-        raise HostError(f"{path}: can't be written: {error.strerror or error}") from error
+        raise not_written(path, error) from error
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -241,7 +241,11 @@ def test_an_address(text: str, host: str, port: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "carla://", "a:b", "a:0", "a:65535", "http://a:2000", "a:2000/x", "a b", "::1"]
+    "text",
+    [
+        *("", "carla://", "a:b", "a:0", "a:65535", "http://a:2000", "a:2000/x", "a b", "::1"),
+        *("a..b", "carla://a..b:2000", "a" * 64),
+    ],
 )
 def test_no_address(text: str) -> None:
     with pytest.raises(InputError, match="--camera: is no address"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import signal
@@ -83,6 +84,29 @@ def test_an_argument_that_is_no_utf_8_is_refused_before_anything_is_done(
     assert "Traceback" not in told
 
 
+@pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        (["--out", ""], "the argument after --out"),
+        (["--out="], "--out="),
+        (["", "cut_in"], "the argument after probe"),
+    ],
+)
+def test_an_empty_argument_is_wrong_usage_before_anything_is_done(
+    arguments: list[str],
+    where: str,
+    verb: Callable[[Callable[[], object]], None],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """As a path it would be the folder here, into which an unset variable would have us write."""
+    done: list[str] = []
+    verb(lambda: done.append("ran"))
+    assert main(["probe", *arguments]) == 2
+    assert f"Error: {where} is empty; give a value or leave it out" in capsys.readouterr().err
+    assert done == []
+    assert main(["test", "-k", "", "--help"]) == 0  # what goes on to pytest is pytest's
+
+
 def test_a_folder_that_is_no_utf_8_is_no_place_to_work_in(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -154,6 +178,22 @@ def test_a_full_disk_is_one_message(
     assert capsys.readouterr().err == (
         "error: the disk: No space left on device; make room and try again\n"
     )
+
+
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EROFS, errno.EDQUOT])
+def test_what_the_system_forbids_is_one_message_with_file_and_remedy(
+    number: int,
+    verb: Callable[[Callable[[], object]], None],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def function() -> None:
+        raise OSError(number, os.strerror(number), "out/task")
+
+    verb(function)
+    assert main(["probe"]) == 1
+    told = capsys.readouterr().err
+    assert told.startswith(f"error: out/task: {os.strerror(number)}; ")
+    assert told.count("\n") == 1
 
 
 def test_a_bug_is_a_traceback(verb: Callable[[Callable[[], object]], None]) -> None:

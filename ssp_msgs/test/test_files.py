@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
@@ -25,8 +26,10 @@ from ssp_core.files import (
     new_folder,
     parse_mapping,
     parse_model,
+    put_in_place,
     read_mapping,
     read_text,
+    scratch_beside,
     taken_folder,
     write_bytes,
     write_json,
@@ -470,6 +473,69 @@ def test_a_folder_whose_writer_was_killed_is_taken_over(tmp_path: Path) -> None:
         assert names(out) == [TAKEN_FILE]
         with another_command(out) as second:
             assert said(second) == "has it"
+
+
+def folder_with(folder: Path, text: str) -> Path:
+    folder.mkdir()
+    (folder / "file").write_text(text)
+    return folder
+
+
+def test_a_finished_folder_takes_the_place_of_an_earlier_one(tmp_path: Path) -> None:
+    target = tmp_path / "target"
+    for text in ("one", "two"):
+        put_in_place(folder_with(tmp_path / "made", text), target)
+        assert (target / "file").read_text() == text
+        assert names(tmp_path) == ["target"]
+
+
+def test_a_folder_whose_place_cannot_be_taken_is_one_message_and_the_earlier_one_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder here, as a mount, can't be renamed."""
+    here = folder_with(tmp_path / "here", "mine")
+    made = folder_with(tmp_path / "made", "new")
+    monkeypatch.chdir(here)
+    with pytest.raises(HostError, match=r"^\.: can't be written: .*; name a new folder within it$"):
+        put_in_place(made, Path())
+    assert (here / "file").read_text() == "mine"
+    assert names(tmp_path) == ["here", "made"]
+
+
+def test_an_interruption_between_two_names_leaves_the_earlier_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = folder_with(tmp_path / "target", "mine")
+    made = folder_with(tmp_path / "made", "new")
+    rename = Path.rename
+
+    def interrupted(path: Path, to: Path) -> Path:
+        if path == made:
+            raise KeyboardInterrupt
+        return rename(path, to)
+
+    monkeypatch.setattr(Path, "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        put_in_place(made, target)
+    assert (target / "file").read_text() == "mine"
+    assert names(tmp_path) == ["made", "target"]
+
+
+def test_a_disk_that_takes_no_file_is_named_with_the_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("ssp_core.files.os.replace", full)
+    with pytest.raises(HostError, match="No space left on device; make room and try again"):
+        write_bytes(tmp_path / "file", b"new")
+    monkeypatch.setattr("ssp_core.files.tempfile.mkdtemp", full)
+    with pytest.raises(InputError, match=r"can't be made: .*; make room and try again"):
+        scratch_beside(tmp_path / "target")
+    with pytest.raises(InputError, match=r"File name too long; give a shorter name$"):
+        scratch_beside(tmp_path / ("a" * 300))
+    assert names(tmp_path) == []
 
 
 def test_a_new_folder_that_another_made_meanwhile_is_left_alone(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 import math
 import os
 import traceback
@@ -14,6 +13,7 @@ from typing import Any, Protocol
 from ssp_core.answer_text import Ending, ending
 from ssp_core.credentials import check_key, is_http_address
 from ssp_core.errors import InputError, PeerError, SspError
+from ssp_core.files import parse_strict
 from ssp_vla_bridge.messages import Answer, ErrorCode, Request, Response, request_problems
 from ssp_vla_bridge.window import find_interface
 
@@ -122,8 +122,8 @@ def parse_options(
     if not text.strip():
         return {}
     try:
-        value = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
+        value = parse_strict(text)
+    except ValueError as error:
         raise InputError(f"is not valid JSON: {error}", field=field, remedy=remedy) from error
     if not isinstance(value, dict):
         raise InputError(

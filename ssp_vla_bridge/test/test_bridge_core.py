@@ -151,7 +151,7 @@ def test_a_backend_of_ones_own_is_module_and_factory():
 def test_options_are_a_json_object():
     assert parse_options("  ") == {}
     assert parse_options('{"frames": 3}') == {"frames": 3}
-    for text in ("[1]", "{", "nul", "[" * 100_000):
+    for text in ("[1]", "{", "nul", "[" * 100_000, '{"a": 1, "a": 2}', '{"a": NaN}'):
         with pytest.raises(InputError, match="backend_options"):
             parse_options(text)
     for text in ('{"api_key": "a-key-of-mine",', '"a-key-of-mine"'):

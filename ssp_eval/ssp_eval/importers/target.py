@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shutil
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import merge
@@ -24,7 +23,7 @@ from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder
+from ssp_core.files import scratch_beside
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import TF_STATIC, VUT_ID
 from ssp_core.world.camera import Intrinsics, Mounting
@@ -116,8 +115,7 @@ def make_bag(out: Path, fill: Callable[[BagWriter], Made]) -> Made:
         InputError: the directory exists, or what ``fill`` raises; nothing is left behind.
     """
     check_free(out)
-    make_folder(out.parent)
-    scratch = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}."))
+    scratch = scratch_beside(out)
     try:
         with BagWriter(scratch / "bag", name=f"{out.name}_0", maker=Maker.IMPORT) as writer:
             made = fill(writer)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +14,7 @@ from pydantic import ConfigDict, Field
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_text
+from ssp_core.files import parse_model, parse_strict, read_text
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.motion.state_series import StateSeries, between
@@ -289,8 +288,8 @@ def truth_from_file(
     """
     # Such a file is large, and always JSON: the YAML reader would take seconds.
     try:
-        value = json.loads(read_text(path))
-    except (ValueError, RecursionError) as error:
+        value = parse_strict(read_text(path))
+    except ValueError as error:
         raise InputError(f"is no JSON: {error}", file=path) from error
     found = parse_model(TruthFile, value, path)
     for before, after in pairwise(found.frames):

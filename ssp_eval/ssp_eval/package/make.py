@@ -16,7 +16,13 @@ from typing import Any
 from ssp_core import __version__
 from ssp_core.bag.metadata import ROOT_KEY
 from ssp_core.errors import HostError, InputError
-from ssp_core.files import MAX_TEXT_BYTES, make_folder, parse_mapping, write_bytes
+from ssp_core.files import (
+    MAX_TEXT_BYTES,
+    parse_mapping,
+    put_in_place,
+    scratch_beside,
+    write_bytes,
+)
 from ssp_core.hashing import sha256_bytes
 from ssp_eval.data.audit import SCHEMA as AUDIT_SCHEMA
 from ssp_eval.data.labels import SCHEMA as LABELS_SCHEMA
@@ -268,8 +274,7 @@ def make_package(
     _check_out(out, force)
     sources = collect(folders, out)
     progress.total(sum(source.bytes for source in sources))
-    parent = make_folder(out.absolute().parent)
-    scratch = Path(tempfile.mkdtemp(dir=parent, prefix=f".{out.name}."))
+    scratch = scratch_beside(out)
     try:
         (scratch / OBJECTS).mkdir()
         files = _store_all(sources, scratch, copy, progress)
@@ -292,7 +297,7 @@ def make_package(
         )
         write_bytes(scratch / TABLE_FILE, table_bytes(package))
         scratch.chmod(0o755)
-        _put(scratch, out)
+        put_in_place(scratch, out)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
     return package, findings
@@ -309,22 +314,6 @@ def _check_out(out: Path, force: bool) -> None:
     raise InputError(
         "is there and is no package", file=out, remedy="name another folder with --out"
     )
-
-
-def _put(scratch: Path, out: Path) -> None:
-    """Rename the package to its place; an earlier one is removed once the new one is there."""
-    before = Path(tempfile.mkdtemp(dir=out.absolute().parent, prefix=f".{out.name}.old."))
-    aside = before / out.name
-    try:
-        if os.path.lexists(out):
-            out.rename(aside)
-        scratch.rename(out)
-    except OSError as error:
-        if aside.exists():
-            aside.rename(out)
-        raise HostError(f"{out}: can't be put there: {error.strerror}") from error
-    finally:
-        shutil.rmtree(before, ignore_errors=True)
 
 
 def _store_all(

@@ -382,6 +382,19 @@ def test_command_line_from_a_truth_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("scenario", "why"),
+    [('"weave", "scenario": "cut_in"', "a key stands twice"), ("NaN", "NaN is no number")],
+)
+def test_a_truth_file_is_strict_json(scenario: str, why: str, tmp_path: Path) -> None:
+    source, out = tmp_path / "clip.truth.json", tmp_path / "labels.json"
+    text = json.dumps(truth_file(cut_in()))
+    source.write_text(text.replace('"scenario": "cut_in"', f'"scenario": {scenario}'))
+    run = CliRunner().invoke(labels_command, ["new", "--truth", str(source), "--out", str(out)])
+    assert f"{source}: is no JSON: {why}" in str(run.exception)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
     ("scenario", "more", "rule"),
     [
         ("cut_in", [], "TTC is under 3 s (the shipped K* cut_in)"),

@@ -12,6 +12,15 @@ SCHEME = "carla://"
 _ADDRESS = re.compile(r"(?P<host>[^:/?#@\[\]\s]+|\[[0-9a-fA-F:.]+\])(:(?P<port>[0-9]{1,5}))?")
 
 
+def _is_host(name: str) -> bool:
+    """Tell whether a resolver takes the name: no part of it is empty or over 63 characters."""
+    try:
+        name.encode("idna")
+    except UnicodeError:
+        return False
+    return True
+
+
 @dataclass(frozen=True, slots=True)
 class CarlaAddress:
     """Host and RPC port of a server; its streams come from the next port."""
@@ -37,7 +46,7 @@ def parse_address(text: str, field: str) -> CarlaAddress:
     match = _ADDRESS.fullmatch(text.removeprefix(SCHEME))
     port = DEFAULT_PORT if match is None or match["port"] is None else int(match["port"])
     # The next port is the streams'.
-    if match is None or not 1 <= port < 65_535:
+    if match is None or not 1 <= port < 65_535 or not _is_host(match["host"]):
         raise InputError(
             "is no address of a CARLA server",
             field=field,

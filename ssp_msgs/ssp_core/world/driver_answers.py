@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from ssp_core.errors import HostError, InputError
+from ssp_core.errors import InputError, not_written
 from ssp_core.world.driver import RecordedAnswer
 
 # Beside the run file of a session of several processes.
@@ -32,7 +32,7 @@ def append_answer(path: Path, answer: RecordedAnswer) -> None:
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(asdict(answer)) + "\n")
     except OSError as error:
-        raise HostError(f"{path}: can't be written: {error.strerror}") from error
+        raise not_written(path, error) from error
 
 
 def given_answers(path: Path) -> tuple[RecordedAnswer, ...]:

@@ -98,7 +98,7 @@ def load_fence(text: str) -> tuple[tuple[Point, ...], Datum | None]:
         InputError: neither.
     """
     corners = text.split()
-    if len(corners) == 1:
+    if "," not in text or Path(text).suffix in (".yaml", ".yml", ".json"):
         place = load_model(_Place, text)
         return tuple(place.geofence), None if place.datum is None else place.datum.datum
     if len(corners) != _CORNERS:

@@ -478,6 +478,14 @@ def test_a_fence_is_that_of_a_run_file_or_of_a_site_file(tmp_path: Path, geofenc
     assert load_fence(str(file))[1] is None
 
 
+def test_a_fence_file_is_a_file_whatever_its_name_and_whether_it_is_there(tmp_path: Path) -> None:
+    for name in ("my own, new.yaml", "my own site", "none.json"):
+        with pytest.raises(InputError, match="can't be read: No such file"):
+            load_fence(str(tmp_path / name))
+    with pytest.raises(InputError, match="--fence: has 3 corners"):
+        load_fence("0,0 9,9 9,0")
+
+
 def test_a_fence_without_an_inside_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"--fence: crosses itself .* list its corners in order"):
         load_fence("0,0 9,9 9,0 0,8")

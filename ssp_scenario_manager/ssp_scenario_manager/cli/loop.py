@@ -46,7 +46,7 @@ AGAIN_FOLDER = "again"
     help="Folder of the campaign; one that was interrupted goes on where it stopped. With --again "
     "a new folder for the run.",
 )
-@click.option("--jobs", type=WholeNumber(1), default=1, help="Workers that share the runs.")
+@click.option("--jobs", type=WholeNumber(1, 1024), default=1, help="Workers that share the runs.")
 @click.option(
     "--engine",
     type=click.Choice(ENGINES),

@@ -121,7 +121,7 @@ DEFAULT_SITE = "boulevard"
 )
 @click.option(
     "--runs",
-    type=WholeNumber(1),
+    type=WholeNumber(1, 1_000_000),
     help="With --in-process: so many runs, with seeds that count up; one row each in runs.csv.",
 )
 @click.option(
@@ -133,7 +133,7 @@ DEFAULT_SITE = "boulevard"
 )
 @click.option(
     "--jobs",
-    type=WholeNumber(1),
+    type=WholeNumber(1, 1024),
     help="With --runs or --vary: processes that share the runs. [default: 1]",
 )
 @click.option(

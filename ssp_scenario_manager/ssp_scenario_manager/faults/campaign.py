@@ -216,7 +216,7 @@ def prepare_scene(
     """
     name = Path(scenario).name.split(".")[0]
     folder = out / f"{name}-{mode if way == 'sessions' else way}"
-    scratch = make_folder(folder / NOMINAL)
+    scratch = folder / NOMINAL
     task = scratch / TASK_FOLDER
     if task.is_dir():
         shutil.rmtree(task)

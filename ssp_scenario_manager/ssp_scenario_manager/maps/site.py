@@ -153,19 +153,26 @@ def site_version(site: Site) -> str:
     return sha256_json(site.model_dump(mode="json", by_alias=True))
 
 
+_FILES = (".yaml", ".yml", ".json", ".xodr", ".xml")
+
+
 def find_shipped(name_or_path: str, kind: Literal["site", "event"]) -> Path:
     """Return the file itself, or the one of that name that comes with the project.
 
+    What is written as a path is one, whether or not a file is there: its reader says what is wrong.
+
     Raises:
-        InputError: it is neither.
+        InputError: it is neither a path nor a name.
     """
     path = Path(name_or_path)
     shipped = LIBRARY / f"{kind}s" / f"{name_or_path}.{kind}.yaml"
     with suppress(OSError):  # a name that is longer than any file's
-        if path.suffix in (".yaml", ".yml", ".json") or path.is_file():
+        if path.suffix in _FILES or path.is_file():
             return path
         if shipped.is_file():
             return shipped
+        if path.name != name_or_path or path.exists():
+            return path
     known = ", ".join(sorted(p.name.split(".")[0] for p in (LIBRARY / f"{kind}s").glob("*.yaml")))
     raise InputError(
         f"no such {kind}", value=name_or_path, remedy=f"name one of {known}, or give a file"

@@ -16,6 +16,7 @@ from typing import Any
 from ssp_core import names
 from ssp_core.credentials import TOKEN_VARIABLE, check_token
 from ssp_core.errors import InputError
+from ssp_core.files import parse_strict
 from ssp_core.host.processes import NodeProcess, ProcessGroup
 from ssp_core.run_file.verdict import EndWord
 
@@ -202,8 +203,8 @@ def shadow_model(text: str) -> Companion:
             remedy="use letters, digits and underscores, a letter first",
         )
     try:
-        options: Any = json.loads(given) if given.strip() else {}
-    except (ValueError, RecursionError) as error:
+        options: Any = parse_strict(given) if given.strip() else {}
+    except ValueError as error:
         raise InputError(f"is not valid JSON: {error}", field="--shadow", value=given) from error
     if not isinstance(options, dict):
         raise InputError("must be a JSON object", field="--shadow", value=given)

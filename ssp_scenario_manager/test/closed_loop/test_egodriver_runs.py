@@ -184,6 +184,15 @@ def test_an_address_alone_names_a_driver_and_its_connection_is_asked_for_by_name
         driver_options("m", {"backend": "egodriver", "url": url, "timeout_s": 1.0})
 
 
+def test_an_option_of_a_driver_that_stands_twice_is_refused() -> None:
+    for given, why in (
+        ('{"ttc_s": 1.4, "ttc_s": 9}', "a key stands twice"),
+        ('{"ttc_s": NaN}', "NaN is no number"),
+    ):
+        with pytest.raises(InputError, match=f"--drive aeb: is not valid JSON: {why}"):
+            named_driver(f"aeb={given}")
+
+
 def test_a_campaign_takes_a_policy_by_its_address(tmp_path: Path) -> None:
     """``ssp loop --drive`` names it as ``ssp run --drive`` does, and refuses what it refuses."""
     (tmp_path / "plan.yaml").write_text("{schema: ssp.loop/1, events: [cut_in]}")

@@ -79,6 +79,24 @@ def test_wrong_usage_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.parametrize(
+    ("event", "site", "why"),
+    [
+        ("cut_in", "none.yaml", "none.yaml: can't be read"),
+        ("cut_in", "tee", "no block of it fits"),
+        ("none.yaml", "boulevard", "none.yaml: can't be read"),
+    ],
+)
+def test_what_cannot_be_compiled_leaves_nothing_behind(
+    event: str, site: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    chosen = ("--in-process", "--scenario", event, "--site", site, "--only", "operator_abort")
+    assert faults(*chosen, "--out", str(out)) == 1
+    assert why in capsys.readouterr().err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
     ("stage", "when_s"),
     [(Stage.ARMED, None), (Stage.BEFORE, 9.34), (Stage.AFTER, 10.64), (Stage.CONFLICT, 11.26)],
 )

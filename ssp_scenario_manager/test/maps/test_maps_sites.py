@@ -90,6 +90,21 @@ def test_shipped_sites_hold_together(name: str) -> None:
         )
 
 
+def test_what_is_written_as_a_path_is_one_and_its_reader_says_what_is_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "boulevard").mkdir()  # a name of ours stays one
+    for name in ("folder", "none/site", "none.xodr", "none.net.xml", str(tmp_path / "none")):
+        with pytest.raises(InputError, match="can't be read") as refused:
+            load_site(name)
+        assert refused.value.file == name
+    with pytest.raises(InputError, match=r"no such site \(got 'none'\); name one of"):
+        load_site("none")
+    assert load_site("boulevard")[0].name == "boulevard"
+
+
 def test_the_two_straight_sites_keep_their_figures() -> None:
     boulevard = site_library(load_site("boulevard")[0]).blocks[0]
     assert boulevard.length_m == 400.0

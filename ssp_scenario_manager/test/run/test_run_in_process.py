@@ -236,11 +236,11 @@ def test_the_folder_of_another_sweep_is_refused(make_run: MakeRun, tmp_path: Pat
         (["--vary", "a=1"], "need --in-process"),
         (["--in-process", "--jobs", "2"], "needs --runs or --vary"),
         (["--in-process", "--mode", "realtime"], "always lockstep"),
+        (["--in-process", "--runs", "9" * 23], "is not in the range"),
+        (["--in-process", "--runs", "2", "--jobs", "9" * 23], "is not in the range"),
     ],
 )
-def test_options_that_mean_nothing_together_are_wrong_usage(
-    arguments: list[str], says: str
-) -> None:
+def test_options_that_mean_nothing_are_wrong_usage(arguments: list[str], says: str) -> None:
     from ssp_scenario_manager.cli.run import run as command
 
     done = CliRunner().invoke(command, ["cut_in", *arguments])

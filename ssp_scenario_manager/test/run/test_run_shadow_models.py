@@ -50,6 +50,7 @@ def test_what_is_not_the_bridges_own_goes_to_its_backend() -> None:
         ("", "--shadow"),
         ("m={", "--shadow"),
         ("m=[1]", "--shadow"),
+        ('m={"hz": 1, "hz": 2}', "--shadow"),
         ('m={"hz": 0}', "--shadow hz"),
         ('m={"hz": true}', "--shadow hz"),
         ('m={"hz": "2"}', "--shadow hz"),

@@ -6,6 +6,7 @@ import ssl
 from pathlib import Path
 
 from ssp_core.errors import InputError
+from ssp_core.files import refuse_named_pipe
 
 
 def read_certificates(file: str, field: str) -> bytes:
@@ -67,6 +68,7 @@ def _no_password() -> str:
 
 
 def _read(file: str, field: str) -> bytes:
+    refuse_named_pipe(file)
     try:
         return Path(file).read_bytes()
     except (OSError, ValueError) as error:

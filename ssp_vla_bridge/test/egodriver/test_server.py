@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -26,6 +27,7 @@ from ssp_vla_bridge.egodriver.client import EgodriverDriver
 from ssp_vla_bridge.egodriver.options import read_options
 from ssp_vla_bridge.egodriver.policy import BridgePolicy
 from ssp_vla_bridge.egodriver.server import Listening, serving
+from ssp_vla_bridge.egodriver.tls import read_certificates
 from ssp_vla_bridge.window import find_interface
 from tests.support.egodrivers import question
 from tests.support.self_signed import CERTIFICATE, ENCRYPTED_KEY, KEY, OTHER_KEY
@@ -282,6 +284,14 @@ def test_a_wrong_certificate_or_key_is_named(
         serving(BridgePolicy(model("constant_velocity")), "alpasim", at),
     ):
         pass
+
+
+def test_a_certificate_in_a_named_pipe_is_refused(tmp_path: Path) -> None:
+    """No process may ever write to it."""
+    pipe = tmp_path / "pipe.pem"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match=r"pipe\.pem: is a named pipe"):
+        read_certificates(str(pipe), "--tls")
 
 
 @pytest.mark.parametrize(

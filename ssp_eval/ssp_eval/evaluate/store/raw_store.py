@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ssp_core.errors import HostError, InputError
+from ssp_core.errors import InputError, not_written
 from ssp_core.files import write_text
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.store.cell_file import CELL_FILE
@@ -125,7 +125,7 @@ class RawStore:
                 stream.flush()
                 os.fsync(stream.fileno())
         except OSError as error:
-            raise HostError(f"{self._path}: can't be written: {error.strerror}") from error
+            raise not_written(self._path, error) from error
 
     def finish(self, asked: Sequence[Exchange]) -> None:
         """Leave exactly one line per answered label time, in order, and what was asked.

@@ -23,7 +23,7 @@ from ssp_core.bag.reading.mcap_file import (
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.writing.chain import SEAL_NAME
 from ssp_core.bag.writing.mcap_output import McapOutput
-from ssp_core.errors import HostError, InputError
+from ssp_core.errors import HostError, InputError, not_written
 
 
 def sealed_end(bag: Path) -> str:
@@ -91,14 +91,14 @@ def append_attachment(bag: Path, name: str, data: bytes, media_type: str) -> str
     except OSError as error:
         os.ftruncate(output.descriptor, size)
         output.close()
-        raise HostError(f"{file.path}: can't be written: {error.strerror}") from error
+        raise not_written(file.path, error) from error
     try:
         output.attach(name, media_type, data, (output.times() or (0, 0))[1])
         output.finish()
         os.ftruncate(output.descriptor, os.lseek(output.descriptor, 0, os.SEEK_CUR))
         os.fsync(output.descriptor)
     except OSError as error:
-        raise HostError(f"{file.path}: can't be written: {error.strerror}") from error
+        raise not_written(file.path, error) from error
     finally:
         output.close()
     return output.seal_end

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
+from ssp_core.files import parse_model, parse_strict
 from ssp_core.run_file.driven import BUILT_IN, Driven, is_driver_name
 from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import RunSpec
@@ -78,8 +78,8 @@ def named_driver(text: str, *, insecure: bool = False) -> tuple[str, dict[str, A
     if text.startswith(_POLICY_SCHEME):
         name, given = _POLICY, json.dumps({"url": text})
     try:
-        options: Any = json.loads(given) if given.strip() else {}
-    except (ValueError, RecursionError) as error:
+        options: Any = parse_strict(given) if given.strip() else {}
+    except ValueError as error:
         raise InputError(f"is not valid JSON: {error}", field=f"--drive {name}") from None
     if not isinstance(options, dict):
         raise InputError("must be a JSON object", field=f"--drive {name}")

@@ -5,12 +5,18 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import tempfile
 from pathlib import Path
 from typing import Any, Literal
 
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, write_bytes, write_json, write_text
+from ssp_core.files import (
+    make_folder,
+    put_in_place,
+    scratch_beside,
+    write_bytes,
+    write_json,
+    write_text,
+)
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.run_file.shortlist import SHORTLIST_FILE
 from ssp_scenario_manager.compile.compiler import Compiled
@@ -124,6 +130,7 @@ def write_folder(compiled: Compiled, out: Path, *, replace: bool = False) -> lis
 
     Raises:
         InputError: the folder holds something, and isn't to be replaced or isn't a task.
+        HostError: the system doesn't let it be put there.
     """
     check_out(out, replace=replace)
     if compiled.area.map_name in _NAMES:
@@ -132,20 +139,14 @@ def write_folder(compiled: Compiled, out: Path, *, replace: bool = False) -> lis
             file=compiled.area.map_name,
             remedy="rename the map",
         )
-    make_folder(out.absolute().parent)
-    try:
-        work = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.absolute().parent))
-    except OSError as error:
-        raise InputError(
-            f"can't be made: {error.strerror}", file=out, remedy="name another folder with --out"
-        ) from error
+    work = scratch_beside(out)
     try:
         work.chmod(0o755)
         write_task_files(compiled, work)
         write_text(work / RUN_FILE, run_text(compiled.task.run))
         write_target(compiled, work)
         check_out(out, replace=replace)  # of another command that began at once
-        _put_in_place(work, out)
+        put_in_place(work, out)
     except BaseException:
         shutil.rmtree(work, ignore_errors=True)
         raise
@@ -184,22 +185,6 @@ def check_out(out: Path, *, replace: bool) -> None:
 def _ours(name: str) -> bool:
     """Tell whether a compilation may have made a file; maps and scenarios go by their endings."""
     return name in _NAMES or name.endswith((".xosc", ".xodr", ".xml", ".sumocfg"))
-
-
-def _put_in_place(work: Path, out: Path) -> None:
-    """Rename the finished folder; an earlier one is removed only when the new one stands."""
-    if not out.is_dir():
-        work.rename(out)
-        return
-    old = Path(tempfile.mkdtemp(prefix=f".{out.name}.old.", dir=out.absolute().parent))
-    out.rename(old / out.name)
-    try:
-        work.rename(out)
-    except BaseException:
-        (old / out.name).rename(out)
-        raise
-    finally:
-        shutil.rmtree(old, ignore_errors=True)
 
 
 Mode = Literal["lockstep", "realtime", "live"]
