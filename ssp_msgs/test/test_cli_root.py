@@ -98,7 +98,7 @@ def test_an_empty_argument_is_wrong_usage_before_anything_is_done(
     verb: Callable[[Callable[[], object]], None],
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """As a path it would be the folder here, into which an unset variable would have us write."""
+    """The folder here is what it would be as a path, and an unset variable would write into it."""
     done: list[str] = []
     verb(lambda: done.append("ran"))
     assert main(["probe", *arguments]) == 2

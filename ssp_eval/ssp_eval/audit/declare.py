@@ -13,6 +13,7 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.seals.declaration import SCHEMA, day_of, load_declaration, seal_declaration
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
+from ssp_core.host.terminal import pasteable
 from ssp_core.names import absolute, declared_topic
 from ssp_core.run_file.participation import ParticipantKind
 from ssp_eval.data.provenance import bag_folder, find_bag, read_provenance
@@ -56,7 +57,8 @@ def declare(bag: Path, file: Path | None, template: Path | None) -> None:
             "participants": {who: dict(blank) for who in silent},
         }
         write_text(template, yaml.safe_dump(value, sort_keys=False, allow_unicode=True))
-        console.note(f"{template}: fill it in, then `ssp audit declare {bag} {template}`")
+        then = pasteable("audit", "declare", bag, template)
+        console.note(f"{template}: fill it in, then {then}")
         return
     if file is None:
         return

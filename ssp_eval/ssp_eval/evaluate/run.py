@@ -13,6 +13,7 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import taken_folder
 from ssp_core.host.ray_cluster import import_ray
+from ssp_core.host.terminal import pasteable
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import labels_version
 from ssp_eval.data.provenance import find_labels
@@ -109,7 +110,7 @@ def show(results: Sequence[CellResult], out: Path) -> None:
     outside = sorted({r.admission for r in results} - {ADMITTED, REFUSED})
     if outside:
         console.note(f"{' and '.join(outside)} recordings stay out of domain means")
-    console.note(f"written to {out}; `ssp report {out}` makes a page of it")
+    console.note(f"written to {out}; {pasteable('report', out)} makes a page of it")
 
 
 def _numbers(result: CellResult) -> list[str]:

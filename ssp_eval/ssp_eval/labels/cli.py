@@ -11,6 +11,7 @@ import click
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import load_model, make_folder, read_mapping, write_text
+from ssp_core.host.terminal import pasteable
 from ssp_core.options import Number
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import FILL_IN, counts_text, load_labels, phase_counts, unfilled
@@ -93,9 +94,8 @@ def check(file: Path, event: str | None, as_json: bool) -> int:
     for problem in problems:
         click.echo(console.visible(f"  {problem}"))
     if unreviewed:
-        console.note(
-            f"note: as proposed and not reviewed ({sidecar(file).name}); `ssp spec review {file}`"
-        )
+        then = pasteable("spec", "review", file, "--who", "NAME")
+        console.note(f"note: as proposed and not reviewed ({sidecar(file).name}); {then}")
     for problem in responses:
         console.note(f"warning: no model can get a risk response: {problem}")
     for warning in warnings:

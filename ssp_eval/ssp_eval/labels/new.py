@@ -17,6 +17,7 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_core.hashing import sha256_file
+from ssp_core.host.terminal import pasteable
 from ssp_core.options import Domain, Number
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.vocabulary import DOMAINS
@@ -464,7 +465,8 @@ def _conflict_rule(limits: ConflictThresholds) -> str:
 
 
 def _sheet_hint(source: Path, labels: Path) -> str:
-    return f"`ssp labels sheet {source} --labels {labels} --out sheet.html` shows the frames"
+    shown = pasteable("labels", "sheet", source, "--labels", labels, "--out", "sheet.html")
+    return f"{shown} shows the frames"
 
 
 def _grid_template(out: Path, one: _Recording) -> None:

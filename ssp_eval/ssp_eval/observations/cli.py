@@ -12,6 +12,7 @@ from ssp_core import console
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_text
+from ssp_core.host.terminal import pasteable
 from ssp_core.names import VUT_ID
 from ssp_core.options import Number
 from ssp_eval.data.provenance import bag_folder, find_bag, read_provenance
@@ -111,7 +112,8 @@ def observe(
     empty, questions = head | blank(vut, targets, has_log), cards(vut, targets, has_log)
     if as_template:
         write_text(target, template(str(bag), empty, questions, footage))
-        console.note(f"{target}: fill it in, then `ssp audit observe {bag} --seal {target}`")
+        then = pasteable("audit", "observe", bag, "--seal", target)
+        console.note(f"{target}: fill it in, then {then}")
         return
     indices = chosen(footage, rate, start, end)
     with console.progress("frames", len(indices)) as bar:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -379,6 +381,20 @@ def test_command_line_from_a_truth_file(tmp_path: Path) -> None:
     assert checked["warnings"] == []
     again = CliRunner().invoke(labels_command, ["new", "--truth", str(source), "--out", str(out)])
     assert isinstance(again.exception, InputError)
+
+
+def test_the_review_that_a_check_asks_for_can_be_pasted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, out = tmp_path / "clip.truth.json", tmp_path / "my labels.json"
+    source.write_text(json.dumps(truth_file(cut_in())))
+    assert main(["labels", "new", "--truth", str(source), "--out", str(out)]) == 0
+    capsys.readouterr()
+    main(["labels", "check", str(out)])
+    printed = shlex.split(capsys.readouterr().err.split("`")[1])
+    assert printed == ["ssp", "spec", "review", str(out), "--who", "NAME"]
+    monkeypatch.setattr("sys.stdin", io.StringIO("q\n"))
+    assert main(printed[1:]) == 1  # all is left
 
 
 @pytest.mark.parametrize(

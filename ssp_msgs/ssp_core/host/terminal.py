@@ -83,6 +83,11 @@ def own_command() -> str:
     return "ssp" if installed else shlex.quote(str(Path(str(root)) / "ssp"))
 
 
+def pasteable(*words: object) -> str:
+    """Return one of our commands in backquotes, with its words quoted as a shell wants them."""
+    return f"`{shlex.join(['ssp', *map(str, words)])}`"
+
+
 def ignore_stop_signals() -> None:
     """Ignore stop signals in a process of a pool: the leader of the group ends it in order."""
     for number in _ASK_TO_END:

@@ -13,6 +13,7 @@ from ssp_core.cli import VerbGroup
 from ssp_core.console import note, visible
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
+from ssp_core.host.terminal import pasteable
 from ssp_scenario_manager.event_spec.checks.base import Failure, summed_up
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.extract.blank import blank_event
@@ -111,9 +112,8 @@ def _print_group(group: Sequence[Failure], file: str) -> None:
         click.echo(f"\n  {click.style(f'{len(group)} open decisions', bold=True)}")
         for failure in group:
             click.echo(visible(f"    {failure.field:<36} {failure.remedy}"))
-        click.echo(
-            f"    fill them in, or `ssp spec review {visible(file)} --who NAME` asks for each"
-        )
+        then = pasteable("spec", "review", file, "--who", "NAME")
+        click.echo(visible(f"    fill them in, or {then} asks for each"))
         return
     if len(group) > 1:
         title, said["evidence"] = f"{len(group)} fields", _named(fields)
@@ -147,7 +147,8 @@ def new(kind: str, name: str | None, out: Path | None) -> None:
     blank = blank_event(kind, name)
     write_text(out, event_text(blank.event, blank.marks))
     click.echo(visible(out))
-    note(f"fill in what is marked `decide`; `ssp spec check {out}` lists what is left")
+    then = pasteable("spec", "check", out)
+    note(f"fill in what is marked `decide`; {then} lists what is left")
 
 
 @spec.command()
@@ -164,7 +165,7 @@ def graph(file: str, out: Path | None, as_json: bool) -> None:
     event, version = load_event(file)
     open_ = check_event(event)
     if open_:
-        note(f"{len(open_)} checks don't hold; `ssp spec check {file}` says which")
+        note(f"{len(open_)} checks don't hold; {pasteable('spec', 'check', file)} says which")
     data = interaction_graph(event)
     if as_json:
         click.echo(json.dumps(data, indent=1))

@@ -159,7 +159,7 @@ _FILES = (".yaml", ".yml", ".json", ".xodr", ".xml")
 def find_shipped(name_or_path: str, kind: Literal["site", "event"]) -> Path:
     """Return the file itself, or the one of that name that comes with the project.
 
-    What is written as a path is one, whether or not a file is there: its reader says what is wrong.
+    A text written as a path is one, whether or not a file is there: its reader says what is wrong.
 
     Raises:
         InputError: it is neither a path nor a name.

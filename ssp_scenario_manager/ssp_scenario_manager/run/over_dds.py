@@ -26,7 +26,7 @@ from ssp_core.host.domains import folder_of_domains, free_domain
 from ssp_core.host.environment import live_environment, session_environment
 from ssp_core.host.processes import ProcessGroup
 from ssp_core.host.shared_memory import check_shared_memory
-from ssp_core.host.terminal import on_stop_signals
+from ssp_core.host.terminal import on_stop_signals, pasteable
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import declaring
 from ssp_core.run_file.session_token import draw_token
@@ -270,7 +270,7 @@ def _conclude(
     if recording != bag:
         unwritten.append(
             f"the recording lies in {recording}; make room, then close it with "
-            f"`ssp bag recover {recording} --out {bag}`"
+            + pasteable("bag", "recover", recording, "--out", bag)
         )
     elif unwritten and bag.is_dir():
         unwritten.append(f"the recording in {bag} is whole")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +149,18 @@ def test_open_decisions_are_a_short_list_and_what_one_action_mends_is_said_once(
     assert told.count("no person has decided it") == 1
     assert f"`ssp spec review {path} --who NAME`" in told
     assert len(told.splitlines()) < 30
+
+
+def test_a_printed_command_can_be_pasted_whatever_the_file_is_called(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "my events" / "Kim's $1.event.yaml"
+    assert main(["spec", "new", "vru_crossing", "--out", str(path)]) == 0
+    printed = capsys.readouterr().err.split("`")[3]
+    assert shlex.split(printed) == ["ssp", "spec", "check", str(path)]
+    assert main(shlex.split(printed)[1:]) == 1
+    printed = capsys.readouterr().out.split("`")[1]
+    assert shlex.split(printed) == ["ssp", "spec", "review", str(path), "--who", "NAME"]
 
 
 def test_a_missing_part_u_is_one_message_with_its_count_and_remedy(
