@@ -7,6 +7,7 @@ import socket
 import struct
 import zlib
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -18,8 +19,9 @@ from ssp_core.leap_seconds import leap_seconds
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.vocabulary import ObjectClass
+from ssp_ot_controller.bodies import simulated
 from ssp_ot_controller.bodies.body import BodyReading, MirrorBody
-from ssp_ot_controller.bodies.dynamics import LIMITS, Command
+from ssp_ot_controller.bodies.dynamics import LIMITS, BodyState, Command, step_body
 from ssp_ot_controller.bodies.protocol import (
     COMMAND_BYTES,
     STATE_BYTES,
@@ -230,6 +232,25 @@ def test_a_clock_that_is_set_back_holds_neither_the_body_nor_its_watchdog() -> N
     assert rig.server.body.speed_mps == 0.0
     assert len(rig.states) - seen == pytest.approx(200, abs=2)
     assert rig.states[-1].stamp_ns == pytest.approx(rig.now_ns, abs=20 * MS)
+
+
+def test_a_clock_that_is_set_ahead_by_an_hour_does_not_hold_the_body(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig = Rig()
+    rig.run(1.2, 2.0)
+    steps = []
+
+    def counted(*values: Any) -> BodyState:
+        steps.append(values)
+        return step_body(*values)
+
+    monkeypatch.setattr(simulated, "step_body", counted)
+    rig.now_ns += 3600 * S
+    rig.run(0.1)
+    assert rig.server.body.speed_mps == 0.0
+    assert rig.states[-1].stamp_ns == pytest.approx(rig.now_ns, abs=20 * MS)
+    assert len(steps) < 1000
 
 
 def test_a_command_may_hold_for_a_shorter_time_but_not_for_a_longer_one() -> None:

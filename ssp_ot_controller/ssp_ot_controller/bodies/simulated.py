@@ -101,7 +101,11 @@ class BodyServer:
         self._brakes_at_ns = now_ns + seconds_to_ns(holds_s)
 
     def advance(self, now_ns: int) -> None:
-        """Move the body up to a time. Its own goes on where the clock was set back."""
+        """Move the body up to a time.
+
+        Its own goes on where the clock was set back. One that stands and hears no command stays so,
+        however far the clock was set ahead.
+        """
         back_ns = max(0, self._seen_ns - now_ns)
         self._seen_ns = now_ns
         self._now_ns -= back_ns
@@ -111,6 +115,9 @@ class BodyServer:
         while self._now_ns + step_ns <= now_ns:
             command = self._command
             if self.brakes_by_itself:
+                if self.body.speed_mps == 0.0:
+                    self._now_ns += (now_ns - self._now_ns) // step_ns * step_ns
+                    break
                 # Steering stays as it is: that is where the object was led last.
                 command = Command(
                     0.0, self.body.curvature_1pm, self.body.yaw_rad, emergency_stop=True
