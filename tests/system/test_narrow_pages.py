@@ -1,7 +1,8 @@
-"""Audit and labels sheet in a real browser: nothing scrolls sideways on a phone."""
+"""Audit, labels sheet and form of a blind review in a real browser: none scrolls sideways."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -45,6 +46,14 @@ def test_an_audit_fits_into_a_phone_and_a_window(
         assert_fits(browser, tmp_path / "audit.html", width_px)
         shown = "getComputedStyle(document.querySelector('svg.phases.narrow')).display"
         assert browser.evaluate(shown) == ("block" if width_px == 390 else "none")
+
+
+def test_the_form_of_a_blind_review_fits_into_a_phone(browser: Browser, tmp_path: Path) -> None:
+    path = tmp_path / "texts.jsonl"
+    path.write_text(json.dumps({"id": 1, "text": "A cyclist is ahead. " * 40}) + "\n")
+    assert main(["extract", str(path), "--review", str(tmp_path / "review"), "--n", "1"]) == 0
+    for width_px in (390, 1280):
+        assert_fits(browser, tmp_path / "review" / "reviewer_1" / "form.html", width_px)
 
 
 def test_a_sheet_shows_its_frames_side_by_side(browser: Browser, tmp_path: Path) -> None:
