@@ -147,6 +147,29 @@ class SetLink:
         self._connected, self.problem = False, "the object closed the connection"
 
 
+class ReorderingLink(SetLink):
+    """A link that delivers each seventh report behind the next one."""
+
+    _count = 0
+    _held: Received | None = None
+
+    def poll(self) -> list[Received]:
+        found: list[Received] = []
+        for received in super().poll():
+            is_report = isinstance(received.outcome, Decoded) and isinstance(
+                received.outcome.message, Monr
+            )
+            self._count += is_report
+            if is_report and self._count % 7 == 0:
+                self._held = received
+                continue
+            found.append(received)
+            if is_report and self._held is not None:
+                found.append(replace(self._held, stamp_ns=received.stamp_ns))
+                self._held = None
+        return found
+
+
 def _of(data: bytes) -> Header:
     (frame,) = frames_of(data) if len(data) < 4000 else StreamDecoder(1 << 20).feed(data)
     assert not isinstance(frame, Rejected)
@@ -164,6 +187,7 @@ class Probed:
         lost: Callable[[Message], bool] = lambda message: False,
         watch: Callable[[str], None] = lambda text: None,
         states: Callable[[str, int | None], int | None] = lambda step, state: state,
+        link: type[SetLink] = SetLink,
     ) -> None:
         self.clock = SetClock()
         self.told: list[str] = []
@@ -179,7 +203,7 @@ class Probed:
                     self.beats.append((stamp_ns, found.message.status))
                 tap(sent, stamp_ns, data)
 
-            return SetLink(self.object, self.clock, both, lost, self._stated)
+            return link(self.object, self.clock, both, lost, self._stated)
 
         def tell(text: str) -> None:
             self.told.append(text)
@@ -294,6 +318,13 @@ def test_a_state_that_is_left_again_is_judged_by_each_report(
     assert row.verdict is Outcome.FAIL
     assert stated.name in row.text
     assert row.came
+
+
+def test_reports_that_overtake_each_other_tell_nothing_of_the_state() -> None:
+    """Only the message counters, which aren't asked for, show that reports came out of order."""
+    report = Probed(link=ReorderingLink).run()
+    assert with_verdict(report, Outcome.FAIL) == {"listen.counter"}
+    assert cannot_arm(report, 1.0, report.firmware, None) == ()
 
 
 @pytest.mark.parametrize("fault", ["deaf_to_abort@0", "deaf_to_silence"])

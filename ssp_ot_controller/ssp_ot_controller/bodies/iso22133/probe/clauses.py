@@ -266,7 +266,7 @@ def _reaches(*wanted: ControlState) -> Judge:
 
     def judge(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
         since_ns = step.marks.get("stimulus", step.begin_ns)
-        after = [(r, m.state) for r, m in step.monrs() if r.stamp_ns >= since_ns]
+        after = [(r, m.state) for r, m in step.monrs_in_order() if r.stamp_ns >= since_ns]
         if not after:
             return silent(step)
         stimulus = tuple(s.data for s in step.sent if s.stamp_ns >= since_ns)[:1]
@@ -294,7 +294,7 @@ def _stays(wanted: ControlState) -> Judge:
             return silent(step)
         # The first tenth of a second may show what came before.
         since_ns = step.begin_ns + NS_PER_S // 10
-        after = [(r, state_of(m.state)) for r, m in step.monrs() if r.stamp_ns >= since_ns]
+        after = [(r, state_of(m.state)) for r, m in step.monrs_in_order() if r.stamp_ns >= since_ns]
         for received, state in after:
             if state is not wanted:
                 text = f"is {'unknown' if state is None else state.name}"
@@ -315,7 +315,7 @@ def _disarmed(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding
 def _disarms(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     """Check that the object isn't ARMED in its last report after lost heartbeats, or hangs up."""
     since_ns = step.marks.get("stimulus", step.begin_ns)
-    for received, monr in step.monrs():
+    for received, monr in step.monrs_in_order():
         is_odd = state_of(monr.state) not in (C.ARMED, *_UNARMED)
         if is_odd and received.stamp_ns >= since_ns:
             text = f"is {state_text(monr.state)}"

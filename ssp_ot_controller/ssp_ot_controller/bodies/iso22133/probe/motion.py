@@ -301,7 +301,7 @@ def runs(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
         strt_ns = start_ns if strt is None else strt.stamp_ns
         running_ns: int | None = None
         armed = False
-        for received, monr in one.monrs():
+        for received, monr in one.monrs_in_order():
             at_ns, state = received.stamp_ns, state_of(monr.state)
             armed = armed or state is C.ARMED
             if at_ns <= strt_ns and armed and state is not C.ARMED:
@@ -337,7 +337,7 @@ def ends_run(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
         return Finding(Outcome.NOT_RUN, step.problem or "it wasn't brought to speed")
     moving_ns = _moving_until_ns(track)
     postrun_ns: int | None = None
-    for received, monr in step.monrs():
+    for received, monr in step.monrs_in_order():
         at_ns, state = received.stamp_ns, state_of(monr.state)
         stood = postrun_ns is not None and at_ns >= moving_ns
         if at_ns <= mark_ns or (stood and state is C.DISARMED):

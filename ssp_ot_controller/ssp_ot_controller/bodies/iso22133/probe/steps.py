@@ -8,10 +8,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from ssp_core.clock import NS_PER_S
 from ssp_ot_controller.bodies.iso22133.framing import Header
 from ssp_ot_controller.bodies.iso22133.link import Received
 from ssp_ot_controller.bodies.iso22133.messages import Decoded, Message, Monr
 from ssp_ot_controller.bodies.iso22133.probe_report import Outcome, Stage
+from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
+
+# A report that is older by more isn't one that another overtook: its clock was set back.
+_OVERTAKEN_NS = NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +50,19 @@ class Step:
             for r in self.came
             if isinstance(r.outcome, Decoded) and isinstance(r.outcome.message, Monr)
         ]
+
+    def monrs_in_order(self) -> list[tuple[Received, Monr]]:
+        """Return the reports without those that the network delivered behind a newer one."""
+        kept: list[tuple[Received, Monr]] = []
+        newest_ns: int | None = None
+        for received, monr in self.monrs():
+            if monr.time_of_week_ns is not None:
+                stamp_ns = nearest_utc_ns(monr.time_of_week_ns, received.stamp_ns)
+                if newest_ns is not None and 0 < newest_ns - stamp_ns < _OVERTAKEN_NS:
+                    continue
+                newest_ns = stamp_ns
+            kept.append((received, monr))
+        return kept
 
     def last_sent(self, *kinds: type) -> Sent | None:
         return next((s for s in reversed(self.sent) if isinstance(s.message, kinds)), None)
