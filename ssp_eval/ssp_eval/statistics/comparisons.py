@@ -13,7 +13,7 @@ import numpy as np
 from ssp_eval.score.aggregate import EQUAL, Cell
 from ssp_eval.score.metrics import IVCS_FIRST
 from ssp_eval.statistics.constants import Place
-from ssp_eval.statistics.domains import finding, over_recordings
+from ssp_eval.statistics.domains import NO_UNITS, finding, no_interval, over_recordings
 from ssp_eval.statistics.resampling import (
     NO_INTERVAL,
     Interval,
@@ -57,6 +57,7 @@ class Comparison:
             too, see ssp_eval.statistics.comparisons.
         labels_alone: of two domains, what the best blind constant gains over the same pairs; None
             where it isn't known.
+        without_interval: of two domains, why there may be no interval.
     """
 
     subject: str
@@ -78,13 +79,14 @@ class Comparison:
     p_scenarios_holm: float | None = None
     over_labels: Interval = NO_INTERVAL
     labels_alone: float | None = None
+    without_interval: str = NO_UNITS
 
     @property
     def finding(self) -> str:
         """Say what must be read beside a difference of two domains; empty for nothing."""
         if self.subject != "domain":
             return ""
-        return finding(self.difference, self.interval, self.labels_alone)
+        return finding(self.difference, self.interval, self.labels_alone, self.without_interval)
 
 
 def compare(
@@ -153,6 +155,7 @@ def _comparison(
         ahead,
         scenarios=scenarios,
         labels_alone=None if labels_alone is None or math.isnan(labels_alone) else labels_alone,
+        without_interval=no_interval(of_scenario),
     )
     if metric != TESTED or n < 2:
         return found

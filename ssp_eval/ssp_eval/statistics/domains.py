@@ -10,11 +10,14 @@ from ssp_eval.score.aggregate import EQUAL, Cell, mean, relative_difference
 from ssp_eval.score.metrics import IVCS_FIRST, METRIC_LABELS
 from ssp_eval.statistics.constants import CONSTANT, Place, instead
 from ssp_eval.statistics.resampling import Interval, cluster_interval
+from ssp_eval.statistics.rows import MACRO
 from ssp_eval.statistics.table import COUNT, Column, Table, Value, in_order
 
 # A row over all scenarios.
 ALL = "all"
 NO_UNITS = "one recording each: no interval"
+# The same of means over scenarios that others published.
+NO_CELLS = "published means: no interval"
 NOT_OWED = "not owed to the model"
 
 LABELS_ALONE = Column("labels_alone", "labels alone", "signed")
@@ -42,11 +45,28 @@ def over_recordings(of_scenario: Mapping[str, Sequence[float]]) -> Interval:
     return cluster_interval([math.fsum(one) for one in cells], [len(one) for one in cells])
 
 
-def finding(difference: float | None, interval: Interval, labels_alone: float | None) -> str:
-    """Return what must be read beside a difference between two domains; empty for nothing."""
+def no_interval(scenarios: Iterable[str]) -> str:
+    """Say why a difference between two domains in these scenarios may have no interval."""
+    return NO_CELLS if MACRO in scenarios else NO_UNITS
+
+
+def finding(
+    difference: float | None,
+    interval: Interval,
+    labels_alone: float | None,
+    without: str = NO_UNITS,
+) -> str:
+    """Return what must be read beside a difference between two domains; empty for nothing.
+
+    Args:
+        difference: of the two; None: it isn't known.
+        interval: of the difference.
+        labels_alone: what the best blind constant gains; None: it isn't known.
+        without: said where there is no interval, see no_interval.
+    """
     if difference is None:
         return ""
-    found = [NO_UNITS] if interval.low is None else []
+    found = [without] if interval.low is None else []
     if labels_alone is not None and EQUAL < abs(labels_alone) >= abs(difference) - EQUAL:
         found.append(f"{NOT_OWED}: the labels alone give {labels_alone:+.3f}")
     return "; ".join(found)
@@ -180,5 +200,5 @@ def _row(
         interval.high,
         labels_alone,
         relative_difference(other, base),
-        finding(difference, interval, labels_alone),
+        finding(difference, interval, labels_alone, no_interval(of_scenario)),
     )

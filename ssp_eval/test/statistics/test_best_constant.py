@@ -21,9 +21,9 @@ from ssp_eval.score.engine import score_cells
 from ssp_eval.score.thresholds import DEFAULT
 from ssp_eval.statistics.best_constant import Plan, Scene, _records, best_constant
 from ssp_eval.statistics.constants import BELOW, constants_in
-from ssp_eval.statistics.domains import NO_UNITS, NOT_OWED
+from ssp_eval.statistics.domains import NO_CELLS, NO_UNITS, NOT_OWED
 from ssp_eval.statistics.notices import notices
-from ssp_eval.statistics.rows import rows_from_csv
+from ssp_eval.statistics.rows import MACRO, rows_from_csv
 from ssp_eval.statistics.statistics import compute
 from ssp_eval.statistics.statistics_tables import comparison_table
 from ssp_eval.statistics.table import by_column, write_tables
@@ -175,6 +175,22 @@ def test_a_difference_of_domains_stands_beside_that_of_the_labels_alone():
     ]
     assert abs(line["labels_alone"]) == pytest.approx(0.09)
     assert line["finding"] == NO_UNITS
+
+
+def test_published_means_are_not_said_to_be_of_one_recording():
+    rows = [
+        row(MACRO, domain, model, value, rsr=0.5, rl_s=1.0, weighted=value)
+        for model in "ab"
+        for domain, value in (("simulation", 0.5), ("physical", 0.6))
+    ]
+    compared = by_column(comparison_table(compute(rows).comparisons))
+    for line in (
+        *tables(rows)["domain_differences"],
+        *tables(rows)["domain_differences_model"],
+        *(one for one in compared if one["subject"] == "domain"),
+    ):
+        assert line["low"] is None
+        assert line["finding"] == NO_CELLS
 
 
 def test_no_difference_of_domains_stands_bare():
