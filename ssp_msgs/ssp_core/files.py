@@ -208,6 +208,8 @@ def parse_value(text: str, file: str | Path) -> Any:
     except _PARSE_ERRORS as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
+        if isinstance(error, RecursionError):
+            problem = "it is nested too deeply"
         raise InputError(
             f"is not valid YAML or JSON: {problem}",
             file=file,

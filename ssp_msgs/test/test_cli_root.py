@@ -5,16 +5,17 @@ from __future__ import annotations
 import errno
 import gc
 import os
+import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click
 import pytest
 
-from ssp_core.cli import VERBS, main
+from ssp_core.cli import VERBS, cli, main
 from ssp_core.errors import HostError, InputError, PeerError
 
 
@@ -35,6 +36,31 @@ def verb(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], No
 def test_every_verb_has_a_command_with_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([name, "--help"]) == 0
     assert "Usage: ssp " + name in capsys.readouterr().out
+
+
+def options_of(command: click.Command, name: str) -> Iterator[tuple[str, click.Option]]:
+    """Yield the options of a command and of those below it, each with its place."""
+    context = click.Context(command)
+    if isinstance(command, click.Group):
+        for below in command.list_commands(context):
+            found = command.get_command(context, below)
+            assert found is not None
+            yield from options_of(found, f"{name} {below}")
+    for option in command.params:
+        if isinstance(option, click.Option):
+            yield f"{name} {option.opts[-1]}", option
+
+
+def test_the_help_of_an_option_stands_alone_and_its_range_has_ends() -> None:
+    """A preposition at its opening leaves out what is given."""
+    opening = re.compile(r"(Of|For|To|In|On|At|From|Likewise)\b")
+    wrong = [place for place, option in options_of(cli, "ssp") if opening.match(option.help or "")]
+    wrong += [
+        place
+        for place, option in options_of(cli, "ssp")
+        if isinstance(option.type, click.IntRange) and option.type.min is option.type.max is None
+    ]
+    assert wrong == []
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["-h"]])

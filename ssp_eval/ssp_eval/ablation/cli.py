@@ -42,7 +42,9 @@ from ssp_eval.statistics.table import Table, texts, to_data, write_tables
     show_default=True,
     help="Per arm, spread over the places.",
 )
-@click.option("--seed", type=WholeNumber(1, 2**31), default=1, show_default=True, help="First.")
+@click.option(
+    "--seed", type=WholeNumber(1, 2**31), default=1, show_default=True, help="First seed."
+)
 @click.option("--jobs", type=WholeNumber(1, 1024), default=1, help="Processes that share the work.")
 @click.option(
     "--out",

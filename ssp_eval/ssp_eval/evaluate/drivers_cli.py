@@ -117,9 +117,11 @@ def serve(
     type=Number(0),
     default=DEADLINE_S,
     show_default=True,
-    help="For each question with all of its calls, s.",
+    help="Time for each question with all of its calls, s.",
 )
-@click.option("--revision", type=click.Choice(["1", "2"]), help="Of a server that declares none.")
+@click.option(
+    "--revision", type=click.Choice(["1", "2"]), help="Revision of a server that declares none."
+)
 @click.option("--camera", default=FORWARD_CAMERA, show_default=True, help="Its declared name.")
 @click.option("--tls", default="", metavar="FILE", help="Certificates (PEM) of the server.")
 @click.option("--drive-insecure", is_flag=True, help="Plain text to a host that isn't loopback.")

@@ -52,7 +52,9 @@ _PATH = click.Path(path_type=Path)
     show_default=True,
     help="Texts to review.",
 )
-@click.option("--seed", type=WholeNumber(), default=0, show_default=True, help="Of their choice.")
+@click.option(
+    "--seed", type=WholeNumber(0), default=0, show_default=True, help="Seed of their choice."
+)
 @click.option(
     "--returned",
     type=_PATH,

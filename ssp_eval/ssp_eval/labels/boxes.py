@@ -170,7 +170,7 @@ _PATH = click.Path(path_type=Path)
 def boxes_command(source: Path, out: Path, force: bool) -> None:
     """Write ground-truth boxes of every frame: for audits and labels, never for a model.
 
-    SOURCE is a simulated session's BAG, or the TRUTH file of a clip. The first line names schema
+    BAG is that of a simulated session, TRUTH the file of a clip. The first line names schema
     and source; each other line is a frame with its clip time and the objects that it may show:
     id, class, box (left, top, right, bottom in px), distance, and the share that nothing hides.
     """

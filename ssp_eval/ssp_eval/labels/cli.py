@@ -43,7 +43,7 @@ labels.add_command(new)
 @labels.command()
 @click.argument("file", type=_PATH)
 @click.option("--event", help="K* of the labelled clip itself: its times and version.")
-@click.option("--json", "as_json", is_flag=True, help="For programs.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 def check(file: Path, event: str | None, as_json: bool) -> int:
     """Check FILE by METHOD 5.2, 5.2b and 1, and warn when no risk response could be reached.
 
@@ -107,7 +107,9 @@ def check(file: Path, event: str | None, as_json: bool) -> int:
 @click.argument("source", metavar="BAG|VIDEO", type=_PATH)
 @click.option("--labels", "file", type=_PATH, required=True, help="Labels file or template.")
 @click.option("--out", type=_PATH, required=True, help="Page to write, .html.")
-@click.option("--start", type=Number(0), default=0.0, help="Of VIDEO's clip in the file, s.")
+@click.option(
+    "--start", type=Number(0), default=0.0, help="Start of the clip in the file VIDEO, s."
+)
 @click.option("--force", is_flag=True, help="Overwrite an existing file.")
 def sheet(source: Path, file: Path, out: Path, start: float, force: bool) -> None:
     """Write a contact sheet: the frames of BAG or VIDEO at the labels' times, with the labels."""

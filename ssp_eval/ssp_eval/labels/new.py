@@ -150,7 +150,9 @@ class _Planned:
 @click.option("--event-version", help="K* version, where the source names none.")
 @click.option("--event", help="K*, by name or file, where the recordings hold none.")
 @click.option("--template", is_flag=True, help="Templates, even where states are recorded.")
-@click.option("--start", type=Number(0), default=0.0, help="Of VIDEO's clip in the file, s.")
+@click.option(
+    "--start", type=Number(0), default=0.0, help="Start of the clip in the file VIDEO, s."
+)
 @click.option("--force", is_flag=True, help="Overwrite existing files.")
 def new(
     sources: tuple[Path, ...],

@@ -168,7 +168,7 @@ def log_of(bag: Path) -> Path:
 
 @click.command("agree")
 @click.argument("files", metavar="A B", nargs=-1, type=_PATH)
-@click.option("--json", "as_json", is_flag=True, help="For programs.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 def agree_command(files: tuple[Path, ...], as_json: bool) -> int:
     """Show where two persons' sealed observations A and B of one recording agree.
 

@@ -277,7 +277,7 @@ def _lanes(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int
     default=1,
     show_default=True,
     type=WholeNumber(0, 2**31),
-    help="Of speeds, timing and light.",
+    help="Seed of speeds, timing and light.",
 )
 @click.option(
     "--lanes",

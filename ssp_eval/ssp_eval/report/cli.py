@@ -175,7 +175,7 @@ class _Wanted:
     type=_Formats(),
     default=",".join(FORMATS),
     show_default=True,
-    help="Of the tables.",
+    help="Formats of the tables.",
 )
 @click.option(
     "--figures",
@@ -187,7 +187,7 @@ class _Wanted:
     "--only",
     type=click.Choice(CHOICES),
     multiple=True,
-    help="Of the figures, only these; any number.",
+    help="Draw only these groups of figures; any number.",
 )
 @click.option(
     "--open-loop",
@@ -204,7 +204,7 @@ class _Wanted:
     type=WholeNumber(min=100, max=1_000_000),
     default=RESAMPLES,
     show_default=True,
-    help="Of the bootstrap, and sets of weights that are tried.",
+    help="Resamples of the bootstrap, and sets of weights that are tried.",
 )
 @click.option(
     "--block",
@@ -218,7 +218,7 @@ class _Wanted:
     type=WholeNumber(min=0),
     default=SEED,
     show_default=True,
-    help="Of all random numbers; the same one gives the same files.",
+    help="Seed of all random numbers; the same one gives the same files.",
 )
 def report(
     out_dir: Path | None,

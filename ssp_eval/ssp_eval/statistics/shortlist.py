@@ -269,14 +269,14 @@ _EXPLAINED = (
     type=_SHARE,
     default=DEFAULT_LIMITS.turned,
     show_default=True,
-    help="Likewise, share of pairs of models whose order turns.",
+    help="A candidate from this share of pairs of models whose order turns on.",
 )
 @click.option(
     "--width",
     type=_SHARE,
     default=DEFAULT_LIMITS.width,
     show_default=True,
-    help="Likewise, mean width of the intervals of IVCS.",
+    help="A candidate from this mean width of the intervals of IVCS on.",
 )
 @click.option(
     "--most",
@@ -290,7 +290,7 @@ _EXPLAINED = (
     type=WholeNumber(100, 1_000_000),
     default=RESAMPLES,
     show_default=True,
-    help="Of the intervals.",
+    help="Resamples of the bootstrap for the intervals.",
 )
 @click.option(
     "--out",

@@ -37,7 +37,7 @@ iso.add_command(probe_command)
     metavar="FOLDER",
     type=click.Path(path_type=Path),
     required=True,
-    help="Of `ssp compile --target track` or a live session: start, limits, fence and datum.",
+    help="Folder of `ssp compile --target track` or a live session: start, limits, fence, datum.",
 )
 @click.option("--object", "object_id", metavar="ID", help="Which of the run. [default: its only]")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address that it listens at.")
@@ -46,7 +46,7 @@ iso.add_command(probe_command)
     type=WholeNumber(0, 65535),
     default=TCP_PORT,
     show_default=True,
-    help="Of TCP, UDP is the one below; 0: any that are free.",
+    help="TCP port, UDP is the one below; 0: any that are free.",
 )
 @click.option(
     "--fault",

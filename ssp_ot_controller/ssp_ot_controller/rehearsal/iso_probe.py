@@ -157,7 +157,7 @@ def load_motion(path: Path, datum: Datum) -> Motion:
     default="2.5,2.5,2",
     show_default=True,
     metavar="FRONT,REAR,WIDTH",
-    help="Of the object around its reference point, m.",
+    help="Extent of the object around its reference point, m.",
 )
 @click.option(
     "--heartbeat-timeout",
@@ -165,7 +165,7 @@ def load_motion(path: Path, datum: Datum) -> Motion:
     type=Number(0.05, 5.0),
     default=Limits.model_fields["heartbeat_s"].default,
     show_default=True,
-    help="Of the OSEM, s; a session gives that of its site.",
+    help="Heartbeat timeout of the OSEM, s; a session gives that of its site.",
 )
 @click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the report.")
 def probe_command(

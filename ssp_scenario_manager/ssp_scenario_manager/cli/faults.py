@@ -63,7 +63,7 @@ DEFAULT_OUT = Path("out") / "faults"
     type=click.Choice(["lockstep", "realtime"]),
     default="lockstep",
     show_default=True,
-    help="Of the sessions.",
+    help="Mode of the sessions.",
 )
 @click.option(
     "--in-process",

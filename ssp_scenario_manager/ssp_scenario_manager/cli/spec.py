@@ -131,7 +131,7 @@ def _named(fields: Sequence[str]) -> str:
 
 @spec.command()
 @click.argument("kind", type=click.Choice(list(KINDS)), metavar="KIND")
-@click.option("--name", help="Of the event [default: new_KIND].")
+@click.option("--name", help="Name of the event [default: new_KIND].")
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),

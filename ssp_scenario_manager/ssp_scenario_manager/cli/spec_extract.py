@@ -58,12 +58,12 @@ _REMEDIES = {
 
 @click.command("extract")
 @click.argument("video", type=_PATH)
-@click.option("--base-url", required=True, help="Of the server, up to and with /v1.")
+@click.option("--base-url", required=True, help="Address of the server, up to and with /v1.")
 @click.option("--model", required=True, help="As the server names it.")
 @click.option("--api-key-env", metavar="VAR", help="Environment variable that holds the key.")
 @click.option("--start", type=Number(0), default=0.0, help="Start of the crop [default: 0].")
 @click.option("--end", type=Number(0), help="End of the crop [default: the video's].")
-@click.option("--name", help="Of the event [default: from VIDEO's name].")
+@click.option("--name", help="Name of the event [default: from VIDEO's name].")
 @click.option(
     "--type",
     "kind",
@@ -87,14 +87,14 @@ _REMEDIES = {
     help="Wider frames are scaled down to this, px.",
 )
 @click.option(
-    "--timeout", type=Number(0.1), default=120.0, show_default=True, help="For one answer, s."
+    "--timeout", type=Number(0.1), default=120.0, show_default=True, help="Time for one answer, s."
 )
 @click.option(
     "--tries",
     type=WholeNumber(1, 20),
     default=3,
     show_default=True,
-    help="Of one request, while the server is silent, away or busy.",
+    help="Tries of one request, while the server is silent, away or busy.",
 )
 @click.option("--no-schema", is_flag=True, help="Don't ask the server to hold answers to a schema.")
 @click.option("--generator", default="unknown", show_default=True, help="What made the video.")
@@ -256,7 +256,7 @@ Reviewer = Callable[[Path, Path, str, Callable[[], str], Terminal], int]
 @click.option("--video", type=click.Path(path_type=Path), help="Source video, to show evidence.")
 @click.option("--all", "everything", is_flag=True, help="Go through every field that is undecided.")
 @click.option("--accept-all", is_flag=True, help="First accept all that isn't safety-critical.")
-@click.option("--reason", help="For --accept-all.")
+@click.option("--reason", help="Reason for --accept-all.")
 def review_command(
     file: Path,
     who: str,

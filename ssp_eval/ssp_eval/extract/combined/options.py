@@ -53,7 +53,7 @@ def llm_options(prefix: str = "") -> Callable[[Command], Command]:
             f"--{prefix}base-url",
             "llm_base_url",
             metavar="URL",
-            help="Of the LLM's server (OpenAI chat interface), up to and with /v1.",
+            help="Address of the LLM's server (OpenAI chat interface), up to and with /v1.",
         ),
         click.option(
             f"--{prefix}api-key-env",
@@ -74,7 +74,7 @@ def llm_options(prefix: str = "") -> Callable[[Command], Command]:
             type=Number(0.1),
             default=60.0,
             show_default=True,
-            help="For one answer of the LLM, s.",
+            help="Time for one answer of the LLM, s.",
         ),
         click.option(
             f"--{prefix}no-schema",
