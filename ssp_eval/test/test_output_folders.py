@@ -12,6 +12,7 @@ import pytest
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
+from ssp_eval.importers import target
 
 
 @pytest.fixture
@@ -81,3 +82,10 @@ def test_what_stands_in_the_way_is_named(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr("ssp_core.files.os.access", lambda path, mode: False)
     with pytest.raises(InputError, match="can't be written to; name another"):
         make_folder(tmp_path)
+
+
+def test_an_import_whose_folder_another_one_made_meanwhile_is_refused(tmp_path: Path) -> None:
+    out = tmp_path / "bag"
+    with pytest.raises(InputError, match="exists already"):
+        target.make_bag(out, lambda _: target.make_bag(out, lambda _: None))
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import merge
@@ -23,7 +22,7 @@ from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
-from ssp_core.files import scratch_beside
+from ssp_core.files import new_folder
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import TF_STATIC, VUT_ID
 from ssp_core.world.camera import Intrinsics, Mounting
@@ -102,10 +101,13 @@ class ImportSummary:
         )
 
 
+_REMEDY = "name a new directory with --out"
+
+
 def check_free(out: Path) -> None:
     """Raise InputError where something is already there."""
     if out.exists() or out.is_symlink():
-        raise InputError("exists already", file=out, remedy="name a new directory with --out")
+        raise InputError("exists already", file=out, remedy=_REMEDY)
 
 
 def make_bag(out: Path, fill: Callable[[BagWriter], Made]) -> Made:
@@ -114,15 +116,11 @@ def make_bag(out: Path, fill: Callable[[BagWriter], Made]) -> Made:
     Raises:
         InputError: the directory exists, or what ``fill`` raises; nothing is left behind.
     """
-    check_free(out)
-    scratch = scratch_beside(out)
-    try:
-        with BagWriter(scratch / "bag", name=f"{out.name}_0", maker=Maker.IMPORT) as writer:
-            made = fill(writer)
-        (scratch / "bag").rename(out)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-    return made
+    with (
+        new_folder(out, _REMEDY) as folder,
+        BagWriter(folder, name=f"{out.name}_0", maker=Maker.IMPORT) as writer,
+    ):
+        return fill(writer)
 
 
 def write_states(

@@ -297,6 +297,7 @@ def make_package(
         )
         write_bytes(scratch / TABLE_FILE, table_bytes(package))
         scratch.chmod(0o755)
+        _check_out(out, force)  # again: another command may have begun there meanwhile
         put_in_place(scratch, out)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)

@@ -22,7 +22,7 @@ from ssp_eval.evaluate.clients.models import ModelSpec, bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import content_id, load_table, object_path
-from ssp_eval.package.verify import verify_package
+from ssp_eval.package.verify import verify_package, work_out
 from ssp_scenario_manager.event_spec.log import Record, append_record
 from ssp_scenario_manager.maps.site import find_shipped
 from ssp_vla_bridge.messages import Request, Response
@@ -248,6 +248,24 @@ def test_what_is_no_package_is_never_replaced(
         assert "error:" in capsys.readouterr().err
     assert (tmp_path / "mine" / "file").read_text() == (tmp_path / "file").read_text() == "mine"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "link", "mine"]
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_what_came_into_its_place_meanwhile_is_kept(
+    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, force: bool
+) -> None:
+    """A run that began while the package was made lost its folder to it."""
+    out = tmp_path / "package"
+
+    def slow(*arguments: Any) -> Any:
+        out.mkdir()
+        (out / "file").write_text("mine")
+        return work_out(*arguments)
+
+    monkeypatch.setattr("ssp_eval.package.make.work_out", slow)
+    with pytest.raises(InputError, match="is there and is no package"):
+        make_package([own], out, force=force)
+    assert (out / "file").read_text() == "mine"
 
 
 def test_an_interrupted_make_leaves_the_earlier_package(
