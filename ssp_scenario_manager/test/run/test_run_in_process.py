@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import Fault, LinkDisturbance, RunSpec
 from ssp_core.vocabulary import Phase, Verdict
@@ -211,6 +213,14 @@ def test_a_sweep_that_was_interrupted_goes_on_where_it_was(
     # Fewer take nothing out.
     assert run_sweep(short_sweep(make_run, 1), tmp_path / "part", 2, lambda _: None) == rows[:1]
     assert path.read_bytes() == expected
+
+
+def test_the_sweep_of_the_quickstart_is_valid_at_both_ends(tmp_path: Path) -> None:
+    page = Path(__file__).parents[3] / "docs" / "quickstart.md"
+    ends = re.search(r"--vary (driver\.cruise_mps=[\d.]+):([\d.]+)", page.read_text())
+    assert ends is not None
+    varied = ["--vary", ",".join(ends.groups()), "--runs", "2"]
+    assert main(["run", "cut_in", "--in-process", *varied, "--out", str(tmp_path / "sweep")]) == 0
 
 
 def test_the_folder_of_another_sweep_is_refused(make_run: MakeRun, tmp_path: Path) -> None:
