@@ -125,7 +125,7 @@ def _parsed(kind: Kind, first: str, second: str) -> Change:
     if kind is Kind.CAMERA:
         return Change(kind, value=_seconds(first, 0.0))
     if kind is Kind.HISTORY:
-        share = float(first)
+        share = decimal(first)
         if not 0.0 <= share < 1.0:
             raise ValueError("the share lies from 0 up to, but not including, 1")
         return Change(kind, value=share)

@@ -79,6 +79,7 @@ def test_a_change_has_a_name_for_folders(text: str, name: str) -> None:
         "camera=0",
         "history=1",
         "history=-0.1",
+        "history=0.2_5",
         "history=nan",
         "control=tank",
         f"without={CONTROL_ID}",

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, PlainSerializer
 
+from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
 
 MOST_LATENCY_S = 10.0
@@ -69,8 +70,8 @@ def parse_latency(text: str) -> Latency:
     if text == "measured":
         seconds = str(BOUND_S)
     try:
-        value = round(float(seconds), 9)
-    except (ValueError, OverflowError):
+        value = round(decimal(seconds), 9)
+    except ValueError:
         raise wrong from None
     if kind not in ("fixed", "measured") or not 0.0 <= value <= MOST_LATENCY_S:
         raise wrong

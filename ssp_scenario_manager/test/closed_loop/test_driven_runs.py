@@ -600,5 +600,11 @@ def test_a_latency_is_zero_fixed_or_measured() -> None:
     assert (parse_latency("zero"), parse_latency("fixed:0.25")) == (Latency(0.0), Latency(0.25))
     assert parse_latency("measured") == Latency(2.0, measured=True)
     assert parse_latency("measured:0.5") == Latency(0.5, measured=True)
+
+
+@pytest.mark.parametrize(
+    "text", ["fixed:-1", "fixed:1_0", "measured:0_1", "fixed:\u0662", "fixed:nan", "fixed:1e999"]
+)
+def test_a_latency_that_is_no_decimal_number_in_range_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="is no latency"):
-        parse_latency("fixed:-1")
+        parse_latency(text)
