@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -17,6 +17,8 @@ COMMANDED = (NO_RESPONSE, BUILT_IN)
 # A part of topics, as a model's name is.
 _NAME = r"^[A-Za-z][A-Za-z0-9_]{0,63}$"
 DriverName = Annotated[str, Field(pattern=_NAME)]
+# Parts of a compiled run that a driven one has none of (METHOD 8.2).
+LeftOut = Literal["traffic", "adaptation"]
 
 
 def is_driver_name(text: str) -> bool:
@@ -42,6 +44,9 @@ class Driven(Strict):
     start: str = Field("", description="hash of the start; empty: of none")
     repeat: Annotated[int, Field(ge=0)] = Field(
         0, description="of the start under this driver, from 0; each has a seed of its own"
+    )
+    left_out: list[LeftOut] = Field(
+        [], description="parts of the compiled run that a driven run has none of"
     )
 
     def sampling_seed(self, run_seed: int) -> int:

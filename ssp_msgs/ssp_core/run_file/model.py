@@ -45,6 +45,8 @@ from ssp_core.run_file.values import (
 from ssp_core.vocabulary import DomainWord
 
 _TOLERANCE_S = 1e-9
+# Fields by which the hash of a driven run doesn't differ.
+_NAMELESS = ("driver", "options", "left_out")
 
 
 STOP_REACTION_S = 1.0
@@ -437,7 +439,7 @@ class RunSpec(Strict):
         """Hash of a driven run, whatever drives it and whatever the run is called."""
         run = self.model_dump(mode="json", by_alias=True, exclude={"run_id", "session_token"})
         driven = {} if self.driven is None else self.driven.model_dump(mode="json")
-        nameless = {key: value for key, value in driven.items() if key not in ("driver", "options")}
+        nameless = {key: value for key, value in driven.items() if key not in _NAMELESS}
         return sha256_json({**run, "driven": nameless})
 
     @property

@@ -480,6 +480,9 @@ def say_driven(driven: dict[str, Any]) -> None:
             f"{measured['bound_s']:g} s",
             markup=False,
         )
+    if driven["left_out"]:
+        parts = " and ".join(driven["left_out"])
+        console.out.print(f"  without {parts}, which no driven session has", markup=False)
     if driven["needless"]:
         console.out.print(f"  needless without the event: {driven['needless']}", markup=False)
 

@@ -586,6 +586,28 @@ def test_a_driver_is_refused_where_it_may_not_drive(options: list[str], said: st
     assert said in done.output or said in str(done.exception)
 
 
+def test_command_and_result_name_what_a_driven_run_leaves_out(
+    compiled: RunSpec, tmp_path: Path
+) -> None:
+    assert compiled.traffic
+    assert compiled.triggers[0].adaptation is not None
+    first, again = tmp_path / "first", tmp_path / "again"
+    done = invoked("cut_in", "--in-process", "--drive", "no_response", "--out", str(first))
+    raised(done)
+    assert "without traffic and adaptation, which no driven session has" in done.output
+    raised(invoked(str(first), "--in-process", "--out", str(again)))
+    for folder in (first, again):
+        told = json.loads((folder / "result.json").read_text())
+        assert told["driven"]["left_out"] == ["traffic", "adaptation"]
+
+
+def test_what_is_left_out_does_not_tell_a_driver_one_run_from_another(start: Start) -> None:
+    bare = replace(start, left_out=[])
+    runs = [one.driven_by("mine", {}, Latency(0.0)) for one in (start, bare)]
+    assert runs[0].driven != runs[1].driven
+    assert runs[0].driven_hash == runs[1].driven_hash
+
+
 def test_no_run_file_lets_a_driver_drive_hardware(start: Start) -> None:
     run = start.driven_by("oracle", {}, Latency(0.0)).model_dump(mode="json", by_alias=True)
     with pytest.raises(ValueError, match="in lockstep with our own bodies only"):

@@ -251,6 +251,7 @@ def _drawn(
         return "off_spec", {"seed": seed, "why": str(error)}
     facts = {
         **start.facts(),
+        "left_out": list(start.left_out),
         "hash": start.hash,
         "run": start.run.model_dump(mode="json", by_alias=True),
     }

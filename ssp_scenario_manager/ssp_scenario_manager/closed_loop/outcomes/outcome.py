@@ -478,6 +478,7 @@ def told_of(
         "measured": measured_of(driven, record),
         "frames": sees_frames(driven.driver),
         "start": driven.start,
+        "left_out": driven.left_out,
         "hand_over_s": driven.hand_over_s,
         "end_s": driven.end_s,
         "outcome": outcome.kind,

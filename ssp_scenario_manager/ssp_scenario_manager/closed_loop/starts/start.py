@@ -13,7 +13,7 @@ from ssp_core.files import parse_model
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import ObjectState
-from ssp_core.run_file.driven import BUILT_IN, NO_RESPONSE, Driven
+from ssp_core.run_file.driven import BUILT_IN, NO_RESPONSE, Driven, LeftOut
 from ssp_core.run_file.latency import ZERO_LATENCY, Latency
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.run_file.participants import ElapsedTime, Hold, ParticipantSpec, TriggerSpec
@@ -54,6 +54,7 @@ class Start:
         contact: of the twin; None: it has none.
         twin: true states of its VUT by stamp, ns.
         camera: of drivers that see; None: there is none.
+        left_out: parts of the compiled run.
     """
 
     run: RunSpec
@@ -66,6 +67,7 @@ class Start:
     contact: Contact | None
     twin: Mapping[int, ObjectState]
     camera: Camera | None = None
+    left_out: Sequence[LeftOut] = ()
 
     @property
     def v_r_mps(self) -> float | None:
@@ -123,6 +125,7 @@ class Start:
             observable_s=self.observable_s if event else None,
             start=self.hash,
             repeat=repeat,
+            left_out=list(self.left_out),
         )
         run = self.run if event else without_event(self.run, self.end_s)
         camera = self.camera if sees_frames(driver) else None
@@ -204,6 +207,7 @@ def make_start(
         contact=contact,
         twin=vut_states(record, run.vut.id),
         camera=run.camera,
+        left_out=left_out_of(run),
     )
 
 
@@ -255,6 +259,7 @@ def from_facts(kept: Mapping[str, Any]) -> Start:
         contact=None,
         twin={},
         camera=None if kept["camera"] is None else parse_model(Camera, kept["camera"], "camera"),
+        left_out=kept["left_out"],
     )
     twin, contact = twin_of(start.driven_by(NO_RESPONSE, {}, ZERO_LATENCY))
     start = replace(start, twin=twin, contact=contact)
@@ -271,6 +276,16 @@ def from_facts(kept: Mapping[str, Any]) -> Start:
 def vut_states(record: Record, vut_id: str) -> dict[int, ObjectState]:
     """Return the true states of the VUT by stamp, ns."""
     return {state.stamp_ns: state for state in record.truths(vut_id)}
+
+
+def left_out_of(run: RunSpec) -> list[LeftOut]:
+    """Return the parts of a compiled run that ``prepared`` leaves out."""
+    adapts = any(trigger.adaptation is not None for trigger in run.triggers)
+    there: tuple[tuple[LeftOut, bool], ...] = (
+        ("traffic", bool(run.traffic)),
+        ("adaptation", adapts),
+    )
+    return [part for part, is_there in there if is_there]
 
 
 def prepared(run: RunSpec) -> RunSpec:
