@@ -8,7 +8,7 @@ import itertools
 import json
 import math
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +54,7 @@ from ssp_eval.statistics.rows import CellRow
 from ssp_eval.statistics.table import texts
 from ssp_scenario_manager.closed_loop.campaigns.bags import bag_folder
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES
-from ssp_scenario_manager.closed_loop.campaigns.seal import STARTS_SCHEMA
+from ssp_scenario_manager.closed_loop.campaigns.seal import STARTS_SCHEMA, Draw
 from ssp_scenario_manager.closed_loop.outcomes.rates import RunRow, rates_of
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
 from tests.support.runs import cut_in_run
@@ -244,8 +244,10 @@ def folder(tmp_path: Path) -> Path:
         {"event": "cut_in", "kind": "critical", "seed": k, "hash": f"s{k}", "run": cut_in_run()}
         for k in range(4)
     ]
-    kept = {"starts": starts, "schema": STARTS_SCHEMA, "hash": sha256_json(starts)}
-    (place / "starts.json").write_text(json.dumps(kept))
+    drawn = asdict(Draw("cut_in", 0, 4, 2, 1, 1, ["traffic"]))
+    kept = {"starts": starts, "drawn": [drawn]}
+    sealed = {**kept, "schema": STARTS_SCHEMA, "hash": sha256_json(kept)}
+    (place / "starts.json").write_text(json.dumps(sealed))
     cards = [card(name) for name in (*BASELINES, MINE)]
     (place / "cards.json").write_text(json.dumps({"cards": cards}))
     each = itertools.product(range(4), (*BASELINES, MINE), LATENCIES)
@@ -336,6 +338,15 @@ def test_starts_that_are_not_critical_are_reported_apart(folder: Path) -> None:
     assert found["always_brake", "0"]["evaded"] == 1
     assert "Other starts" in render(campaign)
     assert "other_starts_1" in [table.name for table in tables_of(campaign)]
+
+
+def test_the_page_has_the_shares_of_drawn_starts_and_what_is_left_out(
+    campaign: LoopCampaign,
+) -> None:
+    assert (
+        "Starts: 4 critical (50 %), 2 harmless (25 %), 1 unavoidable (12 %), 1 off_spec (12 %), "
+        "of 8 drawn by seed from 0 on; without traffic, which no driven session has."
+    ) in render(campaign)
 
 
 def test_pairs_say_of_which_events_they_are(campaign: LoopCampaign) -> None:

@@ -11,7 +11,12 @@ from typing import Any
 from ssp_core.errors import InputError
 from ssp_scenario_manager.closed_loop.campaigns.cards import CARDS_FILE, load_cards
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import LoopPlan
-from ssp_scenario_manager.closed_loop.campaigns.seal import sealed_plan, sealed_starts
+from ssp_scenario_manager.closed_loop.campaigns.seal import (
+    Draw,
+    sealed_draws,
+    sealed_plan,
+    sealed_starts,
+)
 from ssp_scenario_manager.closed_loop.outcomes.rates import CRITICAL, Rates, RunRow, rates_of
 from ssp_scenario_manager.closed_loop.outcomes.tables import (
     RUN_COLUMNS,
@@ -47,6 +52,7 @@ class LoopCampaign:
 
     Args:
         starts: sealed ones.
+        draws: of the events, in the order of the plan.
         cards: of the drivers, in the order of the table.
         runs: in the order of the file.
     """
@@ -55,6 +61,7 @@ class LoopCampaign:
     plan: LoopPlan
     version: str
     starts: tuple[dict[str, Any], ...]
+    draws: tuple[Draw, ...]
     cards: tuple[dict[str, Any], ...]
     runs: tuple[Run, ...]
 
@@ -91,6 +98,7 @@ def load_loop(folder: Path) -> LoopCampaign:
         plan=plan,
         version=version,
         starts=tuple(sealed_starts(folder)),
+        draws=tuple(sealed_draws(folder)),
         cards=tuple(load_cards(folder / CARDS_FILE)),
         runs=tuple(_runs(folder / RUNS_FILE)),
     )

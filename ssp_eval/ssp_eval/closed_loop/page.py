@@ -157,8 +157,11 @@ def _part(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> dict[s
                 }
             )
     chains = chains_of(campaign, event)
+    draw = next(one for one in campaign.draws if one.event == event)
     return {
         "event": event,
+        "drawn": draw.words,
+        "left_out": draw.left_out,
         "groups": shown,
         "chains": [_with_words(chain) for chain in chains],
         "longest_s": max([chain.whole_s for chain in chains], default=0.0) or 1.0,

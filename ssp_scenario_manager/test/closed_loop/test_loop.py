@@ -214,12 +214,12 @@ def test_starts_that_were_changed_after_their_seal_are_refused(done: Path, tmp_p
 
 
 def test_starts_of_another_schema_are_refused_by_its_name(done: Path, tmp_path: Path) -> None:
-    """Their distances to line and kerb weren't drawn: their rows are no rows of this campaign."""
+    """Their shares of starts weren't kept, and a report of this version shows them."""
     folder = shutil.copytree(done, tmp_path / "older")
     kept = json.loads((folder / "starts.json").read_text())
-    assert kept["schema"] == "ssp.loop_starts/4"
-    (folder / "starts.json").write_text(json.dumps({**kept, "schema": "ssp.loop_starts/3"}))
-    with pytest.raises(InputError, match=r"starts\.json.*must be ssp.loop_starts/4.*starts/3"):
+    assert kept["schema"] == "ssp.loop_starts/5"
+    (folder / "starts.json").write_text(json.dumps({**kept, "schema": "ssp.loop_starts/4"}))
+    with pytest.raises(InputError, match=r"starts\.json.*must be ssp.loop_starts/5.*starts/4"):
         run(plan_of(), folder)
 
 
@@ -322,6 +322,36 @@ def test_seeds_are_tried_in_order_however_many_processes_share_them(
         found = draw_starts(plan_of(starts=4), tmp_path / str(jobs), jobs, lambda _: None)
         drawn[jobs] = [one["seed"] for one in found]
     assert all(seeds == [3, 6, 9, 12] for seeds in drawn.values()), drawn
+
+
+def test_each_call_tells_what_was_drawn_and_the_seal_binds_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kinds = ("off_spec", "harmless", "harmless", "critical", "unavoidable", "critical")
+
+    def judge(*arguments: Any) -> tuple[str, dict[str, Any]]:
+        return kinds[arguments[-1] - 1], {"seed": arguments[-1]}
+
+    @contextmanager
+    def in_order(*_: object) -> Iterator[Any]:
+        yield map
+
+    monkeypatch.setattr(seal, "_drawn", judge)
+    monkeypatch.setattr(seal, "ordered_map", in_order)
+    said: list[list[str]] = [[], []]
+    for told in said:
+        draw_starts(plan_of(starts=2), tmp_path, 1, told.append)
+    shares = "2 critical (33 %), 2 harmless (33 %), 1 unavoidable (17 %), 1 off_spec (17 %)"
+    assert said[0] == [
+        f"starts of cut_in: {shares}, of 6 drawn by seed from 1 on",
+        "cut_in is driven without traffic and adaptation, which no driven session has",
+    ]
+    assert said[1] == said[0]
+    text = (tmp_path / "starts.json").read_text()
+    assert '"off_spec": 1' in text
+    (tmp_path / "starts.json").write_text(text.replace('"off_spec": 1', '"off_spec": 0'))
+    with pytest.raises(InputError, match="was changed after it was sealed"):
+        draw_starts(plan_of(starts=2), tmp_path, 1, lambda _: None)
 
 
 def test_a_label_hides_no_privilege() -> None:

@@ -6,6 +6,7 @@ import importlib.util
 import json
 import shutil
 from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -20,14 +21,14 @@ from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver, LoopPlan
 from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start
 from ssp_scenario_manager.closed_loop.single_run.single import MOST_SEEDS
-from ssp_scenario_manager.closed_loop.starts.start import OffSpec, make_start
+from ssp_scenario_manager.closed_loop.starts.start import OffSpec, left_out_of, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER, load_task
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.ordered_map import Engine, ordered_map
 
 PLAN_FILE, TASKS_FOLDER, STARTS_FILE = "plan.json", "tasks", "starts.json"
-STARTS_SCHEMA = "ssp.loop_starts/4"
+STARTS_SCHEMA = "ssp.loop_starts/5"
 # Their sources decide how a run goes and what it is rated.
 _PACKAGES = (
     "ssp_core",
@@ -42,6 +43,38 @@ _OTHER = {
     "plan": "is of another campaign",
 }
 KINDS = ("critical", "harmless", "unavoidable")
+_DRAWN = (*KINDS, "off_spec")
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """The seeds that were drawn for the starts of an event, counted by what they gave.
+
+    Args:
+        event: as the plan names it.
+        first_seed: from which seeds count up.
+        critical: starts of this kind, also those that aren't run.
+        harmless: likewise.
+        unavoidable: likewise.
+        off_spec: seeds that gave no start.
+        left_out: parts of the compiled run that its driven runs have none of.
+    """
+
+    event: str
+    first_seed: int
+    critical: int
+    harmless: int
+    unavoidable: int
+    off_spec: int
+    left_out: list[str]
+
+    @property
+    def words(self) -> str:
+        """The shares in words."""
+        counts = {kind: getattr(self, kind) for kind in _DRAWN}
+        drawn = sum(counts.values())
+        shares = [f"{n} {kind} ({100 * n / drawn:.0f} %)" for kind, n in counts.items()]
+        return f"{', '.join(shares)}, of {drawn} drawn by seed from {self.first_seed} on"
 
 
 def draw_starts(
@@ -57,7 +90,7 @@ def draw_starts(
         plan: the campaign.
         folder: of it.
         jobs: workers that share the work.
-        say: takes the shares of starts, for people.
+        say: takes the shares of starts, also of those that are there, for people.
         engine: where the workers are.
 
     Raises:
@@ -68,21 +101,26 @@ def draw_starts(
     _claim(folder, sealed)
     path = folder / STARTS_FILE
     if path.is_file():
-        return sealed_starts(folder)
+        starts = sealed_starts(folder)
+        for draw in sealed_draws(folder):
+            _tell(draw, say)
+        return starts
     # Tasks of a call that was cut off before the seal may be half written.
     shutil.rmtree(folder / TASKS_FOLDER, ignore_errors=True)
-    starts = []
+    starts, draws = [], []
     try:
         for number, event in enumerate(plan.events):
             draft = folder / TASKS_FOLDER / str(number)
-            starts += _starts_of(plan, event, draft, say, jobs, engine)
+            found, draw = _starts_of(plan, event, draft, say, jobs, engine)
+            starts += found
+            draws.append(asdict(draw))
     except InputError:
         # Nothing is sealed: the mended plan may take the same folder.
         shutil.rmtree(folder / TASKS_FOLDER, ignore_errors=True)
         (folder / PLAN_FILE).unlink()
         raise
-    kept = {"schema": STARTS_SCHEMA, "starts": starts}
-    write_json(path, {**kept, "hash": sha256_json(starts)})
+    kept = {"starts": starts, "drawn": draws}
+    write_json(path, {"schema": STARTS_SCHEMA, **kept, "hash": sha256_json(kept)})
     return starts
 
 
@@ -93,6 +131,19 @@ def sealed_starts(folder: Path) -> list[dict[str, Any]]:
         InputError: there are none, they were changed since, or they are of another schema, by which
             other things of a start were drawn.
     """
+    return list(_sealed_starts(folder)["starts"])
+
+
+def sealed_draws(folder: Path) -> list[Draw]:
+    """Return what the seeds of each event of a campaign gave, in the order of the plan.
+
+    Raises:
+        InputError: as ``sealed_starts``.
+    """
+    return [Draw(**one) for one in _sealed_starts(folder)["drawn"]]
+
+
+def _sealed_starts(folder: Path) -> dict[str, Any]:
     path = folder / STARTS_FILE
     there = _sealed(path)
     if there.get("schema") != STARTS_SCHEMA:
@@ -104,11 +155,12 @@ def sealed_starts(folder: Path) -> list[dict[str, Any]]:
             remedy="use the version of this software that drew these starts, or drive the campaign "
             "anew",
         )
-    if there.get("hash") != sha256_json(there.get("starts")):
+    kept = {name: there.get(name) for name in ("starts", "drawn")}
+    if there.get("hash") != sha256_json(kept):
         raise InputError(
             "was changed after it was sealed", file=path, remedy="name a new folder with --out"
         )
-    return list(there["starts"])
+    return kept
 
 
 def sealed_plan(folder: Path) -> tuple[LoopPlan, str]:
@@ -197,7 +249,7 @@ def _starts_of(
     say: Callable[[str], None],
     jobs: int,
     engine: Engine,
-) -> list[dict[str, Any]]:
+) -> tuple[list[dict[str, Any]], Draw]:
     prepare_run(event, plan.site, make_folder(draft), seed=plan.seed, mode="lockstep")
     run = parse_model(
         RunSpec, json.loads((draft / TASK_FOLDER / "task.json").read_text())["run"], draft
@@ -206,7 +258,7 @@ def _starts_of(
     room_s = plan.room_s, plan.history_s
     judge = partial(_drawn, run.model_dump_json(by_alias=True), event_file, room_s)
     kept: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
-    seen = dict.fromkeys((*KINDS, "off_spec"), 0)
+    seen = dict.fromkeys(_DRAWN, 0)
     most = {"critical": plan.starts, "harmless": plan.others, "unavoidable": plan.others}
     seeds = iter(range(plan.seed, plan.seed + MOST_SEEDS * plan.starts))
     with ordered_map(jobs, engine, software) as run_all:
@@ -220,8 +272,8 @@ def _starts_of(
                 seen[kind] += 1
                 if kind in kept and len(kept[kind]) < most[kind]:
                     kept[kind].append({"event": event, "kind": kind, **facts})
-    shares = ", ".join(f"{count} {kind}" for kind, count in seen.items())
-    say(f"starts of {event}, by seed from {plan.seed} on: {shares}")
+    draw = Draw(event, plan.seed, **seen, left_out=list(left_out_of(run)))
+    _tell(draw, say)
     if len(kept["critical"]) < plan.starts:
         raise InputError(
             f"has {len(kept['critical'])} critical starts among {sum(seen.values())} seeds",
@@ -229,7 +281,14 @@ def _starts_of(
             value=plan.starts,
             remedy="ask for fewer, for smaller latencies, or for a place with a longer run-up",
         )
-    return [start for kind in KINDS for start in kept[kind]]
+    return [start for kind in KINDS for start in kept[kind]], draw
+
+
+def _tell(draw: Draw, say: Callable[[str], None]) -> None:
+    say(f"starts of {draw.event}: {draw.words}")
+    if draw.left_out:
+        parts = " and ".join(draw.left_out)
+        say(f"{draw.event} is driven without {parts}, which no driven session has")
 
 
 def _drawn(
