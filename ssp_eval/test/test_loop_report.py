@@ -41,7 +41,6 @@ from ssp_eval.closed_loop.prediction import (
     scores_by_driver,
 )
 from ssp_eval.closed_loop.tables import (
-    groups_of,
     headline_table,
     other_starts_table,
     pair_table,
@@ -293,7 +292,7 @@ def campaign(folder: Path) -> LoopCampaign:
 
 
 def test_the_headline_of_each_latency_stands_with_wilsons_interval(campaign: LoopCampaign) -> None:
-    (plain, prescribed) = groups_of(campaign)
+    (plain, prescribed) = campaign.groups.values()
     table = headline_table(campaign, "cut_in", plain)
     shown = {row[0]: row[2:] for row in (texts(table, row) for row in table.rows)}
     # 3 of 4, since one is needless; 1 of 4 at 0.5 s.
@@ -307,7 +306,7 @@ def test_unlike_cards_never_share_a_column(folder: Path) -> None:
         card(name, **({"route_m": None} if name == MINE else {})) for name in (*BASELINES, MINE)
     ]
     (folder / "cards.json").write_text(json.dumps({"cards": cards}))
-    groups = groups_of(load_loop(folder))
+    groups = list(load_loop(folder).groups.values())
     assert [MINE] in groups
     page = render(load_loop(folder))
     assert "Pairs under unlike conditions, for these events: cut in" in page
@@ -320,6 +319,21 @@ def test_unlike_cards_never_share_a_column(folder: Path) -> None:
     assert all(len(one) == 1 or MINE not in one for one in groups)
 
 
+def test_a_group_keeps_its_number_while_drivers_of_others_have_no_runs(folder: Path) -> None:
+    """``table.csv`` numbers the groups of all cards."""
+    cards = [
+        card(name, **({"route_m": None} if name == MINE else {})) for name in (*BASELINES, MINE)
+    ]
+    (folder / "cards.json").write_text(json.dumps({"cards": cards}))
+    campaign = load_loop(folder)
+    begun = replace(campaign, runs=tuple(r for r in campaign.runs if r.row.driver != MINE))
+    assert set(campaign.groups) == {1, 2, 3}
+    assert campaign.groups[1] == [MINE]
+    assert begun.groups == {k: campaign.groups[k] for k in (2, 3)}
+    assert {table.name.rpartition("_")[2] for table in tables_of(begun)} == {"2", "3"}
+    assert "Group 3: prescribed motion" in render(begun)
+
+
 def test_starts_that_are_not_critical_are_reported_apart(folder: Path) -> None:
     rows = (folder / "runs.csv").read_text()
     campaign = load_loop(folder)
@@ -327,7 +341,7 @@ def test_starts_that_are_not_critical_are_reported_apart(folder: Path) -> None:
     assert "Other starts" not in render(campaign)
     (folder / "runs.csv").write_text(re.sub(",s3,critical,", ",s3,harmless,", rows))
     campaign = load_loop(folder)
-    (plain, _) = groups_of(campaign)
+    (plain, _) = campaign.groups.values()
     table = other_starts_table(campaign, plain)
     assert "careful" not in [row[2] for row in table.rows]
     names = [column.key for column in table.columns]
@@ -350,11 +364,11 @@ def test_the_page_has_the_shares_of_drawn_starts_and_what_is_left_out(
 
 
 def test_pairs_say_of_which_events_they_are(campaign: LoopCampaign) -> None:
-    table = pair_table(campaign, groups_of(campaign)[0])
+    table = pair_table(campaign, campaign.groups[1])
     assert table.title.endswith("for these events: cut_in")
     found = {tuple(row[:3]): row[3:6] for row in table.rows}
     assert found["constant_velocity", MINE, "0"] == (4, 0, 3)
-    beside = pair_table(campaign, groups_of(campaign)[0], [MINE])
+    beside = pair_table(campaign, campaign.groups[1], [MINE])
     assert {row[1] for row in beside.rows} == {MINE}
     assert len(beside.rows) == 2 * 7
 
@@ -525,7 +539,7 @@ def test_words_of_drivers_with_unlike_cards_stand_in_tables_of_their_own(folder:
     ]
     (folder / "cards.json").write_text(json.dumps({"cards": cards}))
     campaign = load_loop(folder)
-    groups = groups_of(campaign)
+    groups = campaign.groups.values()
     rows = {run.row.driver: run.number for run in campaign.runs}
     kept = {"stamp_s": 10.1, "text": BRAKES, "speed_mps": 10.0, "slows_mps": 3.0}
     said(folder, {"row": rows[MINE], **kept}, {"row": rows["aeb"], **kept})

@@ -10,6 +10,7 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_scenario_manager.closed_loop.campaigns.cards import CARDS_FILE, load_cards
+from ssp_scenario_manager.closed_loop.campaigns.groups import groups_of
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import LoopPlan
 from ssp_scenario_manager.closed_loop.campaigns.seal import (
     Draw,
@@ -80,6 +81,16 @@ class LoopCampaign:
         """Drivers with runs, in the order of the plan."""
         there = {one.row.driver for one in self.runs}
         return [one.shown for one in self.plan.everybody if one.shown in there]
+
+    @property
+    def groups(self) -> dict[int, list[str]]:
+        """Drivers with runs, by the number of their group of like cards."""
+        there = self.drivers
+        found = {
+            k: [one for one in group if one in there]
+            for k, group in enumerate(groups_of(self.cards), 1)
+        }
+        return {k: group for k, group in found.items() if group}
 
     def card(self, driver: str) -> dict[str, Any]:
         """Return a driver's card."""

@@ -25,8 +25,6 @@ from ssp_eval.closed_loop.figures import (
 )
 from ssp_eval.closed_loop.folder import LoopCampaign, Run
 from ssp_eval.closed_loop.tables import (
-    conditions_of,
-    groups_of,
     headline_table,
     other_starts_table,
     outcome_table,
@@ -39,6 +37,7 @@ from ssp_eval.report.grids import Grid, grid
 from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.table import Table, counted
 from ssp_scenario_manager.closed_loop.campaigns.bags import bag_folder
+from ssp_scenario_manager.closed_loop.campaigns.groups import conditions_of
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES, PRIVILEGED, ZERO
 from ssp_scenario_manager.closed_loop.campaigns.runs import jobs_of
 from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL
@@ -70,7 +69,7 @@ def write_loop_report(campaign: LoopCampaign, further: Sequence[Table] = ()) -> 
 def tables_of(campaign: LoopCampaign) -> list[Table]:
     """Return all tables of a campaign, for files; those of a group of drivers have its number."""
     found, rates = [], campaign.rates
-    for k, group in enumerate(groups_of(campaign)):
+    for k, group in campaign.groups.items():
         others = [one for one in campaign.drivers if one not in group]
         own = [
             *(severity_table(campaign, event, group) for event in campaign.plan.events),
@@ -81,14 +80,14 @@ def tables_of(campaign: LoopCampaign) -> list[Table]:
             pair_table(campaign, group),
             unlike_pair_table(campaign, group, others),
         ]
-        found += [replace(one, name=f"{one.name}_{k + 1}") for one in own]
+        found += [replace(one, name=f"{one.name}_{k}") for one in own]
     return found
 
 
 def render(campaign: LoopCampaign, further: Sequence[Table] = ()) -> str:
     """Return the page of a campaign as HTML; see write_loop_report."""
     styles = [folder / "style.css" for folder in (_REPORT, _HERE)]
-    groups = groups_of(campaign)
+    groups = list(campaign.groups.values())
     critical = [one for one in campaign.starts if one["kind"] == "critical"]
     own = [one for one in campaign.drivers if one not in BASELINES]
     there = counts_of(campaign.critical)
@@ -129,7 +128,7 @@ def _part(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> dict[s
     rates = [one for one in campaign.rates if one.event == event]
     runs = [one for one in campaign.critical if one.row.event == event]
     shown = []
-    for group in groups:
+    for k, group in campaign.groups.items():
         drivers = [one for one in group if any(run.row.driver == one for run in runs)]
         if drivers:
             plots = [
@@ -150,7 +149,7 @@ def _part(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> dict[s
             ]
             shown.append(
                 {
-                    "conditions": conditions_of(campaign, drivers),
+                    "conditions": f"Group {k}: {conditions_of(campaign.card(drivers[0]))}",
                     "headline": grid(headline_table(campaign, event, drivers)),
                     "outcomes": grid(outcome_table(rates, event, drivers)),
                     "plots": plots,

@@ -9,7 +9,6 @@ from statistics import fmean
 
 from ssp_core.run_file.latency import Latency
 from ssp_eval.closed_loop.folder import LoopCampaign
-from ssp_eval.closed_loop.tables import groups_of
 from ssp_eval.score.metrics import COMPONENTS
 from ssp_eval.statistics.rows import OK, CellRow
 from ssp_eval.statistics.table import Column, Table
@@ -82,7 +81,7 @@ def predict(
         metric: name of the score.
     """
     models = {one.shown for one in campaign.plan.everybody if one.driver not in BASELINES}
-    group_of = {name: k for k, group in enumerate(groups_of(campaign)) for name in group}
+    group_of = {name: k for k, group in campaign.groups.items() for name in group}
     cells: dict[tuple[str, Latency, int], list[Point]] = {}
     for one in campaign.rates:
         score = scores.get((one.event, one.driver))

@@ -13,20 +13,9 @@ from ssp_eval.closed_loop.comparisons import LEAST_EVENTS, Pair, over_events, pa
 from ssp_eval.closed_loop.folder import LoopCampaign, Run
 from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.table import Column, Table, Value
-from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES
 from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.outcomes.rates import CRITICAL, Rates, RunRow
 
-# What must be like for two drivers' results to stand under one another.
-CONDITIONS = (
-    "cameras",
-    "route_m",
-    "step_s",
-    "frame_period_s",
-    "timeout_s",
-    "tracker",
-    "d_max_mps2",
-)
 _SEVERITY = (
     ("v_i_mps", "v_i, m/s"),
     ("severity", "severity"),
@@ -40,30 +29,6 @@ _SEVERITY = (
 
 # METHOD 8.8 wants means of these; a single TTC or deceleration would carry that of the others.
 _MEANS = ("v_i_mps", "severity")
-
-
-def groups_of(campaign: LoopCampaign) -> list[list[str]]:
-    """Return the drivers in groups with like conditions: others never share a column.
-
-    Those with drivers of the plan come first.
-    """
-    found: dict[str, list[str]] = {}
-    for driver in campaign.drivers:
-        card = campaign.card(driver)
-        contains = [one["contains"] for one in card["latencies"]]
-        key = repr([*(card[name] for name in CONDITIONS), card["limits"], contains])
-        found.setdefault(key, []).append(driver)
-    return sorted(found.values(), key=lambda group: all(one in BASELINES for one in group))
-
-
-def conditions_of(campaign: LoopCampaign, drivers: Sequence[str]) -> str:
-    """Return what a group of drivers has in common, in words."""
-    card = campaign.card(drivers[0])
-    if card["tracker"] is None:
-        return "prescribed motion, outside the plant: no plans, no latency"
-    route = "no route" if card["route_m"] is None else f"route {card['route_m']:g} m ahead"
-    seen = "by camera" if card["cameras"] else "no frames"
-    return f"plans tracked, {route}, {seen}, a question each {card['frame_period_s']:g} s at most"
 
 
 def with_ends(value: float | None, low: float | None, high: float | None) -> str:

@@ -11,7 +11,6 @@ from pathlib import Path
 from ssp_core.errors import InputError
 from ssp_core.run_file.latency import Latency
 from ssp_eval.closed_loop.folder import LoopCampaign
-from ssp_eval.closed_loop.tables import groups_of
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.statistics.table import Column, Table
 from ssp_scenario_manager.closed_loop.outcomes.texts import TEXTS_FOLDER
@@ -131,7 +130,7 @@ def words_tables(campaign: LoopCampaign) -> list[Table]:
         return []
     found = words_of(campaign, said, lon_action_by(Extractor()))
     tables = []
-    for k, group in enumerate(groups_of(campaign), 1):
+    for k, group in campaign.groups.items():
         own = [one for one in found if one.driver in group]
         if own:
             tables.append(_table(f"words_{k}", own))

@@ -20,6 +20,12 @@ from ssp_scenario_manager.closed_loop.answers import repeated
 from ssp_scenario_manager.closed_loop.campaigns.again import run_of_row
 from ssp_scenario_manager.closed_loop.campaigns.bags import Bags, bag_rows, write_bags
 from ssp_scenario_manager.closed_loop.campaigns.campaign import run_campaign
+from ssp_scenario_manager.closed_loop.campaigns.cards import CARDS_FILE, load_cards
+from ssp_scenario_manager.closed_loop.campaigns.groups import (
+    conditions_of,
+    group_numbers,
+    groups_of,
+)
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import (
     CampaignDriver,
     load_plan,
@@ -99,7 +105,8 @@ def loop(
     """Run the campaign of PLAN_FILE: events × drivers × latencies × starts × repeats.
 
     It leaves plan.json, starts.json and cards.json (sealed before a driver runs), runs.csv (a row
-    per run) and table.csv (a row per event, driver and latency); `ssp report` makes a page of them.
+    per run) and table.csv (a row per event, driver and latency, with the number of the group of
+    like cards); `ssp report` makes a page of them.
     The bags of runs lie in bags/ROW, each in a folder as `ssp run` leaves it.
     Exit status 1 where a baseline that must have a headline of 0 has another one, or a run that is
     recorded isn't the one of its row.
@@ -140,12 +147,24 @@ def loop(
 
 
 def _say(rates: Sequence[Rates], refused: Sequence[str], out: Path, as_json: bool) -> None:
-    """Print the result of a campaign."""
+    """Print the result of a campaign, the groups of drivers with like cards apart."""
+    cards = load_cards(out / CARDS_FILE)
     if as_json:
-        click.echo(json.dumps([{**asdict(one), "latency": str(one.latency)} for one in rates]))
+        numbers = group_numbers(cards)
+        told = [
+            {**asdict(one), "latency": str(one.latency), "group": numbers[one.driver]}
+            for one in rates
+        ]
+        click.echo(json.dumps(told))
     else:
-        for one in rates:
-            console.out.print(_line(one), markup=False)
+        by_name = {card["driver"]: card for card in cards}
+        for k, group in enumerate(groups_of(cards), 1):
+            own = [one for one in rates if one.driver in group]
+            if own:
+                words = conditions_of(by_name[group[0]])
+                console.out.print(f"group {k}: {words}", markup=False)
+            for one in own:
+                console.out.print(_line(one), markup=False)
         console.out.print(f"{out / TABLE_FILE}; ssp report {out} makes its page", markup=False)
     for text in refused:
         console.report_error(f"the campaign is refused: {text}")

@@ -370,6 +370,28 @@ def test_the_command_prints_the_table_of_what_is_there(done: Path, tmp_path: Pat
     assert (said.exception, said.return_value) == (None, 0)
 
 
+def test_drivers_with_unlike_cards_stand_apart_in_table_and_print(
+    done: Path, tmp_path: Path
+) -> None:
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(yaml.safe_dump(PLAN))
+    command = [str(plan), "--out", str(done), "--bags", "none"]
+    lines = CliRunner().invoke(loop, command, standalone_mode=False).stdout.splitlines()
+    heads = [k for k, line in enumerate(lines) if line.startswith("group ")]
+    assert [lines[k] for k in heads] == [
+        "group 1: plans tracked, route 80 m ahead, no frames, a question each 0.1 s at most",
+        "group 2: prescribed motion, outside the plant: no plans, no latency",
+    ]
+    printed = [lines[a + 1 : b] for a, b in itertools.pairwise([*heads, -1])]
+    drivers = [list(dict.fromkeys(line.split()[1] for line in part)) for part in printed]
+    assert drivers == [[one for one in BASELINES if one != "careful"], ["careful"]]
+    number_of = {one: k for k, group in enumerate(drivers, 1) for one in group}
+    assert {one["driver"]: int(one["group"]) for one in table(done)} == number_of
+    said = CliRunner().invoke(loop, [*command, "--json"], standalone_mode=False)
+    told = json.loads(said.stdout.splitlines()[-1])
+    assert {one["driver"]: one["group"] for one in told} == number_of
+
+
 def test_the_table_is_printed_where_no_bag_can_be_recorded(
     done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

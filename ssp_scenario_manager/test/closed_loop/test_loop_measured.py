@@ -432,6 +432,7 @@ def test_all_that_a_measuring_command_does_is_done_alone(
     monkeypatch.setattr(command, "load_plan", lambda *_: plan)
     monkeypatch.setattr(plan_file, "try_driver", step("model"))
     monkeypatch.setattr(command, "run_campaign", step("runs", ([], [])))
+    monkeypatch.setattr(command, "_say", lambda *_: None)
     monkeypatch.setattr(command, "write_bags", step("bags", []))
     said = CliRunner().invoke(loop, ["plan.yaml", "--out", str(tmp_path / "out"), "--bags", "none"])
     assert said.exit_code == 0, said.output

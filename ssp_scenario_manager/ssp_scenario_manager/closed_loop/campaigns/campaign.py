@@ -8,6 +8,7 @@ from pathlib import Path
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
 from ssp_scenario_manager.closed_loop.campaigns.cards import complete_cards, seal_cards
+from ssp_scenario_manager.closed_loop.campaigns.groups import group_numbers
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import ZERO, LoopPlan
 from ssp_scenario_manager.closed_loop.campaigns.runs import Job, identity_of, jobs_of, rows_of
 from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts, software
@@ -79,7 +80,7 @@ def _run(
     engine: Engine,
 ) -> tuple[list[Rates], list[str]]:
     starts = draw_starts(plan, folder, jobs, say, engine)
-    seal_cards(folder, plan, starts)
+    numbers = group_numbers(seal_cards(folder, plan, starts))
     # A worker on a cluster works in a folder of its own.
     todo = list(jobs_of(plan, starts, folder.resolve()))
     per_job = len(plan.latencies) * plan.repeats
@@ -106,7 +107,7 @@ def _run(
         complete_cards(folder, rows)
     rates = rates_of([read_row(row) for row in rows])
     knowing = {one.shown for one in plan.everybody if one.is_privileged}
-    table = [rates_row(one, one.driver in knowing) for one in rates]
+    table = [rates_row(one, one.driver in knowing, numbers[one.driver]) for one in rates]
     write_text(folder / TABLE_FILE, lines_of([RATE_COLUMNS, *table]))
     for text in rising(rates, [one.shown for one in plan.everybody]):
         say(f"gets better with latency: {text}")

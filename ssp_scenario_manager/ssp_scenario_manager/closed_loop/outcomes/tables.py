@@ -28,7 +28,7 @@ RUN_COLUMNS = [
     *(field.name for field in fields(Severity)),
 ]
 RATE_COLUMNS = [
-    *("event", "driver", "privileged", "latency", "planned", "driven"),
+    *("event", "group", "driver", "privileged", "latency", "planned", "driven"),
     *("headline", "low", "high", "worst", "within_sd", "between_sd"),
     *OUTCOMES,
     *("needless", "starved"),
@@ -115,10 +115,17 @@ def off_the_twin(runs: Iterable[Mapping[str, str]]) -> list[str]:
     return found
 
 
-def rates_row(one: Rates, is_privileged: bool) -> Row:
-    """Return one row of the table of rates."""
+def rates_row(one: Rates, is_privileged: bool, group: int) -> Row:
+    """Return one row of the table of rates.
+
+    Args:
+        one: the rates.
+        is_privileged: the driver knows the truth.
+        group: number of the drivers with cards like the driver's.
+    """
     return [
         one.event,
+        str(group),
         one.driver,
         str(is_privileged).lower(),
         str(one.latency),
