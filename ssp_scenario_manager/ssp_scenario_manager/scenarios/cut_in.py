@@ -35,6 +35,7 @@ from ssp_scenario_manager.scenarios.motions import (
 from ssp_scenario_manager.scenarios.planning import Draft, plans_in_lane
 from ssp_scenario_manager.scenarios.prediction import Prediction
 from ssp_scenario_manager.scenarios.values import (
+    Choice,
     acceleration_limit,
     approach_acceleration,
     choose,
@@ -86,7 +87,12 @@ def _start_gap(event: Event, closing_mps: float, wanted_m: float) -> float:
     return gap
 
 
-def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
+def draft(setting: Setting, values: Mapping[str, float]) -> Draft:
+    """Return a plan of these values.
+
+    Raises:
+        CannotPlace: they don't fit the block.
+    """
     event, block, limits = setting.event, setting.block, setting.limits
     name = event.interaction.initiator
     lane, beside = _lanes(event, block)
@@ -125,7 +131,12 @@ def _draft(setting: Setting, values: Mapping[str, float]) -> Draft:
     )
 
 
-def _plans(setting: Setting) -> Iterator[Plan]:
+def choices(setting: Setting) -> dict[str, Choice]:
+    """Return the values of each quantity, in the order in which they are tried.
+
+    Raises:
+        CannotPlace: one has none, or the road lacks a lane.
+    """
     event, limits = setting.event, setting.limits
     name, vut = event.interaction.initiator, event.vut_id
     _lanes(event, setting.block)
@@ -134,7 +145,7 @@ def _plans(setting: Setting) -> Iterator[Plan]:
     hardest = acceleration_limit(event, limits)
     least, most = speed_bounds(event, name, ("conflict", "resolution"))
     c = "constraints"
-    choices = {
+    return {
         "vut_speed": pick(f"{c}.speeds.{vut}.approach", "m/s", at_most=fastest),
         "speed": pick(f"{c}.speeds.{name}.approach", "m/s", at_most=fastest),
         "below": pick(f"{c}.trigger.below", "m"),
@@ -145,12 +156,17 @@ def _plans(setting: Setting) -> Iterator[Plan]:
         "deceleration": pick(f"{c}.manoeuvre.deceleration", "m/s^2", at_most=hardest),
     }
 
-    def reach(draft: Draft, seen: Prediction) -> float:
-        """Return how far it drives while it comes over."""
-        act = draft.trigger.act
-        return seen.initiator_fired_mps * act.duration_s if isinstance(act, LaneChange) else 0.0
 
-    return plans_in_lane(setting, CUT_IN.observable, choices, partial(_draft, setting), reach)
+def reach(made: Draft, seen: Prediction) -> float:
+    """Return how far the initiator drives while it comes over, m."""
+    act = made.trigger.act
+    return seen.initiator_fired_mps * act.duration_s if isinstance(act, LaneChange) else 0.0
+
+
+def _plans(setting: Setting) -> Iterator[Plan]:
+    return plans_in_lane(
+        setting, CUT_IN.observable, choices(setting), partial(draft, setting), reach
+    )
 
 
 CUT_IN = Kind(
