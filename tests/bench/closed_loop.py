@@ -76,13 +76,7 @@ def row() -> None:
     driver = CampaignDriver(driver="constant_velocity")
     drives = [drive_start(start, driver, LATENCY, event=event) for event in (True, False)]
     session_s = sum(len(drove.record.reports) * run.step_s for drove in drives)
-    kept = {
-        **start.facts(),
-        "event": "cut_in",
-        "kind": "critical",
-        "hash": start.hash,
-        "run": start.run.model_dump(mode="json", by_alias=True),
-    }
+    kept = {"event": "cut_in", "kind": "critical", **start.sealed()}
     job = Job(json.dumps(kept), driver, (LATENCY,), 1, 1)
     rows_of(job)  # the start's twins are driven once for all drivers, and are there now
 

@@ -133,8 +133,7 @@ def test_repeats_have_seeds_of_their_own_and_runs_have_names_of_their_own(
             return proto.DriveResponse(terminate_session=True)
 
     servicer = Ending()
-    facts = {"event": "cut_in", "kind": "critical", "run": cut_in.run.model_dump(by_alias=True)}
-    text = json.dumps({**facts, **cut_in.facts(), "hash": cut_in.hash})
+    text = json.dumps({"event": "cut_in", "kind": "critical", **cut_in.sealed()})
     with serving(servicer) as url:
         patient = {"backend": "egodriver", "url": url, "deadline_s": 600.0}
         policy = CampaignDriver(driver="mine", options=driver_options("mine", patient))

@@ -235,9 +235,7 @@ def test_a_dip_is_avoided_and_needless_in_a_campaigns_row_and_in_a_runs_result(
 ) -> None:
     start, _ = start_of("crossing_car")
     cheat(monkeypatch, start, dip_late)
-    of_start = {"event": "crossing_car", "kind": "critical", "hash": start.hash}
-    run = start.run.model_dump(mode="json", by_alias=True)
-    sealed = json.dumps({**start.facts(), **of_start, "run": run})
+    sealed = json.dumps({"event": "crossing_car", "kind": "critical", **start.sealed()})
     (row,) = rows_of(Job(sealed, SCRIPTED, (LATENCY,), repeats=1, seed=1)).rows
     drove = drive_start(start, SCRIPTED, LATENCY)
     told = told_of_run(drove.run, drove.result, drove.record)["driven"]

@@ -276,14 +276,7 @@ def test_a_model_that_can_not_be_loaded_ends_one_run_and_is_refused_by_a_command
 def test_a_failed_run_drops_no_campaign_and_the_next_has_a_fresh_model(
     start: Start, folder: Path
 ) -> None:
-    run = start.run.model_dump(mode="json", by_alias=True)
-    sealed = {
-        "event": "cut_in",
-        "kind": "critical",
-        **start.facts(),
-        "hash": start.hash,
-        "run": run,
-    }
+    sealed = {"event": "cut_in", "kind": "critical", **start.sealed()}
     options = driver_options("mine", python(folder, "leave"))
     driver = CampaignDriver(driver="mine", options=options)
     rows = rows_of(Job(json.dumps(sealed), driver, (Latency(0.0), Latency(0.5)), 1, SEED)).rows

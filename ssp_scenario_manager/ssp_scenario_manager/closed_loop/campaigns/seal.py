@@ -308,12 +308,7 @@ def _drawn(
         start = make_start(run, load_event(event_file)[0], seed, *room_s, tunings)
     except OffSpec as error:
         return "off_spec", {"seed": seed, "why": str(error)}
-    facts = {
-        **start.facts(),
-        "left_out": list(start.left_out),
-        "hash": start.hash,
-        "run": start.run.model_dump(mode="json", by_alias=True),
-    }
+    facts = start.sealed()
     if start.contact is None:
         return "harmless", facts
     outcome = drive_start(start, CampaignDriver(driver="oracle"), ZERO_LATENCY).outcome

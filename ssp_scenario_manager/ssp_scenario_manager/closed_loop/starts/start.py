@@ -96,6 +96,15 @@ class Start:
         run = self.run.model_dump(mode="json", by_alias=True, exclude={"run_id", "driven"})
         return sha256_json({"run": run, **self.facts()})
 
+    def sealed(self) -> dict[str, Any]:
+        """Return what a campaign keeps of the start; ``from_facts`` makes it anew."""
+        return {
+            **self.facts(),
+            "left_out": list(self.left_out),
+            "hash": self.hash,
+            "run": self.run.model_dump(mode="json", by_alias=True),
+        }
+
     def driven_by(
         self,
         driver: str,
@@ -242,7 +251,7 @@ def from_facts(kept: Mapping[str, Any]) -> Start:
     """Return a start from what was sealed of it; its twin is driven again.
 
     Args:
-        kept: the facts, with ``run`` and ``hash``.
+        kept: as ``Start.sealed`` returns it.
 
     Raises:
         InputError: the start isn't the one that was sealed.
