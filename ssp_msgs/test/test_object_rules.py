@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import ssp_core
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.participants import Motion
 from ssp_core.run_file.values import SiteDatum, Start
@@ -113,6 +119,31 @@ def test_a_size_and_a_version_of_the_product_count() -> None:
     assert (
         "another limits.jerk: 1 on its host, nothing here" in check_rules(ours, more, "ot1").problem
     )
+
+
+def test_another_checkout_of_the_same_version_counts(tmp_path: Path) -> None:
+    """Its process names other software than ours; one of the same sources elsewhere doesn't."""
+    ours = rules_of(OURS, "ot1").software
+    folder = tmp_path / "ssp_core"
+    shutil.copytree(Path(ssp_core.__file__).parent, folder)
+    assert _software_of(tmp_path) == ours
+    fence = folder / "safety" / "fence.py"
+    fence.write_text(fence.read_text().replace("return", "return  # of yesterday", 1))
+    assert _software_of(tmp_path) != ours
+    assert _software_of(tmp_path).partition("+")[0] == ours.partition("+")[0]
+
+
+def _software_of(folder: Path) -> str:
+    """Return what a process says that imports the packages of a folder."""
+    code = "from ssp_core.safety.object_rules import software_here; print(software_here())"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code],
+        env={**os.environ, "PYTHONPATH": str(folder)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.strip()
 
 
 NUMBERS = [name for name in Limits.model_fields if isinstance(getattr(OURS.limits, name), float)]

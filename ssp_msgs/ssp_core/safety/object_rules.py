@@ -11,11 +11,13 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from ssp_core import __version__
 from ssp_core.geometry import outline_problem
-from ssp_core.hashing import sha256_json
+from ssp_core.hashing import sha256_json, sha256_sources
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.fence import lies_inside
 
@@ -31,6 +33,8 @@ _LOWER = (
 )
 _HIGHER = ("separation_m",)
 _SOFTWARE = "software"
+# Folders of this package with the sources that an object judges by.
+_JUDGES = ("motion", "run_file", "safety")
 _FENCE = "geofence"
 
 
@@ -39,7 +43,7 @@ class ObjectRules:
     """Everything that one object judges by.
 
     Args:
-        software: version of the product.
+        software: version of the product, and the hash of the sources that judge.
         values: by name of a field of the run file, with dots, as JSON; in the file's order.
     """
 
@@ -65,6 +69,14 @@ class RulesCheck:
     digest: str = ""
     problem: str = ""
     stricter: tuple[str, ...] = ()
+
+
+@cache
+def software_here() -> str:
+    """Name the product's version and the sources that judge, which differ between two checkouts."""
+    package = Path(__file__).parent.parent
+    sources = sha256_json([sha256_sources(package / name) for name in _JUDGES])
+    return f"{__version__}+{sources.removeprefix('sha256:')[:12]}"
 
 
 def rules_of(run: RunSpec, object_id: str) -> ObjectRules:
@@ -93,7 +105,7 @@ def rules_of(run: RunSpec, object_id: str) -> ObjectRules:
             },
         },
     }
-    return ObjectRules(__version__, dict(_fields("", judged)))
+    return ObjectRules(software_here(), dict(_fields("", judged)))
 
 
 def _fields(name: str, value: Any) -> Iterator[tuple[str, str]]:
