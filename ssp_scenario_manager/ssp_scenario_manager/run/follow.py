@@ -59,6 +59,7 @@ SETTLE_S = 1.5
 # A publisher of a process that has ended is gone from discovery by then.
 OTHERS_S = 25.0
 OTHERS = "more than one manager is reached from here"
+ABORT_ONLY = f'only "{ABORT}" counts now'
 # The summary above the prompt waits so long for everybody to be connected.
 LOOK_S = 8.0
 # From the first sign of an abort to the session's result. The manager gives up waiting for a
@@ -404,11 +405,14 @@ class _Following:
                 # Nothing was armed: there is nothing that has to come to stand.
                 self._client.cancel()
                 break
-            if self._words and self._words.poll(time.monotonic_ns()) is Word.ABORT and not typed:
+            word = self._words.poll(time.monotonic_ns()) if self._words and not typed else None
+            if word is Word.ABORT:
                 typed = True
                 self._say(f"{ABORT} typed: aborting the session")
                 self._client.cancel()
                 deadline = time.monotonic() + END_TIMEOUT_S
+            elif word is not None:
+                self._say(ABORT_ONLY)
             if self._interrupt.count > cancelled:
                 cancelled = self._interrupt.count
                 if cancelled > 1:

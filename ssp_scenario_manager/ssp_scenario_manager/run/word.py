@@ -2,12 +2,13 @@
 
 Only the word ``start``, alone on its line and typed after the prompt, starts a live session.
 ``abort`` counts whenever it is typed, in small letters or capitals. What was typed before the
-prompt is discarded.
+prompt is discarded; after the word, each line that isn't ``abort`` is one that doesn't count.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import select
 import sys
 import termios
@@ -24,6 +25,9 @@ HOLDS_S = 10.0
 # Lines that follow each other faster than this are one paste, and a paste is one answer.
 PASTE_S = 0.3
 _MOST_BYTES = 4096
+# A pipe holds no more; one that never runs dry must not keep a caller.
+_MOST_READ = 1 << 20
+_LINE_END = re.compile(rb"[\r\n]")
 
 
 class Word(Enum):
@@ -95,7 +99,10 @@ class TypedWords:
         self._asked = True
 
     def poll(self, now_ns: int) -> Word | None:
-        """Return the answer to the question, once it is there; without a question, ``abort`` only.
+        """Return the answer to the question, once it is there.
+
+        Without a question it is ABORT, or OTHER for ended lines that don't count: once for those
+        that came in one piece.
 
         Args:
             now_ns: on the steady clock.
@@ -108,8 +115,8 @@ class TypedWords:
         if Word.ABORT in (word, ending):
             return self._take(Word.ABORT)
         if not self._asked:
-            self._text = self._text.rpartition(b"\n")[2]
-            return None
+            self._text = _LINE_END.split(self._text)[-1]
+            return None if word is None else Word.OTHER
         if self._is_begun and word is not None:
             self._text, self._is_begun = self._text.partition(b"\n")[2], False
             word = word_of(self._text)
@@ -145,19 +152,19 @@ class TypedWords:
         """Take what is there; return True if it was something."""
         if self._ended or self._fd is None or (os.isatty(self._fd) and not self._is_terminal()):
             return False
-        found = b""
-        while select.select([self._fd], [], [], 0.0)[0]:
+        read = 0
+        while read < _MOST_READ and select.select([self._fd], [], [], 0.0)[0]:
             try:
-                data = os.read(self._fd, 1024)
+                data = os.read(self._fd, _MOST_BYTES)
             except OSError:  # of a terminal that was closed
                 data = b""
             if not data:
                 # Of a terminal it is Ctrl-D, which ends nothing where nothing was asked.
                 self._ended = self._asked or not self._is_terminal()
                 break
-            found += data
+            read += len(data)
             self._text = _bounded(self._text + data)
-        return bool(found)
+        return read > 0
 
     def _line_not_ended(self) -> bytes:
         """Read what a terminal holds back until its line is ended: the rest of a paste."""

@@ -289,3 +289,37 @@ def test_a_camera_that_compiles_its_kernels_is_waited_for_before_the_run_begins(
     (reason,) = outcome.reasons
     assert reason.startswith("front_camera could not draw within 300 s; ")
     assert waits in reason
+
+
+def test_lines_that_do_not_count_while_a_session_drives_are_answered_once_each(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Objects drive on after "stop", and the terminal said nothing."""
+    read, write = os.pipe()
+    group = MagicMock()
+    group.ended.return_value = []
+    client = quiet_client(was_armed=True)
+    client.outcome, said = None, list[str]()
+    lines = ["stop", "abort!", "start", "", "abort"]
+
+    def spin(timeout_s: float) -> None:
+        if client.begin.called and lines and client.spin.call_count % 10 == 0:
+            os.write(write, f"{lines.pop(0)}\n".encode())
+        if client.cancel.called:
+            client.outcome = RunOutcome(Verdict.ABORTED, ())
+        assert client.spin.call_count < SPINS, said
+
+    client.spin.side_effect = spin
+    monkeypatch.setattr(follow, "RunClient", lambda *_, **__: client)
+    monkeypatch.setattr(follow, "TypedWords", lambda: TypedWords(read))
+    monkeypatch.setattr(follow, "SETTLE_S", 0.0)
+    live = MagicMock(start_at_once=True, remappings=())
+    try:
+        outcome = follow.follow(
+            run, group, Path("run.yaml"), Path("bag"), said.append, follow.Interrupt(), live
+        ).outcome
+    finally:
+        os.close(read)
+        os.close(write)
+    assert said == ['only "abort" counts now'] * 4 + ["abort typed: aborting the session"]
+    assert outcome.reasons == ("abort typed",)

@@ -112,6 +112,26 @@ def test_of_a_pipe_that_ends_within_a_line_abort_counts_alone(
     assert pipe.hears() is (Word.ABORT if counts else Word.END_OF_INPUT if asked else None)
 
 
+@pytest.mark.parametrize("text", ["stop\n", "abort!\n", "start\n", "\n", "stop\nnow\n", "stop\r"])
+def test_a_line_that_does_not_count_without_a_question_is_told_once(pipe: Hand, text: str) -> None:
+    pipe.types(text)
+    assert pipe.hears() is Word.OTHER
+    assert pipe.hears() is None
+    pipe.types("abo")
+    assert pipe.hears() is None
+    pipe.types("rt\n")
+    assert pipe.hears() is Word.ABORT
+
+
+@pytest.mark.timeout(60)
+def test_an_input_that_never_runs_dry_keeps_nobody() -> None:
+    fd = os.open("/dev/zero", os.O_RDONLY)
+    try:
+        assert TypedWords(fd).poll(0) is Word.OTHER  # as any text that is too long
+    finally:
+        os.close(fd)
+
+
 @pytest.mark.parametrize("early", ["do not ", "sta", " "])
 def test_a_line_of_a_pipe_that_began_before_the_prompt_does_not_count(
     pipe: Hand, early: str
@@ -173,7 +193,7 @@ def test_abort_and_the_end_of_input_give_up(pipe: Hand) -> None:
 def test_a_pipe_that_ended_before_the_prompt_starts_nothing(pipe: Hand) -> None:
     pipe.types("start\n")
     pipe.closes()
-    assert pipe.hears() is None
+    assert pipe.hears() is Word.OTHER
     pipe.words.ask()
     assert pipe.hears() is Word.END_OF_INPUT
 
@@ -187,7 +207,7 @@ def test_a_word_that_ends_the_input_counts(pipe: Hand) -> None:
 
 def test_abort_counts_without_a_question_and_before_it(pipe: Hand) -> None:
     pipe.types("start\n")
-    assert pipe.hears() is None
+    assert pipe.hears() is Word.OTHER
     pipe.types("abort\n")
     assert pipe.hears() is Word.ABORT
     pipe.types("abort\n")
