@@ -123,6 +123,8 @@ class SessionHeard:
         rules: of each object, held against the run's.
         frames: what objects that speak ISO 22133 sent to their gateway, by id; its clock.
         motion: what the VUT and the objects state, held against their places, by id.
+        recorder_lost: messages that the recorder has lost.
+        strangers: by topic, how many publish it and shouldn't, and a sentence that names them.
     """
 
     streams: dict[str, Stream]
@@ -139,6 +141,8 @@ class SessionHeard:
     vut_refused: str = ""
     bodies: Mapping[str, BodyStatus] = field(default_factory=dict)
     motion: dict[str, ConsistencyWatch] = field(default_factory=dict)
+    recorder_lost: int = 0
+    strangers: Mapping[str, tuple[int, str]] = field(default_factory=dict)
 
 
 def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
@@ -165,7 +169,7 @@ def session_findings(spec: RunSpec, heard: SessionHeard) -> list[Finding]:
     findings += [_frames(spec, i, stream) for i, stream in sorted(heard.frames.items())]
     if spec.camera is not None:
         findings.append(_camera(spec.camera.rate_hz, heard))
-    findings += [_recorder_finding(heard), _manager_finding(heard)]
+    findings += [_recorder_finding(heard), _manager_finding(heard), _publishers_finding(heard)]
     findings += [_rules_finding(t.id, heard) for t in spec.targets]
     findings += [_link_finding(spec, t.id, heard) for t in spec.targets] if heard.managers else []
     findings.append(_arming_finding(spec, heard))
@@ -281,6 +285,9 @@ def _recorder_finding(heard: SessionHeard) -> Finding:
     if not heard.recorder_ready:
         waits = ", ".join(heard.recorder_missing) or "its file"
         return fail("recorder", f"waits for {waits}", "start what publishes them")
+    if heard.recorder_lost:
+        lost = f"has lost {heard.recorder_lost} messages"
+        return fail("recorder", lost, "look at its host's load and disk; begin a new session")
     return ok("recorder", "ready")
 
 
@@ -293,6 +300,14 @@ def _manager_finding(heard: SessionHeard) -> Finding:
         many = f"{len(heard.managers)} send heartbeats: {found}"
         return fail(name, many, "end all but one, or separate them by ROS_DOMAIN_ID")
     return ok(name, f"heartbeats of {found}")
+
+
+def _publishers_finding(heard: SessionHeard) -> Finding:
+    """Tell whether each topic has the publishers that it should have."""
+    if heard.strangers:
+        remedy = "end what doesn't belong to this session, or separate it by ROS_DOMAIN_ID"
+        return fail("publishers", "; ".join(text for _, text in heard.strangers.values()), remedy)
+    return ok("publishers", "no stranger publishes a topic of this session")
 
 
 def _rules_finding(object_id: str, heard: SessionHeard) -> Finding:
@@ -336,12 +351,16 @@ def _arming_finding(spec: RunSpec, heard: SessionHeard) -> Finding:
         ages_s=ages_s,
         recorder_ready=bool(heard.recorder_ready),
         recorder_missing=heard.recorder_missing,
+        recorder_lost=heard.recorder_lost,
         vut_refused=heard.vut_refused,
         bodies=heard.bodies,
         motion=heard.motion,
         links={i: replace(link, age_s=0.0) for i, link in heard.links.items()},
         rules=heard.rules,
-        other_managers=max(0, len(heard.managers) - 1),
+        other_managers=max(
+            sum(count for count, _ in heard.strangers.values()), len(heard.managers) - 1, 0
+        ),
+        foreign="; ".join(text for _, text in heard.strangers.values()),
     )
     targets = {i: state for i, state in heard.states.items() if i != spec.vut.id}
     vut = heard.states.get(spec.vut.id)

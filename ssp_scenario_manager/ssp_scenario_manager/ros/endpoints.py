@@ -78,11 +78,13 @@ class PublisherWatch:
     Args:
         node: whose graph is looked at.
         liveness: notes what is found.
+        receiver: topics of the VUT's GNSS/INS that are known without its adapter.
     """
 
-    def __init__(self, node: Node, liveness: LivenessMonitor) -> None:
+    def __init__(self, node: Node, liveness: LivenessMonitor, receiver: Iterable[str] = ()) -> None:
         self._node = node
         self._liveness = liveness
+        self._receiver = frozenset(map(node.resolve_topic_name, receiver))
         self._unnamed_since_ns: dict[str, int] = {}
         self._take(PublisherRules())
 
@@ -116,13 +118,15 @@ class PublisherWatch:
 
     def _follow_receiver(self) -> None:
         """Look at what the VUT's adapter hears of its GNSS/INS too, by whatever name."""
+        topics = set(self._receiver)
         try:
             heard = self._node.get_subscriber_names_and_types_by_node(
                 names.VUT_ADAPTER, names.NAMESPACE
             )
+            topics |= {topic for topic, _ in heard}
         except NodeNameNonExistentError:
-            return
-        topics = {topic for topic, _ in heard} - self._own_names
+            topics |= self._of_drivers  # of an adapter that was here before
+        topics -= self._own_names
         for topic in self._of_drivers - topics:
             self._liveness.foreign.pop(topic, None)
         self._of_drivers = topics

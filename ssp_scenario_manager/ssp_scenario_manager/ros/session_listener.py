@@ -19,6 +19,7 @@ from ssp_core.cdr.messages import object_state
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.ros.conversions import body_status_of, rules_from_msg
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.arming import recorder_lacks
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
@@ -36,9 +37,13 @@ from ssp_msgs.msg import (
     RecorderStatus,
 )
 from ssp_scenario_manager.doctor.session import SessionHeard, Stream
+from ssp_scenario_manager.ros.endpoints import DeclarationWatch, PublisherWatch
+from ssp_scenario_manager.session.supervision import LivenessMonitor
 
 # Endpoints find each other within this time; what is heard before doesn't count for rates.
 DISCOVERY_S = 3.0
+# Between two looks at who publishes what.
+LOOK_S = 0.5
 
 
 class SessionCounts:
@@ -97,6 +102,13 @@ class SessionListener(Node):
         self._session = SessionPhase.UNKNOWN
         self._recorder: RecorderStatus | None = None
         self._rules = HeardRules()
+        self._liveness = LivenessMonitor()
+        receiver = [topic for topic in (odometry, navsat) if topic is not None]
+        self._others = PublisherWatch(self, self._liveness, receiver)
+        self._others.follow(spec, time.monotonic_ns())
+        self._declarations = DeclarationWatch(self, self._liveness)
+        self._declarations.follow(spec)
+        self.create_timer(LOOK_S, self._look)
         sub = self.create_subscription
         for object_id in spec.object_ids:
             sub(ObjectState, names.state_topic(object_id), self._on_state, ros.DRIVER)
@@ -127,8 +139,12 @@ class SessionListener(Node):
         """Start counting anew."""
         self._counted = self._begin_counting()
 
+    def _look(self) -> None:
+        self._others.look(time.monotonic_ns())
+
     def heard(self) -> SessionHeard:
         """Return all that was heard until now."""
+        self._look()
         recorder, counted = self._recorder, self._counted
         return SessionHeard(
             streams=counted.streams,
@@ -139,12 +155,16 @@ class SessionListener(Node):
             bodies=dict(self._bodies),
             managers=frozenset(self._managers),
             recorder_ready=None if recorder is None else bool(recorder.ready),
-            recorder_missing=() if recorder is None else tuple(recorder.missing_topics),
+            recorder_missing=()
+            if recorder is None
+            else recorder_lacks(recorder.missing_topics, recorder.failure, recorder.warnings),
+            recorder_lost=0 if recorder is None else int(recorder.lost),
             now_ns=time.time_ns(),
             session=self._session,
             frames=counted.frames,
             motion=counted.motion,
             rules=self._rules.checks(self._spec),
+            strangers=dict(self._liveness.foreign),
         )
 
     def _hear(self, topic: str, message: Any) -> None:
@@ -193,6 +213,7 @@ class SessionListener(Node):
 
     def _on_recorder(self, message: RecorderStatus) -> None:
         self._recorder = message
+        self._liveness.hear_strangers(message.strangers)
 
 
 def listen(

@@ -302,3 +302,16 @@ def test_motion_that_contradicts_its_places_fails_and_near_misses_are_counted(li
     assert finding(live, bad, name).status is Status.FAIL
     assert "empty twist: 0.00 m/s stated, way of 8.00 m/s" in finding(live, bad, name).text
     assert "the states of vut contradict its places" in session_findings(live, bad)[-1].text
+
+
+def test_a_stranger_and_lost_messages_keep_the_session_from_arming(live, sound):
+    text = "ot1/state has /ssp/object_target and /ssp/intruder"
+    heard = replace(sound, strangers={"ot1/state": (1, text)})
+    found = finding(live, heard, "publishers")
+    assert (found.status, found.text) == (Status.FAIL, text)
+    assert found.remedy
+    arming = finding(live, heard, "arming")
+    assert arming.text == f"1 publishers too many, limit 0: {text}"
+    lossy = replace(sound, recorder_lost=3)
+    assert finding(live, lossy, "recorder").text == "has lost 3 messages"
+    assert "the recorder has lost 3 messages, limit 0" in finding(live, lossy, "arming").text

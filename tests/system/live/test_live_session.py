@@ -125,13 +125,18 @@ def test_a_start_and_an_abort_from_elsewhere_are_followed(
     run = stage.run_live(task("cut_in"), "--no-camera", *bodies_of(stage))
     play_bodies(stage)
     bad = play_vut(stage, "bad_vut", "--frame", "odom", "--rate", "10", "--clock-offset", "0.8")
+    second = play_vut(stage, "second_vut", "--frame", "odom", "--rate", "10")
     told = stage.doctor()
+    stranger = f"{ODOMETRY} has "
+    assert stranger in told["publishers"]["text"], told["publishers"]
+    assert stranger in told["arming"]["text"], told["arming"]
     assert told["odometry"]["status"] == "fail"
     for culprit in ("frame 'odom', must be 'map'", "the run wants 50 Hz", "ahead of this host's"):
         assert culprit in told["odometry"]["text"]
     assert "no state of the VUT arrives" in told["arming"]["text"]
-    bad.terminate()
-    bad.wait()
+    for receiver in (bad, second):
+        receiver.terminate()
+        receiver.wait()
     play_vut(stage)
     run_file = str(stage.folder / "run" / RUN_FILE)
     stage.start("pressed", [sys.executable, "-c", PRESS, run_file, "connect", "arm", "start"])
