@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-import re
 from contextlib import suppress
 from urllib.parse import parse_qsl
+
+from ssp_core.addresses import host_and_port
 
 NAMESPACE = "/ssp"
 VUT_ID = "vut"
@@ -87,10 +88,6 @@ def iso_frames_topic(object_id: str) -> str:
 # How a body is addressed, for error messages.
 BODY_ADDRESSES = "udp://HOST:PORT, iso22133://HOST[:PORT][?report=FILE] or mirror"
 ISO_LEVER = ("forward_m", "left_m")  # options: where the point lies that the object reports
-_ISO_BODY = re.compile(
-    r"iso22133://(?P<host>[^:/?\[\]\s]+|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?(\?(?P<query>.*))?"
-)
-_UDP_BODY = re.compile(r"udp://(?P<host>[^:/\[\]\s]+|\[[0-9a-fA-F:]+\]):(?P<port>[0-9]{1,5})")
 
 
 def udp_body(address: str) -> tuple[str, int] | None:
@@ -99,10 +96,12 @@ def udp_body(address: str) -> tuple[str, int] | None:
     Args:
         address: ``udp://HOST:PORT``, with brackets around the host where it is IPv6.
     """
-    found = _UDP_BODY.fullmatch(address)
-    if found is None or not 0 < int(found["port"]) < 65536:
+    scheme, _, text = address.partition("://")
+    found = host_and_port(text)
+    if scheme != "udp" or found is None:
         return None
-    return found["host"].strip("[]"), int(found["port"])
+    host, port = found
+    return (host, port) if port is not None and 0 < port < 65536 else None
 
 
 def iso_body(address: str) -> tuple[str, int | None, dict[str, str]] | None:
@@ -112,15 +111,20 @@ def iso_body(address: str) -> tuple[str, int | None, dict[str, str]] | None:
         address: ``iso22133://HOST[:PORT][?NAME=VALUE&…]``; without a port it is None. Process data
             go by UDP to the port below.
     """
-    found = _ISO_BODY.fullmatch(address)
-    if found is None or not 1 < int(found["port"] or 2) < 65536:
+    scheme, _, rest = address.partition("://")
+    text, _, query = rest.partition("?")
+    found = host_and_port(text)
+    if scheme != "iso22133" or found is None:
         return None
-    options = dict(parse_qsl(found["query"] or "", keep_blank_values=True))
+    host, port = found
+    if port is not None and not 1 < port < 65536:
+        return None
+    options = dict(parse_qsl(query, keep_blank_values=True))
     if not {"report", "waive", *ISO_LEVER} >= set(options):
         return None
     with suppress(ValueError):
         if all(math.isfinite(float(options.get(name, "0"))) for name in ISO_LEVER):
-            return found["host"].strip("[]"), int(found["port"] or 0) or None, options
+            return host, port, options
     return None
 
 

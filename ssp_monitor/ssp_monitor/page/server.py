@@ -21,6 +21,7 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 
 from ssp_core import names
+from ssp_core.addresses import resolve
 from ssp_core.errors import HostError
 from ssp_core.files import parse_strict
 from ssp_monitor.page.access import AccessRules, TokenBucket, bearer, same_token
@@ -312,10 +313,8 @@ def _listen_on(host: str, port: int) -> sockets.socket:
     """Open a listening socket, so that a taken port is known at once."""
     remedy = "choose another with port, or 0 for any"
     try:
-        family, _, _, _, address = sockets.getaddrinfo(
-            host, port, type=sockets.SOCK_STREAM, flags=sockets.AI_PASSIVE
-        )[0]
-    except (sockets.gaierror, OverflowError) as error:
+        family, _, _, _, address = resolve(host, port, sockets.SOCK_STREAM, sockets.AI_PASSIVE)[0]
+    except (HostError, OverflowError) as error:
         raise HostError(f"{host}:{port} is no address to listen on: {error}") from error
     listener = sockets.socket(family, sockets.SOCK_STREAM)
     try:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
+from ssp_core.addresses import host_and_port
 from ssp_core.errors import InputError
 
 DEFAULT_PORT = 2000
 SCHEME = "carla://"
-_ADDRESS = re.compile(r"(?P<host>[^:/?#@\[\]\s]+|\[[0-9a-fA-F:.]+\])(:(?P<port>[0-9]{1,5}))?")
 
 
 def _is_host(name: str) -> bool:
@@ -43,14 +42,14 @@ def parse_address(text: str, field: str) -> CarlaAddress:
     Raises:
         InputError: it is none.
     """
-    match = _ADDRESS.fullmatch(text.removeprefix(SCHEME))
-    port = DEFAULT_PORT if match is None or match["port"] is None else int(match["port"])
+    host, port = host_and_port(text.removeprefix(SCHEME)) or ("", None)
+    port = DEFAULT_PORT if port is None else port
     # The next port is the streams'.
-    if match is None or not 1 <= port < 65_535 or not _is_host(match["host"]):
+    if not host or not 1 <= port < 65_535 or not _is_host(host):
         raise InputError(
             "is no address of a CARLA server",
             field=field,
             value=text,
             remedy=f"write HOST or HOST:PORT, with a port from 1 to 65534 (default {DEFAULT_PORT})",
         )
-    return CarlaAddress(match["host"].strip("[]"), port)
+    return CarlaAddress(host, port)

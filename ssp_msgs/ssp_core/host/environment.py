@@ -17,7 +17,8 @@ from collections.abc import Callable, Collection, Iterator, Mapping, MutableMapp
 from contextlib import contextmanager
 from pathlib import Path
 
-from ssp_core.errors import InputError
+from ssp_core.addresses import resolve
+from ssp_core.errors import HostError, InputError
 from ssp_core.host.shared_memory import check_shared_memory, has_room
 
 # A middleware that isn't installed, moved here by set_middleware_aside.
@@ -229,8 +230,8 @@ def _server_problems(servers: str, is_dead: Callable[[str, int], bool] | None) -
 
 def _is_known(host: str, port: int) -> bool:
     try:
-        return bool(socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM))
-    except (OSError, UnicodeError):
+        return bool(resolve(host, port, socket.SOCK_DGRAM))
+    except HostError:
         return False
 
 

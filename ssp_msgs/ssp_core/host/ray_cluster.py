@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
+from ssp_core.addresses import resolve
 from ssp_core.errors import HostError
 
 ADDRESS = "RAY_ADDRESS"
@@ -93,11 +94,12 @@ def look_for(address: str, own_ip: Callable[[], str] = lambda: "") -> None:
     problem = ""
     for name in (host, *((own_ip(),) if host in _HERE else ())):
         try:
+            resolve(name, int(port), socket.SOCK_STREAM)
             socket.create_connection((name, int(port)), _ANSWER_S).close()
             return
         except TimeoutError:
             problem = problem or f"no answer within {_ANSWER_S:g} s"
-        except (OSError, UnicodeError) as error:
+        except (OSError, HostError) as error:
             problem = problem or getattr(error, "strerror", None) or str(error)
     raise HostError(f"no Ray cluster answers at {address} ({problem}); {_REMEDY}")
 

@@ -16,6 +16,7 @@ from collections import Counter
 from dataclasses import dataclass
 from enum import Enum
 
+from ssp_core.addresses import resolve
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import HostError
 from ssp_ot_controller.bodies.body import BodyReading
@@ -265,13 +266,11 @@ class UdpBody:
         self._sequence = 0
         self._order = Order()
         try:
-            family, kind, protocol, _, address = socket.getaddrinfo(
-                host, port, type=socket.SOCK_DGRAM
-            )[0]
+            family, kind, protocol, _, address = resolve(host, port, socket.SOCK_DGRAM)[0]
             self._socket = socket.socket(family, kind, protocol)
             self._socket.setblocking(False)
             self._socket.connect(address)
-        except OSError as error:
+        except (OSError, HostError) as error:
             raise HostError(f"body of {object_id}: {self._address}: {error}") from None
 
     def read(self) -> BodyReading | None:

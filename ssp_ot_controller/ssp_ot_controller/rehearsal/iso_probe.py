@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ssp_core import console
+from ssp_core.addresses import host_and_port
 from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
 from ssp_core.files import load_model
@@ -36,7 +36,6 @@ from ssp_ot_controller.bodies.iso22133.probe_report import (
 )
 from ssp_ot_controller.bodies.iso22133.trajectories import points_of, read_trajectory
 
-_ADDRESS = re.compile(r"(?P<host>[^:/?\[\]]+|\[[0-9a-fA-F:.]+\])(:(?P<port>[0-9]{1,5}))?")
 _STYLE = {Outcome.PASS: "green", Outcome.FAIL: "bold red", Outcome.INFO: "cyan"}
 _CORNERS = 4
 
@@ -68,16 +67,16 @@ def parse_address(text: str) -> tuple[str, int]:
     Raises:
         InputError: it is none.
     """
-    match = _ADDRESS.fullmatch(text)
-    port = TCP_PORT if match is None or match["port"] is None else int(match["port"])
-    if match is None or not 1 < port < 65_536:
+    host, port = host_and_port(text) or ("", None)
+    port = TCP_PORT if port is None else port
+    if not host or not 1 < port < 65_536:
         raise InputError(
             "is no address",
             field="HOST[:PORT]",
             value=text,
             remedy="write a name or an address, [..] around one of IPv6, and a port from 2 on",
         )
-    return match["host"].strip("[]"), port
+    return host, port
 
 
 def parse_numbers(text: str, count: int, field: str, remedy: str) -> list[float]:

@@ -577,6 +577,34 @@ def test_nobody_at_the_address_is_a_report_with_exit_status_1(tmp_path: Path) ->
     assert json.loads(path.read_text())["stages"] == ["listen", "connect"]
 
 
+@pytest.mark.parametrize(
+    ("host", "cause"),
+    [
+        ("a..b", "'a..b' is no name of a host"),
+        ("nohost.invalid", "'nohost.invalid' has no address: "),
+    ],
+)
+def test_a_host_that_cannot_be_reached_is_the_finding_of_its_first_clause(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, host: str, cause: str
+) -> None:
+    real = socket.getaddrinfo
+
+    def found(name: str, *args: Any, **given: Any) -> Any:
+        if name == "nohost.invalid":
+            raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+        return real(name, *args, **given)
+
+    monkeypatch.setattr(socket, "getaddrinfo", found)
+    path = tmp_path / "report.json"
+    result = CliRunner().invoke(iso, ["probe", host, "--json", str(path)], standalone_mode=False)
+    assert (result.exception, result.return_value) == (None, 1)
+    row = load_report(path).row("listen.tcp")
+    assert row is not None
+    assert row.verdict is Outcome.FAIL
+    assert cause in row.text
+    assert "codec" not in result.output
+
+
 _UNHEARD = {c.id for c in CLAUSES if c.step == "listen"} - {"connect.acknowledge"}
 
 

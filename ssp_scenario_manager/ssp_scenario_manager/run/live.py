@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable
+import socket
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,9 @@ from urllib.parse import parse_qsl
 import click
 
 from ssp_core import names
+from ssp_core.addresses import resolve
 from ssp_core.bag.seals.declaration import load_declaration
-from ssp_core.errors import InputError
+from ssp_core.errors import HostError, InputError
 from ssp_core.host.terminal import own_command
 from ssp_core.options import Number
 from ssp_core.run_file.model import RunSpec
@@ -165,8 +167,8 @@ class LiveSetup:
     def check(self, spec: RunSpec) -> None:
         """Refuse, with an InputError, a setup that doesn't fit the run.
 
-        That is a body of an object that the run doesn't have, places on the Earth of a site that
-        lies nowhere, or a person's word that doesn't fit.
+        That is a body of an object that the run doesn't have, or on a host without an address,
+        places on the Earth of a site that lies nowhere, or a person's word that doesn't fit.
         """
         if "navsat" in self.receiver and spec.datum is None:
             raise InputError(
@@ -194,6 +196,23 @@ class LiveSetup:
                     field="--body",
                     value=object_id,
                     remedy=f"choose {', '.join(known)}",
+                )
+        if unreachable := list(self._unreachable()):
+            raise InputError.of_all(unreachable, None)
+
+    def _unreachable(self) -> Iterator[InputError]:
+        """Find bodies on hosts that can't exist or have no address."""
+        for object_id, address in self.bodies.items():
+            at = names.udp_body(address) or names.iso_body(address)
+            try:
+                if at is not None:
+                    resolve(at[0], at[1] or 0, socket.SOCK_DGRAM)
+            except HostError as error:
+                yield InputError(
+                    str(error),
+                    field="--body",
+                    value=f"{object_id}={address}",
+                    remedy="correct the name, give the address itself, or make this host know it",
                 )
 
     def parameters(self, run_file: Path, bag: Path) -> dict[str, dict[str, object]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import socket
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -177,6 +178,24 @@ def test_what_people_are_told(run: RunSpec, tmp_path: Path) -> None:
     waived = LiveSetup({"ot1": "iso22133://10.0.0.7?waive=A. Tester&report=r.json"})
     text = "\n".join(describe(waived, run, tmp_path / "run.yaml", env))
     assert "A. Tester lets ot1 be armed whatever its probe report lacks" in text
+
+
+def test_bodies_on_hosts_without_an_address_are_named(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unknown(*_: object, **__: object) -> None:
+        raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+
+    placed = run.model_copy(update={"datum": SiteDatum(latitude_deg=57.8, longitude_deg=12.8)})
+    for address in ("udp://localhost:9", "udp://[::1]:9", "iso22133://127.0.0.1", "mirror"):
+        LiveSetup({"ot1": address}).check(placed)
+    monkeypatch.setattr(socket, "getaddrinfo", unknown)
+    for address in ("udp://nohost.invalid:9", "iso22133://nohost.invalid?waive=A. Tester"):
+        with pytest.raises(InputError) as caught:
+            LiveSetup({"ot1": address}).check(placed)
+        assert (caught.value.field, caught.value.value) == ("--body", f"ot1={address}")
+        assert caught.value.problem == "'nohost.invalid' has no address: Name or service not known"
+        assert caught.value.remedy
 
 
 def test_places_on_the_earth_need_a_site_that_lies_somewhere(run: RunSpec, tmp_path: Path) -> None:

@@ -33,3 +33,14 @@ def test_a_host_on_which_no_domain_can_be_held_keeps_the_folder_free(
     assert main(["run", "cut_in", "--out", str(tmp_path / "run")]) == 1
     assert "every user may make files, or use --in-process" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_body_on_a_host_that_cannot_be_reached_keeps_the_folder_free(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It used to begin a session and to record, and the object's process died in it."""
+    run = ["run", "cut_in", "--site", "north_track", "--mode", "live"]
+    assert main([*run, "--out", str(tmp_path / "run"), "--body", "ot1=udp://a..b:9"]) == 1
+    told = " ".join(capsys.readouterr().err.split())
+    assert "--body: 'a..b' is no name of a host (got 'ot1=udp://a..b:9'); correct the" in told
+    assert list(tmp_path.iterdir()) == []

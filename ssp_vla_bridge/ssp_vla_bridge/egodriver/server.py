@@ -19,6 +19,7 @@ from carla_driver_interface.contract import contract_metadata
 from carla_driver_interface.service import EgodriverServicer, ServiceMode
 
 from ssp_core import __version__
+from ssp_core.addresses import resolve
 from ssp_core.errors import HostError, InputError
 from ssp_core.world.driver import Answer
 from ssp_vla_bridge.egodriver import exact, wire
@@ -211,15 +212,15 @@ def _bound(server: grpc.Server, address: str, at: Listening) -> int:
 def _not_bound(at: Listening) -> str:
     """Return why a place can't be listened on, with the remedy: gRPC doesn't say it."""
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(
-            at.host, at.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        family, kind, protocol, _, address = resolve(
+            at.host, at.port, socket.SOCK_STREAM, socket.AI_PASSIVE
         )[0]
         with socket.socket(family, kind, protocol) as tried:
             tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             tried.bind(address)
             tried.listen()
-    except UnicodeError:
-        return f"{at.host!r} is no name of a host; give another --host"
+    except HostError as error:
+        return f"{error}; give another --host"
     except OSError as error:
         is_port = error.errno in (errno.EADDRINUSE, errno.EACCES)
         return f"{error.strerror}; give another {'--port' if is_port else '--host'}"

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
+from ssp_core.addresses import resolve
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import HostError
 from ssp_ot_controller.bodies.iso22133.framing import (
@@ -127,8 +128,8 @@ class Link:
         if not 1 < port < 65_536:
             raise HostError(f"object at {self.name}: the port must be from 2 to 65535")
         try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-        except (OSError, UnicodeError) as error:
+            found = resolve(host, port, socket.SOCK_STREAM)
+        except HostError as error:
             raise HostError(f"object at {self.name}: {error}") from None
         # A host with several addresses may listen at one of them only: they take turns.
         self._addresses = deque((family, address) for family, _, _, _, address in found)

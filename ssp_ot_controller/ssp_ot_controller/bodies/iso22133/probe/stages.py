@@ -18,6 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
+from ssp_core.errors import HostError
 from ssp_core.geodesy import Datum
 from ssp_core.geometry import Polyline, Pose2
 from ssp_core.motion.reference import Points, Reference
@@ -253,12 +254,16 @@ class Probe:
 
     def _open(self, name: str, text: str, status: CentreStatus = CentreStatus.INIT) -> None:
         """Connect anew, and send at once what an object needs to report and to stand."""
+        self._begin(name, text)
+        try:
+            wire = self._open_wire(self._tap)
+        except HostError as error:
+            raise Ended(f"no connection: {error}") from None
         if self._wire is not None:
             self._wire.close()
-        self._begin(name, text)
+        self._wire = wire
         self._latest.forget()
         self._beats.status, self._guard = None, lambda: ""
-        wire = self._wire = self._open_wire(self._tap)
         wire.connect()
         # The link gives up by itself.
         self._run(2.0 * CONNECT_TIMEOUT_S, lambda: not wire.connecting)
