@@ -123,7 +123,7 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(
         (("--when", "2999-01-01T10:00:00Z"), "lies in the future"),
         (("--when", "2999-01-01T10:00:00+00:00"), "by this clock it is 2"),
         (("--who", " "), "is empty"),
-        (("--reason", ""), "is empty"),
+        (("--reason", "  "), "is empty"),
     ],
 )
 def test_when_who_and_why_must_be_given(
