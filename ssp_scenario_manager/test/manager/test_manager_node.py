@@ -283,15 +283,17 @@ rclpy.spin(node)
 def test_its_last_word_waits_for_a_reader_that_hangs_but_not_for_ever(
     peers: Peers, run_file: Path, manager: subprocess.Popen[str], domain: int, tmp_path: Path
 ) -> None:
-    bring(peers, run_file, "ARMED")
+    bring(peers, run_file, "CONNECTED")
     command, env = [sys.executable, "-c", READER], session_environment(domain)
     heard = tmp_path / "heard"
     with heard.open("w") as out:
         reader = subprocess.Popen(command, env=env, stdout=out)
     try:
-        # The others go on meanwhile: silence would end the session, and with it the last word.
+        # Before anybody is watched: silence of a busy machine would end an armed session, and with
+        # it the last word.
         peers.spin_until(lambda: "heard" in heard.read_text(), "the reader to hear the session")
-        assert peers.seen[-1].state == msg.SessionState.STATE_ARMED
+        peers.obtain("arm")
+        peers.wait_for(SessionPhase.ARMED)
         reader.send_signal(signal.SIGSTOP)
         began = time.monotonic()
         manager.send_signal(signal.SIGTERM)
