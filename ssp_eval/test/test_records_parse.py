@@ -97,6 +97,36 @@ def test_spans_that_support_nothing_are_kept_and_no_error(span):
     assert record.slots.position.evidence == (tuple(span),)
 
 
+TWICE = [
+    ('"t_s": 0.02', '"t_s": 9.0', "t_s"),
+    ('"text": "A car is merging"', '"text": "A: car"', "text"),
+    ('"text": "A car is merging"', '"text" : "A car"', "text"),
+    # As many colons as a line has with each key once and the text that is left.
+    ('"text": "A car is merging"', r'"text": "\u003a"', "text"),
+    ('"motion": null', '"motion": null', "motion"),
+    ('"value": ["car"]', '"value": []', "value"),
+    ('"y_m": [0.0, 0.0, 0.1]', '"y_m": [0.0, 0.0, 0.1]', "y_m"),
+    ('"mode": "corrected"', '"mode": ":"', "mode"),
+]
+
+
+@pytest.mark.parametrize(("once", "again", "key"), TWICE)
+def test_a_key_that_stands_twice_is_refused(once: str, again: str, key: str) -> None:
+    line = json.dumps(GOOD)
+    assert line.count(once) == 1
+    twice = line.replace(once, f"{once}, {again}")
+    with pytest.raises(InputError, match=f"^r.jsonl:1: {key}: stands twice.*keep one of the two"):
+        parse_records(twice, "r.jsonl")
+
+
+@pytest.mark.parametrize("path", ["text", "adapter.name", "adapter.notes.0"])
+@pytest.mark.parametrize("text", ["So: a car", "it is ::", '"so":', "a\t: b", r"\u003a", ""])
+def test_colons_in_texts_are_no_keys(path: str, text: str) -> None:
+    (record,) = parse(changed(path, text))
+    found = record.text if path == "text" else record.adapter
+    assert text in (found if path == "text" else [found["name"], *found["notes"]])
+
+
 REFUSED = [
     ("schema", "ssp.record/2", "schema"),
     ("schema", 1, "schema"),

@@ -25,6 +25,14 @@ from ssp_core.errors import SYSTEM_REMEDIES, HostError, InputError, not_written
 from ssp_core.yaml_core import CoreLoader, number_remedy
 
 
+class KeyTwiceError(ValueError):
+    """A JSON object has a key twice, of which a reader would take either."""
+
+    def __init__(self, key: str) -> None:
+        self.key = key
+        super().__init__(f"key {key!r} stands twice")
+
+
 def parse_strict(text: str | bytes) -> Any:
     """Return the value of a JSON text.
 
@@ -50,8 +58,29 @@ def parse_strict(text: str | bytes) -> Any:
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     mapping = dict(pairs)
     if len(mapping) < len(pairs):
-        raise ValueError("a key stands twice")
+        keys = [key for key, _ in pairs]
+        raise KeyTwiceError(next(key for key in keys if keys.count(key) > 1))
     return mapping
+
+
+def parse_json_line(line: str | bytes, file: str | Path, number: int) -> Any:
+    """Return the value of a line of a JSON Lines file; NaN and infinity are read as such.
+
+    Raises:
+        InputError: it is no JSON, or an object of it has a key twice; with line and key.
+    """
+    try:
+        return json.loads(line, object_pairs_hook=_once)
+    except KeyTwiceError as error:
+        raise InputError(
+            "stands twice in an object",
+            file=file,
+            line=number,
+            field=error.key,
+            remedy="keep one of the two",
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is not valid JSON: {error}", file=file, line=number) from error
 
 
 def _no_number(word: str) -> Any:
@@ -321,6 +350,17 @@ def make_folder(path: str | Path) -> Path:
     return path
 
 
+def check_folder(path: str | Path, remedy: str) -> None:
+    """Refuse what is no folder.
+
+    Raises:
+        InputError: it isn't there, or is a file.
+    """
+    if not os.path.isdir(path):
+        problem = "is no folder" if os.path.lexists(path) else "is not there"
+        raise InputError(problem, file=path, remedy=remedy)
+
+
 # In a folder that a command writes into, until it has ended.
 TAKEN_FILE = ".ssp-taken"
 
@@ -516,6 +556,8 @@ def new_files(folder: Path) -> Iterator[Path]:
         yield scratch
         for file in sorted(scratch.iterdir()):
             file.replace(folder / file.name)
+    except HostError as error:  # names a file by the place that it was to have
+        raise HostError(str(error).replace(str(scratch), str(folder))) from error
     except OSError as error:
         raise not_written(folder, error) from error
     finally:

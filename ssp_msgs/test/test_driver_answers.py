@@ -38,7 +38,8 @@ def test_answers_are_read_as_they_were_given_but_for_one_that_was_cut_off(tmp_pa
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("{\n", r"answers.jsonl: line 1: is not valid JSON"),
+        ("{\n", r"answers.jsonl:1: is not valid JSON"),
+        ('{"question": "a", "question": "b"}\n', r"answers.jsonl:1: question: stands twice"),
         ('{"question": "a"}\n', r"answers.jsonl: 1.given: Field required"),
         ('{"question": 1, "given": {"answer": null}}\n', r"answers.jsonl: 1.question"),
     ],

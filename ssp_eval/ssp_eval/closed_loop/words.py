@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from ssp_core.errors import InputError
+from ssp_core.files import parse_json_line
 from ssp_core.run_file.latency import Latency
 from ssp_eval.closed_loop.folder import LoopCampaign
 from ssp_eval.extract.combined.extractor import Extractor
@@ -66,8 +66,8 @@ def load_said(campaign: LoopCampaign) -> list[DrivenAnswer]:
 
 
 def _said(path: Path, number: int, line: str) -> DrivenAnswer:
+    one = parse_json_line(line, path, number)
     try:
-        one = json.loads(line)
         speed_mps, slows_mps = float(one["speed_mps"]), float(one["slows_mps"])
         return DrivenAnswer(int(one["row"]), str(one["text"]), speed_mps, slows_mps)
     except (ValueError, KeyError, TypeError) as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import PurePosixPath
@@ -10,7 +9,7 @@ from typing import Any
 
 from ssp_core.bag.seals.declaration import DECLARATION_FILE
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
+from ssp_core.files import parse_json_line, parse_model
 from ssp_core.hashing import sha256_bytes
 from ssp_eval.data.audit import Audit, RecordingEntry
 from ssp_eval.data.labels import Labels, parse_labels
@@ -407,10 +406,7 @@ class Chains:
     def _lines(self, entry: FileEntry) -> Lines:
         found = []
         for number, line in _numbered(self._contents.text(entry)):
-            try:
-                value = json.loads(line)
-            except (ValueError, RecursionError) as error:
-                raise InputError(f"is no JSON: {error}", file=entry.path, line=number) from error
+            value = parse_json_line(line, entry.path, number)
             if not isinstance(value, dict):
                 raise InputError("must be a JSON object", file=entry.path, line=number)
             found.append((LineRef(line=number, sha256=sha256_bytes(line.encode())), value))

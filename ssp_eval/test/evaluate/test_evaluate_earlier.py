@@ -160,5 +160,15 @@ def test_the_file_may_be_deleted_and_a_broken_one_is_named(campaign: Campaign) -
     earlier.unlink()
     assert campaign(1.0).asked == 0
     earlier.write_text(content[:-5])
-    with pytest.raises(InputError, match=r"earlier.jsonl:9: is no JSON"):
+    with pytest.raises(InputError, match=r"earlier.jsonl:9: is not valid JSON"):
+        RawStore(campaign.folder)
+
+
+@pytest.mark.parametrize("name", [RAW_FILE, EARLIER_FILE])
+def test_a_stored_answer_with_a_key_twice_is_refused(campaign: Campaign, name: str) -> None:
+    campaign(0.0)
+    campaign(1.0)
+    file = campaign.folder / name
+    file.write_text(file.read_text().rstrip("\n")[:-1] + ', "text": "another"}')
+    with pytest.raises(InputError, match=rf"{name}:9: text: stands twice.*keep one of the two"):
         RawStore(campaign.folder)

@@ -399,7 +399,7 @@ def test_the_review_that_a_check_asks_for_can_be_pasted(
 
 @pytest.mark.parametrize(
     ("scenario", "why"),
-    [('"weave", "scenario": "cut_in"', "a key stands twice"), ("NaN", "NaN is no number")],
+    [('"weave", "scenario": "cut_in"', "key 'scenario' stands twice"), ("NaN", "NaN is no number")],
 )
 def test_a_truth_file_is_strict_json(scenario: str, why: str, tmp_path: Path) -> None:
     source, out = tmp_path / "clip.truth.json", tmp_path / "labels.json"

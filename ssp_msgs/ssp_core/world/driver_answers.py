@@ -14,6 +14,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from ssp_core.errors import InputError, not_written
+from ssp_core.files import parse_json_line
 from ssp_core.world.driver import RecordedAnswer
 
 # Beside the run file of a session of several processes.
@@ -48,7 +49,9 @@ def given_answers(path: Path) -> tuple[RecordedAnswer, ...]:
         return ()
     except (OSError, ValueError) as error:
         raise InputError(f"can't be read: {error}", file=path) from error
-    return tuple(_answer(_json_of(line, path, k), path, k) for k, line in enumerate(lines, 1))
+    return tuple(
+        _answer(parse_json_line(line, path, k), path, k) for k, line in enumerate(lines, 1)
+    )
 
 
 def answers_in_event(path: Path) -> tuple[RecordedAnswer, ...]:
@@ -63,13 +66,6 @@ def answers_in_event(path: Path) -> tuple[RecordedAnswer, ...]:
     except (OSError, ValueError, RecursionError, KeyError, TypeError) as error:
         raise InputError(f"can't be read: {error}", file=path) from error
     return tuple(_answer(one, path, k) for k, one in enumerate(found, 1))
-
-
-def _json_of(line: str, path: Path, number: int) -> Any:
-    try:
-        return json.loads(line)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"is not valid JSON: {error}", file=path, field=f"line {number}") from None
 
 
 def _answer(value: Mapping[str, Any], path: Path, number: int) -> RecordedAnswer:

@@ -185,7 +185,7 @@ def test_an_address_alone_names_a_driver_and_its_connection_is_asked_for_by_name
 
 def test_an_option_of_a_driver_that_stands_twice_is_refused() -> None:
     for given, why in (
-        ('{"ttc_s": 1.4, "ttc_s": 9}', "a key stands twice"),
+        ('{"ttc_s": 1.4, "ttc_s": 9}', "key 'ttc_s' stands twice"),
         ('{"ttc_s": NaN}', "NaN is no number"),
     ):
         with pytest.raises(InputError, match=f"--drive aeb: is not valid JSON: {why}"):

@@ -13,6 +13,7 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError, PeerError
+from ssp_core.files import parse_json_line
 from ssp_vla_bridge.backend import check_options
 from ssp_vla_bridge.messages import (
     Answer,
@@ -99,12 +100,7 @@ def _lines(path: Path) -> Iterator[Stored]:
                 number += 1
                 if not line.strip():
                     continue
-                try:
-                    value = json.loads(line)
-                except (ValueError, RecursionError) as error:
-                    raise InputError(
-                        f"is not valid JSON: {error}", file=path, line=number
-                    ) from error
+                value = parse_json_line(line, path, number)
                 response = response_from_json(value, file=str(path), line=number)
                 yield Stored(response, str(path))
     except OSError as error:

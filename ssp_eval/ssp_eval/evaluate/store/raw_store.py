@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError, not_written
-from ssp_core.files import write_text
+from ssp_core.files import parse_json_line, write_text
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.store.cell_file import CELL_FILE
 from ssp_eval.evaluate.store.requests import (
@@ -87,14 +87,11 @@ class RawStore:
         for number, line in enumerate(lines, start=1):
             if not line.strip():
                 continue
-            try:
-                yield number, json.loads(line)
-            except ValueError as error:
-                if number == len(lines) and path == self._path:
-                    # A run was killed while it wrote this line; it is asked again.
-                    self._unfinished_at = len(content) - len(line)
-                    return
-                raise InputError(f"is no JSON: {error}", file=path, line=number) from error
+            if number == len(lines) and path == self._path and not _is_json(line):
+                # A run was killed while it wrote this line; it is asked again.
+                self._unfinished_at = len(content) - len(line)
+                return
+            yield number, parse_json_line(line, path, number)
 
     def find(self, key: str) -> Response | None:
         """Return the stored answer to the same question."""
@@ -159,6 +156,14 @@ def _question(one: Exchange) -> dict[str, Any]:
         "no_previous": one.no_previous,
     }
     return {**place, **sent}
+
+
+def _is_json(line: bytes) -> bool:
+    try:
+        json.loads(line)
+    except ValueError:
+        return False
+    return True
 
 
 def _ends_with_newline(stream: Any) -> bool:
