@@ -13,6 +13,8 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder
 from ssp_eval.importers import target
+from ssp_eval.statistics.rows import COLUMNS
+from support.full_disk import largest_file
 
 
 @pytest.fixture
@@ -70,6 +72,41 @@ def test_a_folder_is_made_with_its_parents(tmp_path: Path) -> None:
     path = tmp_path / "a" / "b"
     assert make_folder(path) == path
     assert make_folder(path).is_dir()
+
+
+CELLS = """\
+cut_in,physical,a,1,0.8,0.5,0.7,0.6,0.4,S@1.50
+cut_in,physical,b,1,0.4,,0.7,0.2,0.4,F
+"""
+
+
+@pytest.mark.parametrize(
+    ("options", "size", "beyond"),
+    [
+        (("--out", "{out}"), 4000, "statistics.json"),
+        (("--out", "{out}", "--tables", "{out}"), 4000, "statistics.json"),
+        (("--figures", "{out}", "--only", "matrix"), 30_000, "matrix.png"),
+    ],
+    ids=("tables", "tables beside the statistics", "figures"),
+)
+def test_of_files_that_belong_together_all_are_written_or_none(
+    options: tuple[str, ...],
+    size: int,
+    beyond: str,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "cells.csv").write_text(f"{','.join(COLUMNS)}\n{CELLS}")
+    out = tmp_path / "out"
+    words = ["report", "--from-cells", str(tmp_path / "cells.csv")]
+    words += [option.format(out=out) for option in options]
+    with largest_file(size):
+        assert main(words) == 1
+    assert f"error: {out / beyond}: can't be written: File too large" in capfd.readouterr().err
+    assert [file.name for file in tmp_path.iterdir()] == ["cells.csv"]
+    assert main(words) == 0
+    sizes = [file.stat().st_size for file in out.rglob("*.*")]
+    assert min(sizes) <= size < max(sizes)
 
 
 def test_what_stands_in_the_way_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from rich.progress import Progress
 from rich.table import Table as Shown
 
 from ssp_core import console
-from ssp_core.files import taken_folder
+from ssp_core.files import new_files, taken_folder
 from ssp_core.options import WholeNumber
 from ssp_eval.ablation.campaign import Plan, Realisation, run_ablation
 from ssp_eval.ablation.figure import figures
@@ -87,8 +87,9 @@ def ablate(
             found = run_ablation(plan, out, jobs, _counted(bar))
         placed = [one for one in found if one.place != SOURCE_PLACE]
         tables = tables_of(placed)
-        write_tables(out, tables, ["csv"])
-        written_drawings(figures(event, placed), out, lambda _name: None)
+        with new_files(out) as scratch:
+            written_drawings(figures(event, placed), scratch, lambda _name: None)
+            write_tables(out, tables, ["csv"])
     _say(found, placed, tables, out, as_json)
     return 0
 

@@ -11,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 from ssp_core import console
-from ssp_core.files import taken_folder
+from ssp_core.files import new_files, taken_folder
 from ssp_core.options import WholeNumber
 from ssp_eval.causes.answers import CellAnswers
 from ssp_eval.causes.findings import answers_in, moved_by
@@ -65,7 +65,7 @@ def draw_figures(
     campaign: Path | None = None,
     cells: Sequence[CellData] = (),
 ) -> None:
-    """Write figures; print the figures left out, and why.
+    """Write figures, all of them or none; print the figures left out, and why.
 
     Args:
         wanted: folder, groups and reference.
@@ -74,23 +74,24 @@ def draw_figures(
         cells: of the campaign, for the frames.
 
     Raises:
-        InputError: the reference is no model, or a file can't be read or written.
+        InputError: the reference is no model, or a file can't be read.
+        HostError: the disk doesn't take them.
     """
     groups = [name for name in wanted.only if name in GROUPS]
     done: list[Written] = []
-    with console.progress("figures", None) as bar:
+    with new_files(wanted.folder) as scratch, console.progress("figures", None) as bar:
 
         def advance(name: str) -> None:
             bar.update(bar.task_ids[0], advance=1, description=name)
 
         if groups or not wanted.only:
-            done.append(write_figures(rows, wanted.folder, wanted.reference, groups, advance))
+            done.append(write_figures(rows, scratch, wanted.reference, groups, advance))
         if campaign is not None and (not wanted.only or PHASES in wanted.only):
             # Pictures need OpenCV and PyAV, which figures of a CSV file do without.
             from ssp_eval.figures.phases import write_phase_frames
 
             limit = not wanted.only
-            done.append(write_phase_frames(campaign, wanted.folder, cells, advance, limit))
+            done.append(write_phase_frames(campaign, scratch, cells, advance, limit))
     for name, reason in (one for written in done for one in written.left_out):
         console.note(f"{name}: not drawn: {reason}")
     click.echo(f"{wanted.folder} ({sum(len(written.files) for written in done)} files)")
@@ -467,12 +468,11 @@ def _analyse(
     plain += [] if moved is None else moved_tables(moved)
     shown = with_notices(_shown_statistics(rows, data, wanted.options, constants), everywhere(told))
     plain = with_notices(plain, everywhere(told))
-    with console.progress("tables", len(plain) + len(shown)) as bar:
-        task = bar.task_ids[0]
-        written = write_tables(
-            wanted.folder, [*plain, *shown], wanted.formats, partial(bar.advance, task)
-        )
-    target = write_statistics(statistics, shown, wanted.options, told, scale(rows))
+    tables = [*plain, *shown]
+    with new_files(statistics) as scratch, console.progress("tables", len(tables)) as bar:
+        done = partial(bar.advance, bar.task_ids[0])
+        target = write_statistics(scratch, shown, wanted.options, told, scale(rows))
+        written = write_tables(wanted.folder, tables, wanted.formats, done)
     click.echo(f"{wanted.folder} ({len(written)} files)")
-    click.echo(f"{target}")
+    click.echo(f"{statistics / target.name}")
     return shown

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from ssp_core.files import make_folder, write_text
+from ssp_core.files import new_files, write_text
 from ssp_eval.score.aggregate import Mean, domain_order
 from ssp_eval.score.cli import DISCLAIMER, NULL, format_response
 from ssp_eval.score.metrics import BY_NAME, DIAGNOSTIC, of_role
@@ -438,20 +438,21 @@ def write_tables(
     formats: Sequence[str],
     on_table: Callable[[], None] = lambda: None,
 ) -> list[Path]:
-    """Write each table in each format, as ``<name>.csv`` or ``<name>.tex``.
+    """Write each table in each format, as ``<name>.csv`` or ``<name>.tex``: all of them or none.
 
     What must be read beside a CSV file stands in ``<name>.notes.txt``.
 
     Raises:
         InputError: the folder can't be written to.
+        HostError: the disk doesn't take them.
     """
-    make_folder(folder)
     written = []
-    for table in tables:
-        for name in formats:
-            for suffix, convert in FORMATS[name]:
-                path = folder / f"{table.name}{suffix}"
-                write_text(path, convert(table))
-                written.append(path)
-        on_table()
+    with new_files(folder) as scratch:
+        for table in tables:
+            for name in formats:
+                for suffix, convert in FORMATS[name]:
+                    file = f"{table.name}{suffix}"
+                    write_text(scratch / file, convert(table))
+                    written.append(folder / file)
+            on_table()
     return written
