@@ -7,6 +7,8 @@ gives the same bytes.
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,6 +23,7 @@ from ssp_core.carla.record import encode_server
 from ssp_core.cdr.references import encode_ack
 from ssp_core.cdr.states import StateArray, encode_state, encode_states
 from ssp_core.cdr.steps import Heartbeat, WorldTick, encode_clock, encode_heartbeat, encode_tick
+from ssp_core.errors import SspError
 from ssp_core.files import Closing
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
@@ -213,4 +216,10 @@ def make_recorder(
     run: RunSpec, run_file: Path, bag: Path, server: ServerOfRun | None = None
 ) -> InProcessRecorder:
     """Return the recorder of a run, see ssp_core.world.recorder.make_recorder."""
-    return InProcessRecorder(run, run_file, bag, server)
+    is_new = not os.path.lexists(bag)
+    try:
+        return InProcessRecorder(run, run_file, bag, server)
+    except SspError:
+        if is_new:  # no session has begun, of which it could hold anything
+            shutil.rmtree(bag, ignore_errors=True)
+        raise

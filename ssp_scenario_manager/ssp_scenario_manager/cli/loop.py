@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -36,7 +35,7 @@ from ssp_scenario_manager.closed_loop.outcomes.rates import Rates
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUNS_FILE, TABLE_FILE, rows_there
 from ssp_scenario_manager.closed_loop.single_run.single import named_driver
 from ssp_scenario_manager.closed_loop.single_run.top_view import told_with_view
-from ssp_scenario_manager.compile.task import TASK_FOLDER
+from ssp_scenario_manager.compile.task import run_folder
 from ssp_scenario_manager.run.ordered_map import ENGINES, Engine
 from ssp_scenario_manager.run.sweep import for_one_process, run_one
 
@@ -188,8 +187,7 @@ def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
     check_sources(campaign)
     again = run_of_row(campaign, row)
     folder = out or campaign / AGAIN_FOLDER / str(row)
-    with taken_folder(folder, empty=True):
-        shutil.copytree(again.task, folder / TASK_FOLDER)
+    with run_folder(folder, again.task):
         spec = for_one_process(again.run.model_copy(update={"run_id": folder.name}), camera=True)
         measures = again.asks_anew and spec.driven is not None and spec.driven.latency.measured
         if again.asks_anew:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import tempfile
 import time
 from collections import Counter
@@ -17,7 +16,6 @@ from ssp_core import console, names
 from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.carla.address import SCHEME, parse_address
 from ssp_core.errors import InputError
-from ssp_core.files import taken_folder
 from ssp_core.host.domains import folder_of_domains
 from ssp_core.host.shared_memory import check_shared_memory
 from ssp_core.options import WholeNumber
@@ -47,7 +45,13 @@ from ssp_scenario_manager.compile.targets.folder import (
     mode_of,
     prepare_run,
 )
-from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER, check_live, load_task
+from ssp_scenario_manager.compile.task import (
+    EVENT_FILE,
+    TASK_FOLDER,
+    check_live,
+    load_task,
+    run_folder,
+)
 from ssp_scenario_manager.run import faults
 from ssp_scenario_manager.run.companions import DEFAULT_PORT, shadow_model
 from ssp_scenario_manager.run.junit import Case, write_junit
@@ -322,8 +326,7 @@ def run(
             # Whatever ends the runner before the run: a build server finds no older verdict here.
             write_junit(junit, "ssp run", [_case(spec, folder)])
         # Two commands into one folder would destroy each other's recording.
-        click.get_current_context().with_resource(taken_folder(folder, empty=True))
-        shutil.move(draft / TASK_FOLDER, folder / TASK_FOLDER)
+        click.get_current_context().with_resource(run_folder(folder, draft / TASK_FOLDER))
     if in_process:
         drawn_by = servers.get(names.FRONT_CAMERA)
         told = run_one(

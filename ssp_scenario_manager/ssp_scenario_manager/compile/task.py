@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -10,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from ssp_core.errors import InputError
-from ssp_core.files import load_model
+from ssp_core.files import TAKEN_FILE, load_model, taken_folder, write_bytes
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
 from ssp_core.run_file.road import CurvePiece, Lane
@@ -246,3 +248,34 @@ def check_live(run: RunSpec) -> None:
         raise InputError(
             problem, field="faults, disturbances", remedy="leave them out, or run in lockstep"
         )
+
+
+def copy_task(task: Path, folder: Path) -> None:
+    """Copy the files of a task into the folder of a run.
+
+    Raises:
+        HostError: the disk doesn't take them.
+    """
+    for file in sorted(task.rglob("*")):
+        if file.is_file():
+            write_bytes(folder / TASK_FOLDER / file.relative_to(task), file.read_bytes())
+
+
+@contextmanager
+def run_folder(path: Path, task: Path) -> Iterator[Path]:
+    """Take a new folder for a run of a task, which is copied into it.
+
+    Nothing is left where the run leaves neither result nor recording, as on a full disk.
+
+    Raises:
+        InputError: as ``taken_folder``.
+        HostError: the disk doesn't take the task.
+    """
+    with taken_folder(path, empty=True) as folder:
+        try:
+            copy_task(task, folder)
+            yield folder
+        finally:
+            if {entry.name for entry in folder.iterdir()} <= {TAKEN_FILE, TASK_FOLDER, RUN_FILE}:
+                (folder / RUN_FILE).unlink(missing_ok=True)
+                shutil.rmtree(folder / TASK_FOLDER, ignore_errors=True)

@@ -47,6 +47,7 @@ from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.outcomes.rates import RunRow, rates_of, refused_for, rising
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, read_row, rows_there
 from ssp_scenario_manager.run.ordered_map import Engine, cluster, ordered_map
+from tests.support.full_disk import largest_file
 from tests.support.killed_campaigns import Moment, RecordedRows, kill_campaign
 
 PLAN = {
@@ -299,6 +300,16 @@ def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds something else"):
         run(plan_of(), tmp_path)
     assert [entry.name for entry in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_full_disk_keeps_nothing_of_a_campaign_without_starts(tmp_path: Path) -> None:
+    plan, out = tmp_path / "plan.yaml", tmp_path / "loop"
+    plan.write_text(yaml.safe_dump(PLAN))
+    with largest_file(10_000):
+        failed = CliRunner().invoke(loop, [str(plan), "--out", str(out)])
+    assert isinstance(failed.exception, HostError)
+    assert "tasks/0/task/event.yaml: can't be written: File too large" in str(failed.exception)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["plan.yaml"]
 
 
 def test_seeds_are_tried_in_order_however_many_processes_share_them(

@@ -24,7 +24,7 @@ from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, Row, r
 from ssp_scenario_manager.closed_loop.single_run.before import Before
 from ssp_scenario_manager.closed_loop.single_run.top_view import leave_view
 from ssp_scenario_manager.closed_loop.starts.start import Start
-from ssp_scenario_manager.compile.task import TASK_FOLDER
+from ssp_scenario_manager.compile.task import copy_task
 from ssp_scenario_manager.run.in_process import InProcessResult, Record
 from ssp_scenario_manager.run.ordered_map import ordered_map
 from ssp_scenario_manager.run.sweep import for_one_process, run_one
@@ -107,7 +107,7 @@ def _record(folder: Path, number: int) -> str:
     # What a call that was cut off left.
     shutil.rmtree(place, ignore_errors=True)
     make_folder(place)
-    shutil.copytree(again.task, place / TASK_FOLDER)
+    copy_task(again.task, place)
     if again.kept is not None:
         save_answers(place / ANSWERS_FILE, again.kept)
     spec = for_one_process(again.run.model_copy(update={"run_id": place.name}), camera=True)

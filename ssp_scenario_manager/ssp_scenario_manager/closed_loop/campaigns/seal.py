@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import __version__
-from ssp_core.errors import InputError
+from ssp_core.errors import InputError, SspError
 from ssp_core.files import make_folder, parse_model, write_json
 from ssp_core.hashing import sha256_json, sha256_sources
 from ssp_core.run_file.latency import ZERO_LATENCY
@@ -114,13 +114,13 @@ def draw_starts(
             found, draw = _starts_of(plan, event, draft, say, jobs, engine)
             starts += found
             draws.append(asdict(draw))
-    except InputError:
+        kept = {"starts": starts, "drawn": draws}
+        write_json(path, {"schema": STARTS_SCHEMA, **kept, "hash": sha256_json(kept)})
+    except SspError:
         # Nothing is sealed: the mended plan may take the same folder.
         shutil.rmtree(folder / TASKS_FOLDER, ignore_errors=True)
         (folder / PLAN_FILE).unlink()
         raise
-    kept = {"starts": starts, "drawn": draws}
-    write_json(path, {"schema": STARTS_SCHEMA, **kept, "hash": sha256_json(kept)})
     return starts
 
 
