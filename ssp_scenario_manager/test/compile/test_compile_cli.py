@@ -479,3 +479,16 @@ def test_a_map_whose_name_is_needed_is_refused(
         assert name in capsys.readouterr().err
         assert not (tmp_path / "out").exists()
         os.unlink(path)
+
+
+def test_the_folder_here_is_refused_before_the_compilation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ssp_scenario_manager.cli.compile.compile_task", pytest.fail)
+    words = ["compile", "cut_in", "--target", "sumo", "--site", "boulevard", "--out"]
+    here = "the folder here"
+    for out, what in ((".", here), (str(tmp_path), here), ("/sys", "a mount")):
+        assert main([*words, out]) == 1
+        assert f"{out}: is {what}; name a new folder within it" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

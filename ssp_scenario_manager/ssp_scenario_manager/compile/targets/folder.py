@@ -159,6 +159,11 @@ def check_out(out: Path, *, replace: bool) -> None:
         return
     if not out.is_dir():
         raise InputError("is no folder", file=out, remedy="name another with --out")
+    # The system doesn't let these be replaced by the finished folder.
+    real = out.resolve()
+    if real == Path.cwd() or real.is_mount():
+        what = "the folder here" if real == Path.cwd() else "a mount"
+        raise InputError(f"is {what}", file=out, remedy="name a new folder within it with --out")
     held = sorted(entry.name for entry in out.iterdir())
     if not held:
         return
