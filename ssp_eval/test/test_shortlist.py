@@ -153,7 +153,10 @@ def test_the_verb_lists_explains_and_writes(
     assert printed == file.read_text("utf-8")
     assert main(["shortlist", syn, sim, "--no-response", "2"]) == 2
     assert main(["shortlist", syn, str(tmp_path / "none")]) == 1
-    assert "holds no evaluated cells" in capsys.readouterr().err
+    assert "none: is not there; give the --out folder of `ssp evaluate`" in capsys.readouterr().err
+    (tmp_path / "none").mkdir()
+    assert main(["shortlist", syn, str(tmp_path / "none")]) == 1
+    assert "none: holds no evaluated cells" in capsys.readouterr().err
 
 
 def candidate(version: str, rank: int | None = 1, scenario: str = "cut_in") -> Listed:

@@ -78,7 +78,8 @@ class Video(Closing):
         self.path = path
         self.reached_s = 0.0  # end of the last frame that frames() has come to
         if not path.is_file():
-            raise InputError("is not there" if not path.exists() else "is no file", file=path)
+            problem = "is no file" if path.exists() else "is not there"
+            raise InputError(problem, file=path, remedy="name a video file, such as a .mp4")
         self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
         fps = self._capture.get(cv2.CAP_PROP_FPS) if self._capture.isOpened() else 0.0
         if not (math.isfinite(fps) and 0.0 < fps <= MAX_FPS):

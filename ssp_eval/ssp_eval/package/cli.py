@@ -112,7 +112,9 @@ def verify_command(folder: Path, expected_id: str | None, workers: int, as_json:
             markup=False,
         )
     else:
-        console.out.print(f"{folder}: not sound: {len(verdict.findings)} findings", markup=False)
+        count = len(verdict.findings)
+        told = "1 finding" if count == 1 else f"{count} findings"
+        console.out.print(f"{folder}: not sound: {told}", markup=False)
     return 0 if verdict.ok else 1
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.errors import InputError
-from ssp_core.files import parse_mapping, parse_model, write_text
+from ssp_core.files import check_folder, parse_mapping, parse_model, write_text
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_eval.data.provenance import RUN_ATTACHMENT
 from ssp_scenario_manager.compile.changes import (
@@ -194,11 +194,9 @@ def _place(folder: Path) -> _Place:
         bag = folder.parent / BAG_FOLDER
         run = folder.resolve().name == TASK_FOLDER and bag.is_dir()
         return _Place(folder, bag if run else None)
-    raise InputError(
-        f"holds no {TASK_FILE}",
-        file=folder,
-        remedy="give a folder of `ssp compile`, or one of `ssp run`",
-    )
+    remedy = "give a folder of `ssp compile`, or one of `ssp run`"
+    check_folder(folder, remedy)
+    raise InputError(f"holds no {TASK_FILE}", file=folder, remedy=remedy)
 
 
 def _check_old(before: RunSpec, field: str, old: Any, place: _Place) -> None:

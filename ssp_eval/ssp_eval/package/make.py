@@ -18,6 +18,7 @@ from ssp_core.bag.metadata import ROOT_KEY
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import (
     MAX_TEXT_BYTES,
+    check_folder,
     parse_mapping,
     put_in_place,
     scratch_beside,
@@ -182,8 +183,7 @@ def collect(folders: Sequence[Path], out: Path) -> list[Source]:
 def _check_distinct(folders: Sequence[Path]) -> None:
     seen: list[tuple[Path, Path]] = []
     for folder in folders:
-        if not folder.is_dir():
-            raise InputError("is no folder", file=folder, remedy="name folders with evidence")
+        check_folder(folder, "name folders with evidence")
         real = folder.resolve()
         for other, given in seen:
             if real == other or other in real.parents or real in other.parents:

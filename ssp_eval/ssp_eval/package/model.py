@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, ConfigDict, Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
+from ssp_core.files import check_folder, parse_model
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.values import Strict
 
@@ -196,11 +196,10 @@ def load_table(folder: Path) -> Package:
     Raises:
         InputError: it isn't there, is no table, or was changed after it was made.
     """
-    path = folder / TABLE_FILE
+    path, remedy = folder / TABLE_FILE, "name a folder of `ssp package make`"
+    check_folder(folder, remedy)
     if path.is_symlink() or not path.is_file():
-        raise InputError(
-            f"holds no {TABLE_FILE}", file=folder, remedy="name a folder of `ssp package make`"
-        )
+        raise InputError(f"holds no {TABLE_FILE}", file=folder, remedy=remedy)
     try:
         with path.open("rb") as stream:
             data = stream.read(MAX_TABLE_BYTES + 1)

@@ -15,7 +15,7 @@ from typing import Any
 
 from ssp_core import __version__
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
+from ssp_core.files import check_folder, parse_model
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.page import PagePictures, draw, render
 from ssp_eval.audit.recording import Recording, read_recording
@@ -392,8 +392,7 @@ def verify_package(
     Raises:
         InputError: there is no such folder.
     """
-    if not folder.is_dir():
-        raise InputError("is no folder", file=folder, remedy="name a folder of `ssp package make`")
+    check_folder(folder, "name a folder of `ssp package make`")
     verdict = Verdict()
     try:
         package = load_table(folder)

@@ -16,6 +16,7 @@ from rich.text import Text
 
 from ssp_core import console
 from ssp_core.errors import InputError
+from ssp_core.files import check_folder
 from ssp_eval.score.columns import load_columns
 from ssp_eval.score.engine import score_columns
 from ssp_eval.score.metrics import COMPONENTS, RATIOS, CellMetrics
@@ -145,8 +146,7 @@ def _files(folder: Path) -> tuple[Path, Path]:
     Raises:
         InputError: there is no such folder, or it has several labels files.
     """
-    if not folder.is_dir():
-        raise InputError("is no folder", file=folder, remedy="give folders with labels and records")
+    check_folder(folder, "give folders with labels and records")
     present = [folder / name for name in LABELS_FILES if (folder / name).exists()]
     if len(present) > 1:
         names = ", ".join(path.name for path in present)

@@ -244,8 +244,8 @@ def test_what_is_no_video_is_one_message(tmp_path: Path, capfd: pytest.CaptureFi
     rest = ["--start", 0, "--end", 1, "--ego-unknown", "--out", tmp_path / "bag"]
     for path, match in (
         (text, "text.mp4: is no video"),
-        (tmp_path / "nowhere.mp4", "nowhere.mp4: is not there"),
-        (tmp_path, "is no file"),
+        (tmp_path / "nowhere.mp4", "nowhere.mp4: is not there; name a video file"),
+        (tmp_path, "is no file; name a video file"),
     ):
         assert run(path, *rest) == 1
         assert match in capfd.readouterr().err

@@ -188,9 +188,14 @@ def test_a_forgotten_change_is_entered_beside_the_recording(
 def test_a_folder_that_was_not_compiled_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for folder in (tmp_path, tmp_path / "nothing"):
+    (tmp_path / "file").write_text("")
+    for folder, why in (
+        (tmp_path, "holds no task.json"),
+        (tmp_path / "nothing", "is not there"),
+        (tmp_path / "file", "is no folder"),
+    ):
         assert log(folder) == 1
-        assert "holds no task.json" in capsys.readouterr().err
+        assert f"{folder}: {why}; give a folder of `ssp compile`" in capsys.readouterr().err
 
 
 def test_a_missing_option_is_wrong_usage(make_task: Maker) -> None:

@@ -324,6 +324,8 @@ def test_no_table_makes_verify_raise(made: Path, data: st.DataObject) -> None:
 
 def test_what_no_package_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["package", "verify", str(tmp_path / "nothing")]) == 1
-    assert "is no folder" in capsys.readouterr().err
+    assert "nothing: is not there; name a folder of `ssp package make`" in capsys.readouterr().err
     assert main(["package", "verify", str(tmp_path)]) == 1
-    assert "holds no package.json" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "holds no package.json" in told
+    assert told.endswith("not sound: 1 finding\n")

@@ -144,6 +144,11 @@ def test_labels_in_yaml_are_found_and_two_labels_files_are_refused(make_case, ru
     ("records", "labels", "expected"),
     [
         ([record(1.0), "{"], {}, "records.jsonl:2: is not valid JSON"),
+        (
+            [json.dumps(record(1.0))[:-1] + ', "t_s": 2.0}'],
+            {},
+            "records.jsonl:1: t_s: stands twice in an object; keep one of the two",
+        ),
         ([record(1.0), record(1.0)], {}, "records.jsonl:2: t_s: must rise strictly"),
         ([record(math.nan)], {}, "records.jsonl:1: t_s: Input should be a finite number"),
         ([record(1.0) | {"text": 3}], {}, "records.jsonl:1: text: Input should be a valid string"),
@@ -184,7 +189,7 @@ def test_a_missing_file_is_named(make_case, run, missing):
 def test_a_missing_folder_is_named(tmp_path, run):
     status, out, err = run(tmp_path / "nowhere", "--json")
     assert (status, out) == (1, "")
-    assert "nowhere: is no folder" in err
+    assert "nowhere: is not there; give folders with labels and records" in err
 
 
 @pytest.mark.parametrize("args", [[], ["--json"], ["--yaml", "x"]])

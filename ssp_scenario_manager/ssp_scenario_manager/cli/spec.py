@@ -159,10 +159,15 @@ def new(kind: str, name: str | None, out: Path | None) -> None:
     metavar="PATH",
     help="A .svg (picture) or .json (graph) file, or a folder for both.",
 )
+@click.option("--force", is_flag=True, help="Replace files that are there.")
 @click.option("--json", "as_json", is_flag=True, help="Print the graph as JSON.")
-def graph(file: str, out: Path | None, as_json: bool) -> None:
+def graph(file: str, out: Path | None, force: bool, as_json: bool) -> None:
     """Draw a K*: the typed interaction graph as JSON and as a picture (METHOD 1)."""
     event, version = load_event(file)
+    targets = [] if out is None else _targets(event, out)
+    for path in targets:
+        if path.exists() and not force:
+            raise InputError("exists already", file=path, remedy="another --out, or --force")
     open_ = check_event(event)
     if open_:
         note(f"{len(open_)} checks don't hold; {pasteable('spec', 'check', file)} says which")
@@ -171,9 +176,7 @@ def graph(file: str, out: Path | None, as_json: bool) -> None:
         click.echo(json.dumps(data, indent=1))
     elif out is None:
         _print_graph(data, version)
-    if out is None:
-        return
-    for path in _targets(event, out):
+    for path in targets:
         make_folder(path.parent)
         if path.suffix == ".svg":
             write_text(path, picture(event))

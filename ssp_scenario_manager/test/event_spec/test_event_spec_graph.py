@@ -121,6 +121,33 @@ def test_graph_command_writes_the_one_file_that_is_named(tmp_path: Path) -> None
     assert main(["spec", "graph", "cut_in", "--out", str(tmp_path / "a.png")]) == 2
 
 
+def test_graph_command_replaces_files_by_force_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["spec", "graph", "cut_in", "--out", str(tmp_path)]
+    mine = tmp_path / "cut_in.graph.svg"
+    mine.write_text("mine")
+    assert main(words) == 1
+    assert f"{mine}: exists already; another --out, or --force" in capsys.readouterr().err
+    assert [file.read_text() for file in tmp_path.iterdir()] == ["mine"]
+    assert main([*words, "--force"]) == 0
+    assert mine.read_text().startswith("<svg")
+
+
+@pytest.mark.parametrize("command", ["graph", "diff"])
+def test_every_error_of_the_form_is_named(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "empty.event.yaml"
+    file.write_text("schema: ssp.event/2\n")
+    others = {"graph": [], "diff": ["cut_in"]}
+    assert main(["spec", command, str(file), *others[command]]) == 1
+    error = capsys.readouterr().err
+    assert "errors:" in error
+    assert " more)" not in error
+    assert all(f"\n  {name}: Field required" in error for name in ("name", "topology"))
+
+
 def test_graph_command_says_that_checks_fail(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

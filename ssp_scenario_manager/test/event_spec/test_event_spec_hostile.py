@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -173,6 +174,6 @@ def test_a_field_is_named_as_the_file_names_it(
     node[last] = new
     bad = tmp_path / "bad.event.yaml"
     bad.write_text(json.dumps(value))
-    with pytest.raises(InputError) as caught:
+    # One error, or each of a choice's on a line of its own.
+    with pytest.raises(InputError, match=rf"(yaml: |\n  ){re.escape(field)}: "):
         load_event(str(bad))
-    assert caught.value.field == field

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import load_model, parse_model, read_mapping, read_text
+from ssp_core.files import check_folder, load_model, parse_model, read_mapping, read_text
 from ssp_core.run_file.values import Finite
 from ssp_eval.data.audit import Audit, load_audit
 from ssp_eval.data.labels import Labels, counts_text, load_labels, phase_counts
@@ -328,12 +328,12 @@ def cell_files(out: Path) -> list[Path]:
             remedy="component scores go with --from-cells FILE.csv; of a campaign give the --out "
             "folder of `ssp evaluate`",
         )
+    remedy = "give the --out folder of `ssp evaluate`"
+    check_folder(out, remedy)
     files = sorted((out / CELLS).glob(f"*/{CELL_FILE}"))
     if not files:
         raise InputError(
-            f"holds no evaluated cells ({CELLS}/*/{CELL_FILE})",
-            file=out,
-            remedy="give the --out folder of `ssp evaluate`",
+            f"holds no evaluated cells ({CELLS}/*/{CELL_FILE})", file=out, remedy=remedy
         )
     return files
 
