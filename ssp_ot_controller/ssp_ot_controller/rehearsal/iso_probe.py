@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import click
 from pydantic import BeforeValidator, ConfigDict
@@ -23,11 +23,13 @@ from ssp_core.options import Number
 from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import Motion
 from ssp_core.run_file.values import Outline, SiteDatum, Strict
+from ssp_core.vocabulary import ObjectClass, ObjectWord
 from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Rejected
 from ssp_ot_controller.bodies.iso22133.link import Link
 from ssp_ot_controller.bodies.iso22133.probe.fenced_way import FencedWay, motion_of
 from ssp_ot_controller.bodies.iso22133.probe.stages import Probe, report_of
 from ssp_ot_controller.bodies.iso22133.probe_report import (
+    ObjectKind,
     Outcome,
     ProbeReport,
     Row,
@@ -159,6 +161,20 @@ def load_motion(path: Path, datum: Datum) -> Motion:
     help="Extent of the object around its reference point, m.",
 )
 @click.option(
+    "--class",
+    "object_class",
+    type=click.Choice(get_args(ObjectWord)),
+    default="car",
+    show_default=True,
+    help="Class of the object in the run: how far its way may lead off its yaw.",
+)
+@click.option(
+    "--omnidirectional",
+    is_flag=True,
+    help="It may move in any direction, whatever its yaw: for objects that the site names in "
+    "limits.omnidirectional.",
+)
+@click.option(
     "--heartbeat-timeout",
     "heartbeat_s",
     type=Number(0.05, 5.0),
@@ -175,6 +191,8 @@ def probe_command(
     fence: str | None,
     origin: str | None,
     size: str,
+    object_class: str,
+    omnidirectional: bool,
     heartbeat_s: float,
     json_file: Path | None,
 ) -> int:
@@ -211,6 +229,7 @@ def probe_command(
         way,
         heartbeat_s,
         console.note,
+        kind=ObjectKind(ObjectClass.from_word(object_class), omnidirectional),
     )
     started_ns = time.time_ns()
     try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import socket
-from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -18,30 +17,16 @@ from ssp_core.errors import InputError
 from ssp_core.geodesy import Datum
 from ssp_core.geometry import Pose2
 from ssp_core.motion.reference import Points
-from ssp_core.motion.state import Size
+from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import Motion
 from ssp_core.vocabulary import ControlState
-from ssp_ot_controller.bodies.iso22133.framing import (
-    Frame,
-    Header,
-    Rejected,
-    StreamDecoder,
-    frames_of,
-)
-from ssp_ot_controller.bodies.iso22133.link import Received, Tap
 from ssp_ot_controller.bodies.iso22133.messages import (
     CentreStatus,
-    Decoded,
     Grem,
-    Heab,
-    Message,
     Monr,
-    decode,
-    encode,
 )
 from ssp_ot_controller.bodies.iso22133.probe.clauses import CLAUSES
 from ssp_ot_controller.bodies.iso22133.probe.fenced_way import FencedWay
-from ssp_ot_controller.bodies.iso22133.probe.stages import Clock, Probe, Wire, report_of
 from ssp_ot_controller.bodies.iso22133.probe_report import (
     Outcome,
     ProbeReport,
@@ -52,185 +37,18 @@ from ssp_ot_controller.bodies.iso22133.probe_report import (
     stops_on_heartbeat_loss_s,
 )
 from ssp_ot_controller.rehearsal.iso import iso
-from ssp_ot_controller.rehearsal.iso_faults import FaultyObject, IsoFault
-from ssp_ot_controller.rehearsal.iso_object import IsoObject
 from ssp_ot_controller.rehearsal.iso_probe import load_fence, load_motion
 from tests.support.iso22133 import ObjectSockets
-from tests.support.iso_centre import FENCE, HOST, MS, PLACE, T0, S, rules_of
+from tests.support.iso_centre import FENCE, PLACE, S
+from tests.support.iso_probed import SIZE, STAGES, Probed, ReorderingLink, with_verdict
 
 C = ControlState
-STAGES = tuple(Stage)
-SIZE = Size(2.5, 2.5, 2.0, 1.5)
-WAY_AND_FENCE = FencedWay(FENCE, SIZE)
-
-
-class SetClock(Clock):
-    """Time goes on only where somebody waits."""
-
-    def __init__(self) -> None:
-        self.at_ns = T0
-
-    def now_ns(self) -> int:
-        return self.at_ns
-
-    def wait(self, wire: Wire, seconds: float) -> None:
-        self.at_ns += max(round(seconds * S), MS)
-
-
-class SetLink:
-    """A stand-in for ``Link`` to an object in the same process.
-
-    Args:
-        lost: messages of the object that get lost.
-        states: the state that a MONR states instead of its own.
-    """
-
-    def __init__(
-        self,
-        played: Any,
-        clock: SetClock,
-        tap: Tap,
-        lost: Callable[[Message], bool],
-        states: Callable[[int | None], int | None],
-    ) -> None:
-        self.problem, self.receiver_id = "not connected yet", 0
-        self._played, self._clock, self._tap = played, clock, tap
-        self._lost, self._states = lost, states
-        self._connected = False
-        self._counter = 0
-        self._tcp = StreamDecoder()
-
-    @property
-    def connected(self) -> bool:
-        return self._connected
-
-    @property
-    def connecting(self) -> bool:
-        return False
-
-    @property
-    def sockets(self) -> list[socket.socket]:
-        return []
-
-    def connect(self) -> None:
-        self._connected = self._played.connect(HOST, self._clock.at_ns)
-
-    def send(self, message: Message, *, acknowledge: bool = False) -> Header:
-        data = encode(message, counter=self._counter, acknowledge=acknowledge)
-        self._counter = (self._counter + 1) % 256
-        self._tap(True, self._clock.at_ns, data)
-        if isinstance(message, Heab):
-            self._played.on_udp(data, (HOST, 50_000), self._clock.at_ns)
-        elif self._connected:
-            self._played.on_tcp(data, self._clock.at_ns)
-        return _of(data)
-
-    def poll(self) -> list[Received]:
-        now_ns, found = self._clock.at_ns, []
-        for sent in self._played.take_sent(now_ns):
-            for frame in frames_of(sent.data) if sent.udp else self._tcp.feed(sent.data):
-                outcome = decode(frame) if isinstance(frame, Frame) else frame
-                data = frame.data if isinstance(frame, Frame) else frame.evidence
-                if isinstance(outcome, Decoded) and isinstance(outcome.message, Monr):
-                    monr = outcome.message
-                    monr = replace(monr, state=self._states(monr.state))
-                    outcome = replace(outcome, message=monr)
-                if not (isinstance(outcome, Decoded) and self._lost(outcome.message)):
-                    found.append(Received(sent.udp, now_ns, outcome, data))
-        if self._played.link.closes:
-            self.close()
-        return found if self._connected else []
-
-    def close(self) -> None:
-        if self._connected:
-            self._played.disconnect(self._clock.at_ns)
-        self._connected, self.problem = False, "the object closed the connection"
-
-
-class ReorderingLink(SetLink):
-    """A link that delivers each seventh report behind the next one."""
-
-    _count = 0
-    _held: Received | None = None
-
-    def poll(self) -> list[Received]:
-        found: list[Received] = []
-        for received in super().poll():
-            is_report = isinstance(received.outcome, Decoded) and isinstance(
-                received.outcome.message, Monr
-            )
-            self._count += is_report
-            if is_report and self._count % 7 == 0:
-                self._held = received
-                continue
-            found.append(received)
-            if is_report and self._held is not None:
-                found.append(replace(self._held, stamp_ns=received.stamp_ns))
-                self._held = None
-        return found
-
-
-def _of(data: bytes) -> Header:
-    (frame,) = frames_of(data) if len(data) < 4000 else StreamDecoder(1 << 20).feed(data)
-    assert not isinstance(frame, Rejected)
-    return frame.header
-
-
-class Probed:
-    """A probe of a played object, which has ended."""
-
-    def __init__(
-        self,
-        *faults: str,
-        stages: Iterable[Stage] = STAGES,
-        way: FencedWay = WAY_AND_FENCE,
-        lost: Callable[[Message], bool] = lambda message: False,
-        watch: Callable[[str], None] = lambda text: None,
-        states: Callable[[str, int | None], int | None] = lambda step, state: state,
-        link: type[SetLink] = SetLink,
-    ) -> None:
-        self.clock = SetClock()
-        self.told: list[str] = []
-        self.object = FaultyObject(
-            IsoObject(rules_of(), T0, Datum(PLACE)), [IsoFault.parse(fault) for fault in faults]
-        )
-        self.beats: list[tuple[int, int]] = []
-
-        def open_wire(tap: Tap) -> SetLink:
-            def both(sent: bool, stamp_ns: int, data: bytes) -> None:
-                found = decode(frames_of(data)[0]) if len(data) < 60 else None  # type: ignore[arg-type]
-                if isinstance(found, Decoded) and isinstance(found.message, Heab):
-                    self.beats.append((stamp_ns, found.message.status))
-                tap(sent, stamp_ns, data)
-
-            return link(self.object, self.clock, both, lost, self._stated)
-
-        def tell(text: str) -> None:
-            self.told.append(text)
-            watch(text)
-
-        self.probe = Probe(open_wire, Datum(PLACE), way, 0.5, tell, self.clock)
-        self.stages = tuple(stages)
-        self._states = states
-
-    def _stated(self, state: int | None) -> int | None:
-        return self._states(list(self.probe.steps)[-1], state)
-
-    def run(self) -> ProbeReport:
-        self.probe.run(self.stages)
-        return self.report()
-
-    def report(self) -> ProbeReport:
-        return report_of(self.probe, HOST, 53241, T0, self.stages)
+LIMITS = Limits(speed_mps=15.0, acceleration_mps2=4.0)
 
 
 @cache
 def report_with(*faults: str, stages: tuple[Stage, ...] = STAGES) -> ProbeReport:
     return Probed(*faults, stages=stages).run()
-
-
-def with_verdict(report: ProbeReport, verdict: Outcome) -> set[str]:
-    return {row.clause for row in report.rows if row.verdict is verdict}
 
 
 # -- objects that conform, and others -------------------------------------------------------------
@@ -243,7 +61,7 @@ def test_a_conforming_object_passes_every_clause_and_may_be_armed() -> None:
     assert honours_start_time(report) == pytest.approx(0.0, abs=0.1)
     # It waits for the half second that the OSEM gave before it brakes.
     assert 0.5 < (stops_on_heartbeat_loss_s(report) or 0.0) < 1.0
-    assert cannot_arm(report, 1.0, report.firmware, None) == ()
+    assert cannot_arm(report, LIMITS, report.firmware, None) == ()
     assert report.firmware
 
 
@@ -261,8 +79,7 @@ CONNECT = (Stage.LISTEN, Stage.CONNECT)
         ("fragments", CONNECT, set()),
         ("driving_state=77", STAGES, {"listen.values", "move.running", "move.postrun"}),
         ("driving_state=3", STAGES, {"move.running", "move.postrun"}),
-        ("speed_factor=3.6", STAGES, {"move.speed"}),
-        ("speed_factor=0.28", STAGES, {"move.speed"}),
+        ("speed_factor=0.28", STAGES, {"move.motion"}),
     ],
 )
 def test_an_object_fails_the_clauses_that_it_breaks_and_no_others(
@@ -271,18 +88,29 @@ def test_an_object_fails_the_clauses_that_it_breaks_and_no_others(
     assert with_verdict(report_with(fault, stages=stages), Outcome.FAIL) == failed
 
 
-def test_an_object_that_states_another_speed_is_told_both_and_is_not_armed() -> None:
-    report = report_with("speed_factor=3.6")
-    row = report.row("move.speed")
+@pytest.mark.parametrize(
+    ("fault", "verdict", "words"),
+    [
+        # So fast, as it says, that the probe ends at once.
+        ("speed_factor=3.6", Outcome.NOT_RUN, r"drives \d\.\d m/s and states \d\.\d m/s"),
+        ("speed_factor=0.28", Outcome.FAIL, r"\d\.\d+ m/s stated, way of \d\.\d+ m/s"),
+    ],
+)
+def test_an_object_that_states_another_speed_is_told_both_and_is_not_armed(
+    fault: str, verdict: Outcome, words: str
+) -> None:
+    report = report_with(fault)
+    row = report.row("move.motion")
     assert row is not None
-    assert re.fullmatch(r"states \d+\.\d+ m/s where it moves \d\.\d+ m/s", row.text)
-    assert "(move.speed)" in " ".join(cannot_arm(report, 1.0, report.firmware, None))
+    assert row.verdict is verdict
+    assert re.search(words, row.text)
+    assert "(move.motion)" in " ".join(cannot_arm(report, LIMITS, report.firmware, None))
 
 
 @pytest.mark.parametrize("fault", ["driving_state=77", "driving_state=3"])
 def test_an_object_that_states_another_state_while_it_drives_is_not_armed(fault: str) -> None:
     report = report_with(fault)
-    text = " ".join(cannot_arm(report, 1.0, report.firmware, None))
+    text = " ".join(cannot_arm(report, LIMITS, report.firmware, None))
     assert "move.running" in text
     assert ("listen.values" in text) is fault.endswith("77")
 
@@ -306,13 +134,14 @@ def test_a_state_that_is_left_again_is_judged_by_each_report(
     """The object states another one after five reports of it."""
     seen = 0
 
-    def states(now: str, state: int | None) -> int | None:
+    def reports(now: str, monr: Monr) -> Monr:
         nonlocal seen
-        seen += now == step and state == settled
-        return int(stated) if seen > 5 and now == step and state == settled else state
+        is_it = now == step and monr.state == settled
+        seen += is_it
+        return replace(monr, state=int(stated)) if seen > 5 and is_it else monr
 
     until = STAGES.index(Stage(clause.partition(".")[0]))
-    report = Probed(states=states, stages=STAGES[: until + 1]).run()
+    report = Probed(reports=reports, stages=STAGES[: until + 1]).run()
     row = report.row(clause)
     assert row is not None
     assert row.verdict is Outcome.FAIL
@@ -324,14 +153,14 @@ def test_reports_that_overtake_each_other_tell_nothing_of_the_state() -> None:
     """Only the message counters, which aren't asked for, show that reports came out of order."""
     report = Probed(link=ReorderingLink).run()
     assert with_verdict(report, Outcome.FAIL) == {"listen.counter"}
-    assert cannot_arm(report, 1.0, report.firmware, None) == ()
+    assert cannot_arm(report, LIMITS, report.firmware, None) == ()
 
 
 @pytest.mark.parametrize("fault", ["deaf_to_abort@0", "deaf_to_silence"])
 def test_an_object_that_drives_on_may_not_be_armed(fault: str) -> None:
     report = report_with(fault)
     clause = "move.abort" if fault == "deaf_to_abort@0" else "move.heartbeat_loss"
-    assert clause in " ".join(cannot_arm(report, 1.0, report.firmware, None))
+    assert clause in " ".join(cannot_arm(report, LIMITS, report.firmware, None))
 
 
 def test_what_it_reports_while_it_drives_on_is_not_believed() -> None:
@@ -567,12 +396,15 @@ def test_nobody_at_the_address_is_a_report_with_exit_status_1(tmp_path: Path) ->
         port = sockets.port
     path = tmp_path / "report.json"
     result = CliRunner().invoke(
-        iso, ["probe", f"127.0.0.1:{port}", "--json", str(path)], standalone_mode=False
+        iso,
+        ["probe", f"127.0.0.1:{port}", "--json", str(path), "--class", "bus", "--omnidirectional"],
+        standalone_mode=False,
     )
     assert result.return_value == 1
     assert "Connection refused" in result.output
     report = load_report(path)
     assert (report.host, report.port, report.firmware) == ("127.0.0.1", port, None)
+    assert (report.object_class, report.omnidirectional) == ("bus", True)
     assert with_verdict(report, Outcome.FAIL) == {"listen.tcp", "listen.report", *_UNHEARD}
     assert json.loads(path.read_text())["stages"] == ["listen", "connect"]
 

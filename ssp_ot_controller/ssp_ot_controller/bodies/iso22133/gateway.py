@@ -17,7 +17,7 @@ from ssp_core.geodesy import Datum
 from ssp_core.motion.approach import approach_points
 from ssp_core.motion.reference import Reference
 from ssp_core.names import ISO_LEVER, iso_body
-from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_ot_controller.bodies.body import BodyCheck, BodyReading, Decided
 from ssp_ot_controller.bodies.dynamics import Command
@@ -33,6 +33,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     TrajPoint,
 )
 from ssp_ot_controller.bodies.iso22133.probe_report import (
+    ObjectKind,
     ProbeReport,
     cannot_arm,
     honours_start_time,
@@ -126,27 +127,34 @@ class ProbeGate:
 
     Args:
         report: None: there is none.
-        bound_s: within which the object must slow.
+        limits: of the site.
         waive: name of the person who lets it be armed without one; may be empty.
+        kind: of the object in the run.
 
     Attributes:
         firmware: that the object says it runs; None before it has said so.
     """
 
-    def __init__(self, report: ProbeReport | None, bound_s: float, waive: str) -> None:
+    def __init__(
+        self, report: ProbeReport | None, limits: Limits, waive: str, kind: ObjectKind
+    ) -> None:
         self.firmware: str | None = None
         self._report = report
-        self._bound_s = bound_s
+        self._limits = limits
         self._waive = waive
+        self._kind = kind
 
     def judge(self, reported: Reported) -> Reported:
         """Return what is reported, with what the report lacks."""
         report = self._report
         probed = None if report is None else report.firmware
-        gate = cannot_arm(report, self._bound_s, self.firmware, self._waive)
+        gate = self._cannot_arm(self.firmware)
         # What it lacks even of the firmware that it is of.
-        lasting = bool(cannot_arm(report, self._bound_s, probed, self._waive))
+        lasting = bool(self._cannot_arm(probed))
         return replace(reported, gate=gate, lasting=lasting)
+
+    def _cannot_arm(self, firmware: str | None) -> tuple[str, ...]:
+        return cannot_arm(self._report, self._limits, firmware, self._waive, self._kind)
 
 
 class Announcements:
@@ -207,7 +215,7 @@ class IsoBody:
         datum = run.datum.datum
         self._say = Announcements(spec.id, tell)
         report = None if address.report is None else load_report(address.report)
-        self._gate = ProbeGate(report, run.limits.stop_reaction_s, address.waive)
+        self._gate = ProbeGate(report, run.limits, address.waive, ObjectKind.of(spec, run.limits))
         # It said of itself that it is a model.
         self.is_simulated = False
         self._frames: list[RawFrame] = []

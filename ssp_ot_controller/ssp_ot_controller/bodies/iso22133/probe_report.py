@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
@@ -10,7 +11,11 @@ from typing import Annotated, Literal
 from pydantic import AwareDatetime, ConfigDict, Field
 
 from ssp_core.files import load_model, write_json
+from ssp_core.run_file.model import Limits
+from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.run_file.values import Finite, Strict
+from ssp_core.safety.consistency import Bounds, direction_bound_rad
+from ssp_core.vocabulary import ObjectClass, ObjectWord
 
 PROBE_SCHEMA: Literal["ssp.iso_probe/1"] = "ssp.iso_probe/1"
 # Clauses that decide how an object is driven.
@@ -18,11 +23,19 @@ NORMAL_STOP = "move.normal_stop"
 STOP_ON_ABORT = "move.abort"
 STOP_ON_HEARTBEAT_LOSS = "move.heartbeat_loss"
 START_TIME = "move.start_time"
-# An object is armed only if all of these are passed; the site says how soon it must slow.
+STATE_AGE = "move.age"
+CLOCK = "move.clock"
+# An object is armed only if all of these are measured within the site's limits, which say how soon
+# it must slow.
 STOPS = {
     NORMAL_STOP: "a normal stop",
     STOP_ON_ABORT: "an abort",
     STOP_ON_HEARTBEAT_LOSS: "lost heartbeats",
+}
+# And within these; each with what it measures, and the limit.
+TIMES = {
+    STATE_AGE: ("the age of its newest MONR that can be used", "state_age_s"),
+    CLOCK: ("stamps ahead of time", "clock_offset_s"),
 }
 NEEDED = {
     "listen.values": "states only values of its enumerations",
@@ -35,7 +48,8 @@ NEEDED = {
     "arm.reconnect": "isn't ARMED when it is connected again",
     START_TIME: "starts at the time of the STRT",
     "move.way": "keeps to its way",
-    "move.speed": "states the speed at which it moves",
+    "move.motion": "states the speed and the yaw with which it moves",
+    "move.position": "knows its place while it drives",
     "move.running": "reports RUNNING while it drives",
     "move.postrun": "reports POSTRUN while it is stopped",
 }
@@ -84,12 +98,51 @@ class Row(Strict):
     text: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class ObjectKind:
+    """The kind of an object, which says how its yaw may lie to its motion."""
+
+    object_class: ObjectClass
+    omnidirectional: bool = False
+
+    @staticmethod
+    def of(spec: ParticipantSpec, limits: Limits) -> ObjectKind:
+        """Return the kind of an object of a run."""
+        return ObjectKind(spec.cls, spec.id in limits.omnidirectional)
+
+    @property
+    def bounds(self) -> Bounds:
+        """Return the bounds by which its stated motion is judged."""
+        bound_rad = None if self.omnidirectional else direction_bound_rad(self.object_class)
+        return Bounds(bound_rad, self.object_class is not ObjectClass.PEDESTRIAN)
+
+    @property
+    def options(self) -> str:
+        """Return the options of ``ssp iso probe`` for it."""
+        omnidirectional = " --omnidirectional" if self.omnidirectional else ""
+        return f"--class {self.object_class.word}{omnidirectional}"
+
+    def is_laxer(self, other: ObjectKind) -> bool:
+        """Tell whether what is judged as this kind may fail as another one."""
+        ours, theirs = self.bounds, other.bounds
+        if theirs.direction_rad is None:
+            return False
+        if ours.direction_rad is None or ours.direction_rad > theirs.direction_rad:
+            return True
+        return theirs.signed and not ours.signed
+
+
+CAR = ObjectKind(ObjectClass.CAR)
+
+
 class ProbeReport(Strict):
     """The file.
 
     Args:
         firmware: as the object's DRES states it; None where it answers no DREQ.
         started: UTC.
+        object_class: by which its stated motion was judged.
+        omnidirectional: its yaw was not held against its motion.
         stages: those that were asked for.
     """
 
@@ -99,10 +152,16 @@ class ProbeReport(Strict):
     firmware: str | None
     started: AwareDatetime
     wire_version: int
+    object_class: ObjectWord = "car"
+    omnidirectional: bool = False
     stages: tuple[Stage, ...]
     rows: tuple[Row, ...]
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    @property
+    def kind(self) -> ObjectKind:
+        return ObjectKind(ObjectClass.from_word(self.object_class), self.omnidirectional)
 
     def row(self, clause: str) -> Row | None:
         return next((row for row in self.rows if row.clause == clause), None)
@@ -147,16 +206,21 @@ def honours_start_time(report: ProbeReport) -> float | None:
 
 
 def cannot_arm(
-    report: ProbeReport | None, bound_s: float, firmware: str | None, waived_by: str | None
+    report: ProbeReport | None,
+    limits: Limits,
+    firmware: str | None,
+    waived_by: str | None,
+    kind: ObjectKind = CAR,
 ) -> tuple[str, ...]:
     """List all reasons for which an object must not be armed, as sentences; none where it may be.
 
     Args:
         report: of the object's last probe; None: there is none.
-        bound_s: the site's ``limits.stop_reaction_s``.
+        limits: of the site.
         firmware: as the object's DRES states it; None where it answers no DREQ, as it must have
             done when it was probed.
         waived_by: the name of a person who answers for the object instead of a report.
+        kind: of the object in the run.
     """
     if waived_by and waived_by.strip():
         return ()
@@ -168,19 +232,33 @@ def cannot_arm(
         found.append(
             f"its firmware is {told}, the probe report of {_day(report.started)} is of {probed}"
         )
+    if report.kind.is_laxer(kind):
+        found.append(
+            f"its probe report judges its motion by `{report.kind.options}`: probe it with "
+            f"`{kind.options}`"
+        )
     lacks = [
         f"{what} ({clause})"
         for clause, what in NEEDED.items()
         if (row := report.row(clause)) is None or row.verdict is not Outcome.PASS
     ]
     for clause, what in STOPS.items():
-        reaction_s = _measured(report, clause)
+        reaction_s, bound_s = _measured(report, clause), limits.stop_reaction_s
         if reaction_s is None:
             lacks.append(f"stops on {what} ({clause})")
         elif reaction_s > bound_s:
             found.append(
                 f"its probe report shows {reaction_s:.3f} s from {what} to the first slowing, the "
                 f"site allows {bound_s:g} s ({clause})"
+            )
+    for clause, (what, limit) in TIMES.items():
+        measured_s, bound_s = _measured(report, clause), float(getattr(limits, limit))
+        if measured_s is None:
+            lacks.append(f"keeps limits.{limit} ({clause})")
+        elif measured_s > bound_s:
+            found.append(
+                f"its probe report shows {measured_s:.3f} s, {what}; the site allows {bound_s:g} s "
+                f"({clause})"
             )
     if lacks:
         found.append(f"its probe report doesn't show that it {', '.join(lacks)}")

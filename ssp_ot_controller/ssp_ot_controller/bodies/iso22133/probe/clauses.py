@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from ssp_core.clock import NS_PER_S, ns_to_seconds
+from ssp_core.safety.contradiction import HOLDS_S
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.iso22133.framing import Rejected
 from ssp_ot_controller.bodies.iso22133.link import Received
@@ -24,15 +25,20 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 from ssp_ot_controller.bodies.iso22133.probe.motion import (
     LAG_S,
     ends_run,
-    heads_along,
     keeps_to_way,
     runs,
     starts,
-    states_speed,
     stops,
     unheard,
 )
+from ssp_ot_controller.bodies.iso22133.probe.readings import (
+    is_not_ahead,
+    knows_its_place,
+    states_its_motion,
+    stays_fresh,
+)
 from ssp_ot_controller.bodies.iso22133.probe.steps import (
+    LIMITS,
     Finding,
     Judge,
     ProbeClause,
@@ -41,7 +47,9 @@ from ssp_ot_controller.bodies.iso22133.probe.steps import (
     within,
 )
 from ssp_ot_controller.bodies.iso22133.probe_report import (
+    CLOCK,
     START_TIME,
+    STATE_AGE,
     STOP_ON_ABORT,
     STOP_ON_HEARTBEAT_LOSS,
     Outcome,
@@ -368,10 +376,31 @@ CLAUSES: tuple[ProbeClause, ...] = (
     ProbeClause(START_TIME, "normal_stop", "starts at the time of the STRT", starts, 0.3, "s"),
     ProbeClause("move.way", "normal_stop", "keeps to the way of the TRAJ", keeps_to_way, 1.0, "m"),
     ProbeClause(
-        "move.yaw", "normal_stop", "yaw is the direction of motion", heads_along, 0.35, "rad"
+        "move.motion",
+        "normal_stop",
+        "speed and yaw contradict its way on end",
+        states_its_motion,
+        HOLDS_S,
+        "s",
     ),
     ProbeClause(
-        "move.speed", "normal_stop", "states its speed, off by", states_speed, 1.0, "bounds"
+        STATE_AGE,
+        "normal_stop",
+        "newest MONR that can be used is never older",
+        stays_fresh,
+        LIMITS.state_age_s,
+        "s",
+    ),
+    ProbeClause(
+        CLOCK,
+        "normal_stop",
+        "stamps are ahead of when they are read",
+        is_not_ahead,
+        LIMITS.clock_offset_s,
+        "s",
+    ),
+    ProbeClause(
+        "move.position", "normal_stop", "states no bad positioning", knows_its_place, 0, "MONR"
     ),
     ProbeClause("move.running", "normal_stop", "RUNNING while it drives", runs, LAG_S, "s"),
     ProbeClause("move.postrun", "normal_stop", "POSTRUN while it stops", ends_run, LAG_S, "s"),

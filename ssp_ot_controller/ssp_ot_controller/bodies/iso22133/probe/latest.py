@@ -1,6 +1,6 @@
-"""The newest report of a probed object: its MONR, and its places of the last moments.
+"""The newest report of a probed object: its MONR, its places of the last moments, its firmware.
 
-This file owns both; a new connection forgets the MONR. Reads no clock.
+This file owns them; a new connection forgets the MONR. Reads no clock.
 """
 
 from __future__ import annotations
@@ -26,11 +26,13 @@ class Latest:
     Attributes:
         monr: None: none has come since it was connected.
         arrived_ns: when the newest one came.
+        firmware: as its DRES states it; None before one.
     """
 
     def __init__(self, datum: Datum) -> None:
         self.monr: Monr | None = None
         self.arrived_ns = 0
+        self.firmware: str | None = None
         self._datum = datum
         self._places: deque[tuple[int, float, float]] = deque()
 

@@ -1,6 +1,6 @@
 """Clauses of a probe about motion.
 
-An object is judged by the places that it reports; its state and its speed are held against them.
+An object is judged by the places that it reports; its state is held against them.
 """
 
 from __future__ import annotations
@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
-from ssp_core.geometry import FloatArray, Polyline, wrap_angle
-from ssp_core.safety.window import LEAST_SAMPLES, WINDOW_S, speed_bound_mps
+from ssp_core.clock import NS_PER_S, ns_to_seconds
+from ssp_core.geometry import FloatArray, Polyline
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.iso22133.messages import Heab, Strt, Traj
-from ssp_ot_controller.bodies.iso22133.probe.steps import Finding, ProbeClause, Step, within
+from ssp_ot_controller.bodies.iso22133.probe.steps import DRIVES, Finding, ProbeClause, Step, within
 from ssp_ot_controller.bodies.iso22133.probe_report import Outcome
 from ssp_ot_controller.bodies.iso22133.states import state_of, state_text
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
@@ -38,17 +37,12 @@ _BEGUN_M = 0.2
 
 @dataclass(frozen=True, slots=True)
 class _Track:
-    """The reported places of an object: arrivals and its own stamps in ns, places in m.
-
-    What it doesn't state is NaN.
-    """
+    """The reported places of an object: arrivals and its own stamps in ns, places in m."""
 
     arrived_ns: IntArray
     stamp_ns: IntArray
     x_m: FloatArray
     y_m: FloatArray
-    yaw_rad: FloatArray
-    speed_mps: FloatArray
 
     def way_m(self, since: int) -> FloatArray:
         """Return the straight ways of all places from one of them."""
@@ -75,7 +69,7 @@ class _Track:
 def _track(step: Step) -> _Track:
     """Return the places from the newest before the start on, or all where nothing was started."""
     strt = step.last_sent(Strt)
-    rows: list[tuple[int, int, float, float, float, float]] = []
+    rows: list[tuple[int, int, float, float]] = []
     for received, m in step.monrs():
         arrived_ns = received.stamp_ns
         stamp_ns = arrived_ns
@@ -84,13 +78,12 @@ def _track(step: Step) -> _Track:
         # A report that isn't newer than the one before says nothing of the motion.
         if m.x_m is None or m.y_m is None or (rows and stamp_ns <= rows[-1][1]):
             continue
-        yaw_rad, speed_mps = (math.nan if v is None else v for v in (m.yaw_rad, m.speed_mps))
-        rows.append((arrived_ns, stamp_ns, m.x_m, m.y_m, yaw_rad, speed_mps))
+        rows.append((arrived_ns, stamp_ns, m.x_m, m.y_m))
     if strt is not None:
         before = sum(row[0] <= strt.stamp_ns for row in rows)
         rows = rows[max(before - 1, 0) :]
     times = np.array([row[:2] for row in rows], dtype=np.int64).reshape(-1, 2)
-    places = np.array([row[2:] for row in rows], dtype=np.float64).reshape(-1, 4)
+    places = np.array([row[2:] for row in rows], dtype=np.float64).reshape(-1, 2)
     return _Track(times[:, 0], times[:, 1], *places.T)
 
 
@@ -115,7 +108,17 @@ def _begun(step: Step, track: _Track) -> tuple[int, float] | None:
     return (first + int(moved[0]), float(np.interp(_BEGUN_M, way, t_s))) if len(moved) else None
 
 
-def starts(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
+def starts(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
+    """Measure how late it started, in the drive in which that was most."""
+    driven = [steps[name] for name in DRIVES if name in steps and steps[name].last_sent(Strt)]
+    found = [_start(one, clause) for one in driven]
+    measured = [one for one in found if one.measured is not None]
+    if not measured or len(measured) < len(found):
+        return Finding(Outcome.FAIL, step.problem or "it never moved")
+    return max(measured, key=lambda one: abs(one.measured or 0.0))
+
+
+def _start(step: Step, clause: ProbeClause) -> Finding:
     track = _track(step)
     begun = _begun(step, track)
     strt = step.last_sent(Strt)
@@ -209,78 +212,36 @@ def unheard(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Findi
     return within(clause, way_m / before_mps, text)
 
 
-def keeps_to_way(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
+def keeps_to_way(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
+    """Measure how far it came off its trajectory, in the drive in which that was most.
+
+    An abort ends a session, and so do lost heartbeats.
+    """
+    found = [_off_way(name, steps[name], clause) for name in DRIVES if name in steps]
+    measured = [one for one in found if one.measured is not None]
+    if not measured:
+        return Finding(Outcome.NOT_RUN, step.problem or "it never moved")
+    return max(measured, key=lambda one: one.measured or 0.0)
+
+
+def _off_way(name: str, step: Step, clause: ProbeClause) -> Finding:
     track, sent = _track(step), step.last_sent(Traj)
     if _begun(step, track) is None or sent is None or not isinstance(sent.message, Traj):
         return Finding(Outcome.NOT_RUN, step.problem or "it never moved")
     places = [(p.x_m or 0.0, p.y_m or 0.0) for p in sent.message.points]
     apart = [p for i, p in enumerate(places) if i == 0 or p != places[i - 1]]
-    found = Polyline(apart).project_all(
-        list(zip(track.x_m.tolist(), track.y_m.tolist(), strict=True))
-    )
+    until = len(track.x_m)
+    if name != "normal_stop" and "stimulus" in step.marks:
+        until = track.until(step.marks["stimulus"]) + 1
+    driven = list(zip(track.x_m.tolist(), track.y_m.tolist(), strict=True))[:until]
+    found = Polyline(apart).project_all(driven)
     return within(clause, max(abs(offset) for _, offset in found), sent=(sent.data[:256],))
-
-
-def heads_along(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
-    track = _track(step)
-    worst: float | None = None
-    data: tuple[bytes, ...] = ()
-    last = 0
-    for i in range(len(track.x_m)):
-        dx, dy = track.x_m[i] - track.x_m[last], track.y_m[i] - track.y_m[last]
-        if math.hypot(dx, dy) < 1.0:
-            continue
-        middle = float(track.yaw_rad[(last + i) // 2])
-        off = wrap_angle(middle - math.atan2(dy, dx)) if math.isfinite(middle) else math.inf
-        if worst is None or abs(off) > abs(worst):
-            worst, data = off, _monr_at(step, track, i)
-        last = i
-    if worst is None:
-        return Finding(Outcome.NOT_RUN, step.problem or "it never moved a metre")
-    if math.isinf(worst):
-        return Finding(Outcome.FAIL, "its heading is unavailable while it drives", came=data)
-    return within(clause, worst, "counter-clockwise from the x axis", came=data)
 
 
 # -- what it states while it moves ----------------------------------------------------------------
 
-# The steps in which it is driven.
-_DRIVES = ("normal_stop", "abort", "loss")
 # How long the state that it reports may lag behind what it was told.
 LAG_S = 1.0
-
-
-def states_speed(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
-    """Judge the stated speed against the way, in each window of half a second of each drive."""
-    worst: tuple[float, str, tuple[bytes, ...]] | None = None
-    for name in _DRIVES:
-        track = _track(steps[name]) if name in steps else None
-        if track is None or not len(track.x_m) or _begun(steps[name], track) is None:
-            continue
-        for first, last in _windows(track):
-            span_s = ns_to_seconds(int(track.stamp_ns[last] - track.stamp_ns[first]))
-            way_m = math.hypot(
-                track.x_m[last] - track.x_m[first], track.y_m[last] - track.y_m[first]
-            )
-            stated_mps = float(np.abs(track.speed_mps[first : last + 1]).mean())
-            moved_mps = way_m / span_s
-            allowed_mps = speed_bound_mps(stated_mps, moved_mps)
-            off = abs(stated_mps - moved_mps) / allowed_mps
-            if worst is None or not off <= worst[0]:
-                text = f"states {stated_mps:.2f} m/s where it moves {moved_mps:.2f} m/s"
-                worst = off, text, _monr_at(steps[name], track, last)
-    if worst is None:
-        return Finding(Outcome.NOT_RUN, step.problem or "it never moved")
-    if not math.isfinite(worst[0]):
-        return Finding(Outcome.FAIL, "its speed is unavailable while it drives", came=worst[2])
-    return within(clause, worst[0], worst[1], came=worst[2])
-
-
-def _windows(track: _Track) -> list[tuple[int, int]]:
-    """Return first and last index of the windows of METHOD 4.3b that begin at each place."""
-    ends = np.searchsorted(track.stamp_ns, track.stamp_ns + seconds_to_ns(WINDOW_S))
-    ends = np.maximum(ends, np.arange(len(ends)) + LEAST_SAMPLES - 1)
-    return [(i, int(end)) for i, end in enumerate(ends) if end < len(track.stamp_ns)]
 
 
 def runs(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
@@ -289,7 +250,7 @@ def runs(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     It stays ARMED until it hears of the start, and must never be DISARMED in motion.
     """
     late_s: float | None = None
-    for name in _DRIVES:
+    for name in DRIVES:
         one = steps.get(name)
         track = None if one is None else _track(one)
         if one is None or track is None or _begun(one, track) is None:

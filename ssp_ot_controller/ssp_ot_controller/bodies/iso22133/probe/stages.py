@@ -22,7 +22,6 @@ from ssp_core.errors import HostError
 from ssp_core.geodesy import Datum
 from ssp_core.geometry import Polyline, Pose2
 from ssp_core.motion.reference import Points, Reference
-from ssp_core.run_file.model import Limits
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.iso22133.conversation import Settings
 from ssp_ot_controller.bodies.iso22133.framing import VERSION, Header
@@ -48,14 +47,19 @@ from ssp_ot_controller.bodies.iso22133.probe.clauses import rows_of
 from ssp_ot_controller.bodies.iso22133.probe.fenced_way import FencedWay
 from ssp_ot_controller.bodies.iso22133.probe.latest import Latest
 from ssp_ot_controller.bodies.iso22133.probe.motion import STANDS_M
-from ssp_ot_controller.bodies.iso22133.probe.steps import Sent, Step
-from ssp_ot_controller.bodies.iso22133.probe_report import Outcome, ProbeReport, Stage
+from ssp_ot_controller.bodies.iso22133.probe.steps import LIMITS, Sent, Step
+from ssp_ot_controller.bodies.iso22133.probe_report import (
+    CAR,
+    ObjectKind,
+    Outcome,
+    ProbeReport,
+    Stage,
+)
 from ssp_ot_controller.bodies.iso22133.trajectories import trajectory_of
 from ssp_ot_controller.bodies.iso22133.units import to_gps
 
 C = ControlState
 DEVICE_ID = 1
-LIMITS = Limits(speed_mps=20.0, acceleration_mps2=4.0, duration_s=600.0)
 RATE_HZ = 100
 _BEAT_NS = NS_PER_S // RATE_HZ
 # Public objects take what follows a TRAJ too closely for a part of it.
@@ -137,6 +141,7 @@ class Probe:
         way: needed for the stage MOVE.
         heartbeat_s: after which the object is to notice that heartbeats are lost.
         tell: called with progress.
+        kind: of the object, which says how its yaw may lie to its motion.
     """
 
     def __init__(
@@ -147,10 +152,11 @@ class Probe:
         heartbeat_s: float,
         tell: Callable[[str], None],
         clock: Clock | None = None,
+        kind: ObjectKind = CAR,
     ) -> None:
+        self.kind = kind
         self.steps: dict[str, Step] = {}
         self.ended = "the probe ended before"
-        self.firmware: str | None = None
         self._open_wire, self._way = open_wire, way
         self._tell, self._clock = tell, clock or Clock()
         limits = LIMITS.model_copy(update={"heartbeat_s": heartbeat_s})
@@ -163,6 +169,11 @@ class Probe:
         self._latest = Latest(datum)
         self._armed = False
         self._guard: Callable[[], str] = lambda: ""
+
+    @property
+    def firmware(self) -> str | None:
+        """Return the firmware that the object states; None where it answers no DREQ."""
+        return self._latest.firmware
 
     def run(self, stages: Iterable[Stage]) -> None:
         """Ask stage by stage; ``steps`` has what came, ``ended`` why it went no further."""
@@ -197,7 +208,7 @@ class Probe:
     def _begin(self, name: str, text: str) -> None:
         self._end()
         self._tell(text)
-        self._step = self.steps[name] = Step(self._clock.now_ns())
+        self._step = self.steps[name] = Step(self._clock.now_ns(), bounds=self.kind.bounds)
 
     def _end(self) -> None:
         self._step.marks["end"] = self._clock.now_ns()
@@ -242,7 +253,7 @@ class Probe:
             if isinstance(message, Monr):
                 self._latest.take(message, received.stamp_ns)
             elif isinstance(message, Dres):
-                self.firmware = message.firmware
+                self._latest.firmware = message.firmware
 
     def _is(self, *states: ControlState) -> Callable[[], bool]:
         since_ns = self._clock.now_ns()
@@ -493,6 +504,8 @@ def report_of(
         firmware=probe.firmware,
         started=datetime.fromtimestamp(started_ns // NS_PER_S, UTC),
         wire_version=VERSION,
+        object_class=probe.kind.object_class.word,
+        omnidirectional=probe.kind.omnidirectional,
         stages=stages,
         rows=rows_of(probe.steps, stages, probe.ended),
     )

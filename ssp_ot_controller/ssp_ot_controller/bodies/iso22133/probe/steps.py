@@ -9,12 +9,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from ssp_core.clock import NS_PER_S
+from ssp_core.run_file.model import Limits
+from ssp_core.safety.consistency import Bounds
 from ssp_ot_controller.bodies.iso22133.framing import Header
 from ssp_ot_controller.bodies.iso22133.link import Received
 from ssp_ot_controller.bodies.iso22133.messages import Decoded, Message, Monr
 from ssp_ot_controller.bodies.iso22133.probe_report import Outcome, Stage
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
 
+# Those of a probe; a session has its site's.
+LIMITS = Limits(speed_mps=20.0, acceleration_mps2=4.0, duration_s=600.0)
+# The steps in which it is driven.
+DRIVES = ("normal_stop", "abort", "loss")
 # A report that is older by more isn't one that another overtook: its clock was set back.
 _OVERTAKEN_NS = NS_PER_S
 
@@ -36,6 +42,7 @@ class Step:
     Args:
         marks: instants of the step by their names, ns.
         problem: why it ended early.
+        bounds: by which the object's stated motion is judged.
     """
 
     begin_ns: int
@@ -43,6 +50,7 @@ class Step:
     came: list[Received] = field(default_factory=list)
     marks: dict[str, int] = field(default_factory=dict)
     problem: str = ""
+    bounds: Bounds = field(default_factory=Bounds)
 
     def monrs(self) -> list[tuple[Received, Monr]]:
         return [
