@@ -415,7 +415,7 @@ def test_any_json_is_a_completion_or_says_why_not(value):
     [
         ('{"a": NaN}', "NaN is no number"),
         ('{"a": -Infinity}', "-Infinity is no number"),
-        ('{"a": 1, "a": 1}', "a key stands twice"),
+        ('{"a": 1, "a": 1}', "key 'a' stands twice"),
         ("[" * 200_000, "nested too deeply"),
         (b"\xff", r"not UTF-8 \(byte 0\)"),
         ("{} {}", "Extra data"),
