@@ -27,6 +27,22 @@ def launch(variables: dict[str, str], *arguments: str) -> subprocess.CompletedPr
     )
 
 
+def test_a_folder_that_was_deleted_under_the_shell_is_named(tmp_path: Path) -> None:
+    here = tmp_path / "here"
+    here.mkdir()
+    done = subprocess.run(
+        ["bash", "-c", f'cd "{here}" && rmdir "{here}" && exec "{LAUNCHER}" --help'],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert f"ssp: the folder {here} doesn't exist any more; `cd` to one that does" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 @pytest.mark.parametrize("package", ["ssp_core", "ssp_msgs", "ssp_eval"])
 def test_code_of_another_checkout_is_refused(tmp_path: Path, package: str) -> None:
     (tmp_path / package).mkdir()
