@@ -489,6 +489,10 @@ _OF_REASONING = frozenset(
     | {"reasoning_content", "analysis"}
 )
 _OF_TEXT = frozenset({"text", "output_text"})
+# Keys by which a part or message of kind text says that it is reasoning.
+_REASONING_FLAGS = frozenset({"thought", "thinking", "reasoning"})
+_CHANNELS = ("channel", "phase")
+_CHANNELS_OF_REASONING = _OF_REASONING | {"commentary"}
 
 
 def _content(message: Mapping[str, Any]) -> _Content:
@@ -500,6 +504,8 @@ def _content(message: Mapping[str, Any]) -> _Content:
     content = message.get("content")
     refusal = message.get("refusal")
     refused = refusal if isinstance(refusal, str) and refusal else None
+    if isinstance(content, str) and _is_reasoning(message):
+        content = [{"type": "reasoning", "text": content}]
     if content is None or isinstance(content, str):
         return _Content(content, refusal=_sound(refused) if refused else None)
     if isinstance(content, dict):
@@ -535,10 +541,28 @@ def _kind(part: Any) -> str:
     """Return the kind of a part of a content; one that holds a text and says no kind is a text."""
     if not isinstance(part, dict):
         return ""
-    if part.get("thought") is True:
+    if _is_reasoning(part):
         return "thought"
     kind = part.get("type", "text" if isinstance(part.get("text"), str) else "")
     return kind if isinstance(kind, str) else ""
+
+
+def _is_reasoning(holder: Mapping[str, Any]) -> bool:
+    """Tell whether a part or message says by a flag or channel that it is reasoning."""
+    metadata = holder.get("metadata")
+    for place in (holder, metadata if isinstance(metadata, dict) else {}):
+        flags = (key for key, value in place.items() if value is True)
+        if any(_plain_flag(key) in _REASONING_FLAGS for key in flags):
+            return True
+        channels = (place.get(key) for key in _CHANNELS)
+        if any(isinstance(one, str) and one.lower() in _CHANNELS_OF_REASONING for one in channels):
+            return True
+    return False
+
+
+def _plain_flag(key: str) -> str:
+    """Return a flag's name in lower case, without "is"."""
+    return key.lower().replace("_", "").removeprefix("is")
 
 
 def _text_within(part: Mapping[str, Any]) -> str:

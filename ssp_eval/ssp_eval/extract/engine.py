@@ -38,6 +38,7 @@ _SOURCES = (
     "asserted/fields.py",
     "asserted/forms.py",
     "asserted/options.py",
+    "asserted/unwanted.py",
     "asserted/blanked.py",
     "speaker.py",
 )

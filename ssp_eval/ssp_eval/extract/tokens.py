@@ -128,6 +128,7 @@ _DROPPED = ""
 _MINUS = frozenset("-\u2212\u2013")
 _SINGLE = frozenset(',;:"=|')
 # A line whose sentence goes on behind it: it ends so, or it is a condition without its other half.
+_ENDS_LIST = re.compile(r"\d\s*[\])]+$")  # of numbers, behind which no sentence goes on
 _RUNS_ON = re.compile(
     r"(?:,|\b(?:and|or|but|so|if|when|while|because|since|as|that|then|until|unless|before|after"
     r"|where|which|than|what|how|whether))\Z"
@@ -310,6 +311,8 @@ def _is_wrapped(text: str, start: int) -> bool:
     before = text[text.rfind("\n", 0, end) + 1 : end].rstrip()
     if _RUNS_ON.search(before) is not None:
         return True
+    if _ENDS_LIST.search(before) is not None:
+        return False
     stop = text.find("\n", start)
     length = (len(text) if stop < 0 else stop) - start
     opens_item = before.lstrip()[:1] in _LISTS and text[end + 1 : start] == ""

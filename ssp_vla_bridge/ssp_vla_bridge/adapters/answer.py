@@ -24,6 +24,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from ssp_vla_bridge.adapters.candidates import Labelled, not_chosen
 from ssp_vla_bridge.adapters.number_lists import CUT, NESTED, UNREAD, NumberList, scan_lists
 from ssp_vla_bridge.adapters.plain_rows import with_brackets
 from ssp_vla_bridge.adapters.plan_label import Label, Owner, label_of
@@ -51,6 +52,11 @@ _ECHO_DECIMALS = (1, 2)
 _TEARS = re.compile(r"\s*,(?:[^\n.:;!?=\[\](){}]|[.](?=\w))*")
 # A first row this close to the origin stands for t = 0.
 _AT_ORIGIN_M = 1e-6
+# A list beside another one in one outer bracket: "[[[5, 0], [9, 0]], [[6, 1], [12, 2]]]".
+_LIST_BEHIND = re.compile(r"\s*[\])]\s*,\s*[\[(]\s*[\[(]\s*[-+.\d]")
+_LIST_BEFORE = re.compile(r"\d\s*[\])]\s*[\])]\s*,\s*\[?\s*\Z")
+_LOOKED_AT = 40
+SEVERAL = "it is one of several lists in a list"
 # Spaces without width, which stand between digits and brackets of some answers.
 _INVISIBLE = re.compile("[\u200b\u200c\u200d\u2060\ufeff]")
 _PAST_LABEL = re.compile(
@@ -126,6 +132,8 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
     lists: Sequence[NumberList] = scan_lists(text)
     if text_is_cut:
         lists = _with_cut_end(text, lists, form.rows)
+    if form.label:
+        lists = [_as_one_of_several(text, one) for one in lists]
     lists = _as_torn(text, lists, form.rows)
     lists = [part for one in lists for part in _parts(one, form.rows, history, notes)]
     lists = [_as_closed(one, form.rows) for one in lists]
@@ -146,6 +154,8 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
             answers.append(_Candidate(one, label, read))
     if others:
         notes.append(f"{others} lists that aren't the own plan were left out")
+    answers, left = _without_options(text, answers, notes)
+    others += left
     answers = _own(answers, form, notes)
     if not answers:
         what = "no list of numbers"
@@ -159,6 +169,24 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
         draft = "a list that prose follows, which the limit of tokens cuts off, is a draft"
         return Choice((), "missing", (*_unique(notes), draft))
     return _read(chosen, form, history, notes)
+
+
+def _without_options(
+    text: str, answers: list[_Candidate], notes: list[str]
+) -> tuple[list[_Candidate], int]:
+    """Return the lists without the options that aren't chosen, and how many these are."""
+    placed = [Labelled(one.label.text, one.one.start, one.one.end) for one in answers]
+    left, chosen = not_chosen(text, placed)
+    if not left:
+        return answers, 0
+    said = "none is chosen" if chosen is None else "only the chosen one counts"
+    notes.append(f"of {len(left) + (chosen is not None)} options {said}")
+    kept = [
+        replace(one, label=replace(one.label, owner=Owner.OWN)) if i == chosen else one
+        for i, one in enumerate(answers)
+        if i not in left
+    ]
+    return kept, len(left)
 
 
 def _goes_on(rest: str) -> bool:
@@ -177,7 +205,7 @@ def _own(answers: list[_Candidate], form: Form, notes: list[str]) -> list[_Candi
     labelled = [one for one in answers if one.label.owner is Owner.OWN]
     if labelled:
         return labelled[-1:]
-    named = [one for one in answers if _QUANTITY.search(one.label.text)]
+    named = [one for one in answers if _is_of_quantity(one.label.text)]
     if named:
         notes.append("a list that its label calls no plan was left out")
         answers = [one for one in answers if one not in named]
@@ -187,6 +215,11 @@ def _own(answers: list[_Candidate], form: Form, notes: list[str]) -> list[_Candi
     elif answers:
         notes.append(f"a list without a label has other rows than the {form.rows} asked for")
     return bare
+
+
+def _is_of_quantity(label: str) -> bool:
+    """Tell whether a label names what no list of points is; "I keep my speed." names none."""
+    return _QUANTITY.search(label) is not None and not label.rstrip(" *`\n").endswith(".")
 
 
 def _is_asked_for(one: _Candidate, form: Form) -> bool:
@@ -223,6 +256,14 @@ def _as_torn(text: str, lists: Sequence[NumberList], count: int) -> list[NumberL
         found += run
         run = []
     return found
+
+
+def _as_one_of_several(text: str, one: NumberList) -> NumberList:
+    """Mark a list that stands beside another in one outer bracket."""
+    beside = _LIST_BEHIND.match(text, one.end) or _LIST_BEFORE.search(
+        text, max(0, one.start - _LOOKED_AT), one.start
+    )
+    return replace(one, fault=one.fault or SEVERAL) if beside else one
 
 
 def _as_closed(one: NumberList, count: int) -> NumberList:

@@ -32,8 +32,13 @@ _TIME_FIELD = re.compile(
 )
 _COMMENT = re.compile(r"(?:#|//|--|—|–|<!--)[^\n]*|/\*.*?\*/|\([^()]*\)", re.DOTALL)
 _ELEMENTS = re.compile(r"[,;][^,;]*[^\W_][^,;]*[,;]")
-# A bracket in a row's place that holds a single number, none, or names: "[5, 0], [9], [x3, y3]".
-_LONE = r"[\[(]\s*(?:[-+]?\d*\.?\d*|[^\W\d_]+_?\d+\s*,\s*[^\W\d_]+_?\d+)\s*[\])]"
+# A bracket in a row's place that holds a single number, none, names or no digit at all:
+# "[5, 0], [9], [x3, y3], [null, null]"; words in round brackets may be a remark.
+_LONE = (
+    r"(?:[\[(]\s*(?:[-+]?\d*\.?\d*|[^\W\d_]+_?\d+\s*,\s*[^\W\d_]+_?\d+)\s*[\])]"
+    r"|\[[^\[\](){}\d]{1,40}\]|\([^\[\](){}\d\w]{1,40}\)"
+    r"|\(\s*[^\W\d]+(?:/[^\W\d]+)?\s*,\s*[^\W\d]+(?:/[^\W\d]+)?\s*\))"
+)
 _LONE_BETWEEN = re.compile(rf"\s*,\s*{_LONE}\s*(?:,\s*{_LONE}\s*)*,\s*")
 _LONE_FIRST = re.compile(rf"[\[(]\s*{_LONE}\s*(?:,\s*{_LONE}\s*)*,\s*\Z")
 _LONE_LAST = re.compile(rf"\s*,\s*{_LONE}\s*(?:,\s*{_LONE}\s*)*,?\s*[\])]")

@@ -42,7 +42,8 @@ _NAMES = frozenset(
     {"v", "k", "c", "x", "y", "speed", "velocity", "vel", "curvature", "curv", "kappa", "κ"}
     | {"lateral", "longitudinal", "forward", "left", "right", "t", "time", "z"}
     | {"time_s", "time_ms", "timestamp"}
-    | {"yaw", "heading", "theta"}
+    | {"yaw", "heading", "theta", "accel", "acceleration"}
+    | {"confidence", "conf", "probability", "prob", "score", "likelihood"}
 )
 # Further ones of objects: ``{"index": 1, "x": 5.0, "y": 0.0}``.
 _INDEX_NAMES = frozenset({"index", "idx", "step", "waypoint", "point", "wp", "frame", "timestep"})

@@ -51,6 +51,8 @@ _REFUSED = re.compile(
     r"|hypothetical(?:ly)?|fallback|back-?up|contingency|counter-?example|dismiss(?:ed)?|unwanted"
     r"|invalid|not (?:the|my|a|what)"
     r"|never|instead of|rather than|ruled out|abandoned|unsafe|forbidden)\b"
+    rf"|\b{PLAN_WORDS} (?:\w+ )?considered\b|\bconsidered[ _]{PLAN_WORDS}"
+    r"|\bcandidate[ _](?:trajectories|paths|plans|routes)\b"
 )
 # A label that names another driver's or an earlier drive, and no more.
 _NOT_AN_ANSWER = re.compile(
@@ -120,7 +122,7 @@ _SIBLING = re.compile(
     r"[\"'](?P<key>times?(?:_?stamps?)?(?:_m?s)?|dt(?:_m?s)?|delta_t|(?:time_?step|interval"
     r"|time_interval|step|sampling_time)_m?s|time_?step|time_interval|frequency_hz|hz|rate_hz"
     r"|(?:\w{1,12}_)?horizon(?:_m?s)?|(?:coordinate_)?(?:units?|frame|system)|axes|order|format)[\"']\s*:\s*"
-    r"(?P<value>[\"'][^\"'\n]{0,80}[\"']|\[[^\[\]{}]{0,200}\]|\d*\.?\d+)",
+    r"(?P<value>[\"'][^\"'\n]{0,80}[\"']|\[[^\[\]{}]{0,200}\]|\{[^\[\]{}]{0,200}|\d*\.?\d+)",
     re.IGNORECASE,
 )
 # Keys that say whose the list beside them is, where none says what is done.
@@ -253,12 +255,13 @@ def _behind(text: str, end: int) -> str:
 
 def _siblings(text: str, start: int, end: int) -> str:
     """Return what the keys beside a list's own state of times, units and axes, in words."""
-    begin = max(text.rfind("{", max(0, start - _LOOKED_AT), start), 0)
+    begin = _opening_brace(text, start)
     stop = text.find("}", end, end + _LOOKED_AT)
     found = ""
     for part in (text[begin:start], text[end : len(text) if stop < 0 else stop]):
         for match in _SIBLING.finditer(part):
-            key, value = match["key"].lower(), match["value"].strip("[]\"' ")
+            key, value = match["key"].lower(), match["value"].strip("{[]\"' ")
+            value = re.sub(r"[\"']", "", value) if match["value"].startswith("{") else value
             unit = key.rpartition("_")[2] if key.endswith(("_ms", "_s")) else ""
             unit = "hz" if key.endswith("hz") else unit
             if re.match(r"dt|delta|interval|step|sampling|time_?(?:step|interval)", key):
@@ -269,6 +272,16 @@ def _siblings(text: str, start: int, end: int) -> str:
             found += f"; {value} frame" if key.endswith(("frame", "system")) else ""
             found += f" ({value})" if key.endswith(("unit", "units")) else ""
     return found
+
+
+def _opening_brace(text: str, start: int) -> int:
+    """Return the offset of the brace that opens the object a list stands in, 0 for none near."""
+    depth = 0
+    for at in range(start - 1, max(-1, start - _LOOKED_AT), -1):
+        depth += {"}": 1, "{": -1}.get(text[at], 0)
+        if depth < 0:
+            return at
+    return 0
 
 
 def _user_beside(text: str, start: int, end: int) -> str:

@@ -66,6 +66,7 @@ _NAMES = {
     "wp": "drop",
     "frame": "drop",
     "timestep": "drop",
+    **dict.fromkeys(("confidence", "conf", "probability", "prob", "score", "likelihood"), "drop"),
     "x": "x",
     "y": "y",
     "u": "picture",
@@ -91,6 +92,9 @@ _NAMES = {
     "a": "acceleration",
     "steering": "steering",
     "steer": "steering",
+    "radius": "radius",
+    "throttle": "throttle",
+    "brake": "brake",
     "azimuth": "polar",
     "r": "polar",
     "s": "polar",
@@ -139,6 +143,13 @@ _MOTION = re.compile(
     rf"[(\[]\s*(?:{_QUANTITY}{_MOTION_UNIT}\s*(?:,|;|/|and|&)\s*){{0,2}}(?:speeds?|velocit(?:y|ies)"
     rf"|curvatures?|vx|vy)\s*{_MOTION_UNIT}(?:\s*(?:,|;|/|and|&)\s*{_QUANTITY}{_MOTION_UNIT})*\s*[)\]]"
     r"|\bvelocit(?:y|ies)\W+vx\b|\bvx\s*,\s*vy\b|\b(?:speeds|velocities) (?:and|&) curvatures\b"
+    r"|\b(?:speed|velocity)\s*(?:and|&|/|,)\s*curvature\W{0,3}[:=]\W*\Z"
+)
+# Places, not motion: "Waypoints: ".
+_PLACES = re.compile(
+    r"\A(?!.*\b(?:speeds?|velocit\w+|curvatures?)\b)"
+    r".*\b(way ?points?|positions?|coordinates?)\b[^\n.]{0,40}[:=]\W*\Z",
+    re.DOTALL,
 )
 _LENGTHS_M = {
     "m": 1.0,
@@ -215,6 +226,10 @@ _UNIT = re.compile(
     + "|".join(map(re.escape, _ALL))
     + r")(?![\w/^])"
 )
+# Points of a picture or grid, where the unit has further words: "(BEV pixels)".
+_PICTURE = re.compile(
+    r"(?:[(\[]|\bin )(?:[^\W\d]+ ){1,2}(?P<unit>pixels?|px|voxels?|cells?)\b(?! of \d)"
+)
 # A unit of several: "units of 10 m", "x10 cm", "1 unit = 10 m".
 _MULTIPLE = re.compile(
     r"(?:\bunits? (?:of|=|is)\s*|[(\[,;]\s*[x×*]\s?)(\d*\.?\d+)\s*("
@@ -237,6 +252,8 @@ _USUAL = tuple(
     for words, usual in (
         (r"\bstarboard\b", "right"),
         (r"\bport(?:side)?\b", "left"),
+        (r"\bfirst (?:number|value|coordinate|component|entry|element)\b", "x"),
+        (r"\bsecond (?:number|value|coordinate|component|entry|element)\b", "y"),
         (r"\bfrd\b", "x forward, y right"),
         (r"\bflu\b", "x forward, y left"),
         (r"\brfu\b", "x right, y forward"),
@@ -395,6 +412,8 @@ def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[
         return "the list gives the ways of single steps"
     if "forward" in meaning.columns and (motion := _MOTION.search(said)) is not None:
         return f"the list gives {motion.group()!r}, not places"
+    if "speed" in meaning.columns and (places := _PLACES.search(said)) is not None:
+        return f"the list gives {places[1]!r}, not speeds and curvatures"
     axes = {axis: _DIRECTIONS[word] for axis, word in _AXIS.findall(said)}
     if not axes:
         axes = {axis: _DIRECTIONS[word] for word, axis in _AXIS_BEHIND.findall(said)}
@@ -490,7 +509,8 @@ def _arranged(rows: Rows, columns: Sequence[str], meaning: Meaning) -> tuple[Row
             picked.append((columns.index(mirrored), -1.0))
         else:
             return (), Times(), False
-    beside = {"speed", "curvature"} if "forward" in meaning.columns else set()
+    points = "forward" in meaning.columns
+    beside = {"speed", "curvature", "acceleration"} if points else set()
     if set(columns) - {
         *_TIME_COLUMNS,
         "drop",
@@ -525,6 +545,8 @@ def _factors(
 ) -> tuple[tuple[float, float], str] | str:
     """Return the factors of the two columns and the units' names, or why they aren't known."""
     points = "forward" in meaning.columns
+    if points and (picture := _PICTURE.search(said)) is not None:
+        return f"the list is in {picture['unit']!r}"
     if points and (stretched := _SCALED.search(said)) is not None:
         return f"the list is {stretched.group()!r}"
     if points and (multiple := _MULTIPLE.search(said)) is not None and not one.units:

@@ -10,6 +10,7 @@ from ssp_eval.extract.asserted.fields import conflicts, fields
 from ssp_eval.extract.asserted.forms import bare_labels, boxes, questions, tokens, vectors
 from ssp_eval.extract.asserted.labels import Values
 from ssp_eval.extract.asserted.options import other_options
+from ssp_eval.extract.asserted.unwanted import nested, preferences, set_aside
 
 
 def asserted(text: str, values_of: Values) -> str:
@@ -21,6 +22,9 @@ def asserted(text: str, values_of: Values) -> str:
     """
     for step in (
         questions,
+        preferences,
+        set_aside,
+        nested,
         vectors,
         conflicts,
         fields,

@@ -16,6 +16,11 @@ _ITEM = re.compile(
     rf"(?P<mark>{_MARKS})(?P<close>[).:]|\s?=)\s+(?=\S)",
     re.MULTILINE | re.IGNORECASE,
 )
+# "Plan A - brake; Plan B - keep": a dash closes the mark of one that is called an option.
+_CALLED_ITEM = re.compile(
+    rf"\b(?:option|choice|candidate|plan|strategy)\s+(?P<mark>{_MARKS})(?P<close>\s[-–—])\s+(?=\S)",
+    re.IGNORECASE,
+)
 # Marks that are drawn as one sign, and key by key: Ⓐ, 🅰, 🇦, ①, 1️⃣; each run in its order.
 _DRAWN_RUNS = (
     *((first, "ABCDEFGH") for first in (0x24B6, 0x24D0, 0x249C, 0x1F110, 0x1F130, 0x1F150, 0x1F170,
@@ -33,7 +38,7 @@ _KEYED_MARK = re.compile(
 )
 _PICK = re.compile(
     r"(?:\b(?:answer|choice|option|selection|selected|decision|chosen|choose|pick|select"
-    r"|go (?:with|for)|best)\b"
+    r"|(?:go|going) (?:with|for)|best)\b"
     r"(?:\s+(?:is|would be|option|answer|number|action|plan))*[\"']?\s*(?:[:=]|→|[=-]>)?"
     r"\s*(?:is\s+)?(?:option\s+)?"
     r"|\\boxed\{(?:\\text\{)?|<answer>\s*|^(?=\W*\w\W*$)"
@@ -135,6 +140,7 @@ def _picked(match: re.Match[str]) -> frozenset[str]:
 def _lists(text: str) -> Iterator[list[_Option]]:
     """Yield each run of marks A, B, … or 1, 2, …, with the text up to the next mark."""
     marks = [_Mark(m.start(), m.end(), m["mark"], m["close"]) for m in _ITEM.finditer(text)]
+    marks += [_Mark(m.start(), m.end(), m["mark"], "dash") for m in _CALLED_ITEM.finditer(text)]
     if not text.isascii():
         marks += [
             _Mark(m.start(), m.end(), m["sign"].translate(_DRAWN)[0], "drawn")
