@@ -26,6 +26,8 @@ _BESIDE = frozenset(
     | {"model", "scenario", "domain", "cell", "event", "result", "results", "performance", "n"}
     | {"weighted", "unweighted", "micro", "grand", "std", "sd", "ci", "row", "rows"}
 )
+_METRICS = frozenset({"ivcs", "jovr", "cia", "tqsr", "stfr", "rsr", "rl", "atc", "acc", "eff"})
+_HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 _KINDS = (("scenario", "scenarios"), ("model", "models"))
 
 
@@ -36,10 +38,19 @@ def folded(name: str) -> str:
 
 def is_mean_name(name: str) -> bool:
     """Return whether a name is that of a mean over others: ``Average``, ``mean of 5 models``."""
-    words = set(_NO_LETTER.split(unicodedata.normalize("NFKC", name).casefold()))
-    words.discard("")
+    plain = unicodedata.normalize("NFKC", name)
+    words = _words(plain)
     totals = words & _TOTAL_WORDS
-    return bool(words & _MEAN_WORDS) or (bool(totals) and words <= _TOTAL_WORDS | _BESIDE)
+    if words & _MEAN_WORDS or (totals and words <= _TOTAL_WORDS | _BESIDE):
+        return True
+    # MeanIVCS, AvgScore; but MeanFlow is a model.
+    humps = _words(_HUMP.sub(" ", plain))
+    said = humps & (_MEAN_WORDS | _TOTAL_WORDS)
+    return bool(said) and humps <= _MEAN_WORDS | _TOTAL_WORDS | _BESIDE | _METRICS
+
+
+def _words(name: str) -> set[str]:
+    return {word for word in _NO_LETTER.split(name.casefold()) if word}
 
 
 def doubtful_names(names: Mapping[str, Iterable[str]]) -> list[tuple[str, tuple[str, ...]]]:

@@ -417,6 +417,8 @@ def test_names_that_differ_in_case_dashes_or_spaces_only_are_told(tmp_path, key,
         "Median",
         "All 5 models",
         "Gesamtmittel",
+        "MeanIVCS",
+        "AvgScore",
         "Mean of ours",
     ],
 )
@@ -466,6 +468,8 @@ def test_what_an_outage_cost_comes_back_from_a_file(tmp_path):
 def test_sound_names_are_told_nothing(tmp_path):
     told: list[str] = []
     names = (
+        "MeanFlow",
+        "TotalCapture",
         "MeanVC",
         "overtake",
         "all_in_one",
