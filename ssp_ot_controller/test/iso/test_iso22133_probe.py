@@ -27,6 +27,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 )
 from ssp_ot_controller.bodies.iso22133.probe.clauses import CLAUSES
 from ssp_ot_controller.bodies.iso22133.probe.fenced_way import FencedWay
+from ssp_ot_controller.bodies.iso22133.probe.steps import ProbeClause, Step
 from ssp_ot_controller.bodies.iso22133.probe_report import (
     Outcome,
     ProbeReport,
@@ -437,7 +438,15 @@ def test_a_host_that_cannot_be_reached_is_the_finding_of_its_first_clause(
     assert "codec" not in result.output
 
 
-_UNHEARD = {c.id for c in CLAUSES if c.step == "listen"} - {"connect.acknowledge"}
+_UNHEARD = {c.id for c in CLAUSES if c.step == "listen"}
+
+
+@pytest.mark.parametrize("clause", CLAUSES, ids=lambda clause: clause.id)
+def test_no_clause_passes_where_nothing_was_sent_and_nothing_came(clause: ProbeClause) -> None:
+    step = Step(0, problem="no connection: refused")
+    found = clause.judge(step, clause, {clause.step: step})
+    assert found.verdict is not Outcome.PASS
+    assert found.measured is None
 
 
 def test_clauses_are_named_once_and_belong_to_their_stages() -> None:

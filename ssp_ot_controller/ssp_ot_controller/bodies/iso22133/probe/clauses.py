@@ -236,6 +236,8 @@ def _ids(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
 
 def _acknowledge(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     asked = [s for s in step.sent if s.header.acknowledge]
+    if not asked:
+        return Finding(Outcome.FAIL, step.problem or "no message asked for one")
     answers = {
         (r.outcome.message.message_id, r.outcome.message.counter): (r, r.outcome.message)
         for r in step.came
