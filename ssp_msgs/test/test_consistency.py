@@ -78,7 +78,6 @@ def test_of_200_sound_tracks_none_is_refused_and_none_ended(white: float) -> Non
         ("map axes", window.MAP_AXES),
         ("180", window.TURNED),
         ("ned", window.NED_YAW),
-        ("km/h", "speed in km/h"),
         ("empty", window.EMPTY_TWIST),
     ],
 )
@@ -94,6 +93,31 @@ def test_a_source_that_contradicts_itself_ends_a_session(
         assert found[1].kind == kind
         # It sets off at 2 s.
         assert found[0] < 5.0
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("source", list(SOURCES))
+@pytest.mark.parametrize("unit", list(window.UNITS))
+def test_no_unit_is_named_but_that_of_the_speeds(unit: str, source: str, rate_hz: float) -> None:
+    """Half a second of acceleration with a delay rarely tells units apart."""
+    for seed in range(8):
+        sound = track(seed, "drive", source, rate_hz, 0.4)
+        found = ended(falsified(sound, unit), bounds("drive"))
+        assert found is not None
+        assert found[1].kind.startswith((f"speed in {unit}", f"{window.NOT_MPS}, maybe in "))
+        assert unit in found[1].kind, seed
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("unit", list(window.UNITS))
+def test_the_unit_is_named_when_the_object_has_driven_on_at_one_speed(
+    unit: str, rate_hz: float
+) -> None:
+    random = np.random.default_rng(4)
+    sound = list(measured(_straight(2.0, 9.3), SOURCES["rtk"], rate_hz, random))
+    watch = list(watched(falsified(sound, unit), bounds("drive")))[-1]
+    assert watch.contradiction is not None
+    assert watch.contradiction.text.startswith(f"speed in {unit}: ")
 
 
 def _straight(yaw_rad: float, top_mps: float) -> Motion:

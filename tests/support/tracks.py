@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ssp_core.safety.window import UNITS
+
 Row = tuple[float, float, float, float, float, float]
 SOURCES = {"rtk": 0.02, "float": 0.25, "sbas": 0.5}
 RATES_HZ = (5.0, 10.0, 100.0)
@@ -87,7 +89,7 @@ def falsified(rows: Sequence[Row], kind: str) -> Iterator[Row]:
             "map axes": (yaw, v * math.cos(yaw)),
             "180": (yaw + math.pi, v),
             "ned": (math.pi / 2.0 - yaw, v),
-            "km/h": (yaw, 3.6 * v),
             "empty": (yaw, 0.0),
+            **{unit: (yaw, factor * v) for unit, factor in UNITS.items()},
         }[kind]
         yield t, x, y, math.remainder(false[0], math.tau), false[1], std

@@ -8,7 +8,7 @@ import numpy as np
 
 from ssp_core.geometry import FloatArray, wrap_angles
 from ssp_core.safety.consistency import DIRECTION_MPS, direction_bound_rad
-from ssp_core.safety.window import SPEED_MPS
+from ssp_core.safety.window import SPEED_MPS, UNITS, either, known_factors
 from ssp_core.vocabulary import ObjectClass
 from ssp_eval.importers.contradictions import Contradiction, Course
 
@@ -116,7 +116,7 @@ def _tell_speed(course: Course, one: Contradiction) -> tuple[str, str]:
     ratio = abs(one.stated) / one.way
     return (
         f"has speeds {ratio:.3g} times those of its positions ({one.way:.2f} m/s at "
-        f"{course.t_s[one.first]:.2f} s after its first sample){_unit_hint(ratio)}",
+        f"{course.t_s[one.first]:.2f} s after its first sample){_unit_hint(one.factors)}",
         remedy,
     )
 
@@ -130,19 +130,15 @@ def _tell_sideways(object_id: str, course: Course, one: Contradiction) -> tuple[
     )
 
 
-_UNITS = (
-    (3.6, "speeds in km/h"),
-    (2.23694, "speeds in miles per hour"),
-    (1.94384, "speeds in knots"),
-    (1000.0, "times in ms, or positions in km"),
-    (0.01, "positions in cm"),
-    (0.001, "positions in mm"),
-    (0.3048, "positions in feet"),
-)
+_FACTORS = {
+    **{f"speeds in {unit}": factor for unit, factor in UNITS.items()},
+    "times in ms, or positions in km": 1000.0,
+    "positions in cm": 0.01,
+    "positions in mm": 0.001,
+    "positions in feet": 0.3048,
+}
 
 
-def _unit_hint(ratio: float) -> str:
-    for factor, text in _UNITS:
-        if abs(ratio / factor - 1.0) < 0.1:
-            return f": {text}?"
-    return ": another run's, or another time base?"
+def _unit_hint(factors: tuple[float, float] | None) -> str:
+    found = () if factors is None else known_factors(*factors, _FACTORS)[0]
+    return f": {either(found)}?" if found else ": another run's, or another time base?"

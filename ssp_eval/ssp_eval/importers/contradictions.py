@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -98,6 +98,8 @@ class Contradiction:
         stated: what the source says in the worst window, or in a usual one of the whole recording.
         way: what its places say there.
         why: what explains it best; empty: nothing does.
+        factors: of a speed in the whole recording, the least and the most that all stated speeds
+            together can be of the way; None: of another contradiction.
     """
 
     name: Name
@@ -108,6 +110,7 @@ class Contradiction:
     stated: float
     way: float
     why: str = ""
+    factors: tuple[float, float] | None = None
 
 
 def contradictions(course: Course) -> list[Contradiction]:
@@ -129,19 +132,7 @@ def contradictions(course: Course) -> list[Contradiction]:
     for one in kept:
         firsts.setdefault(one.name, one)
     counts = {name: sum(one.name == name for one in kept) for name in firsts}
-    return [
-        Contradiction(
-            one.name,
-            one.first,
-            one.last,
-            one.is_whole,
-            counts[one.name],
-            one.stated,
-            one.way,
-            one.why,
-        )
-        for one in firsts.values()
-    ]
+    return [replace(one, stretches=counts[one.name]) for one in firsts.values()]
 
 
 def _explains(course: Course, one: Contradiction, other: Contradiction) -> bool:
@@ -268,7 +259,7 @@ class _Judge:
         excess = np.abs(np.abs(stated) - way)
         off = excess > bound
         moves = np.maximum(np.abs(stated), way) > SPEED_MPS
-        return self._stretches(
+        found = self._stretches(
             "speed",
             off,
             self._first,
@@ -279,6 +270,17 @@ class _Judge:
             is_whole=_share(off[moves]) > _WHOLE_SHARE,
             off_at=self._sample_speed_off(),
         )
+        factors = self._speed_factors(moves) if found else None
+        return [replace(one, factors=factors) if one.is_whole else one for one in found]
+
+    def _speed_factors(self, moves: Bools) -> tuple[float, float] | None:
+        """Give the range of stated speeds to the way, all in all, with each delay that may be."""
+        found = []
+        for delay_s in DELAYS_S:
+            stated, way, _ = self._speed_window(delay_s)
+            if (whole := float(way[moves].sum())) > 0.0:
+                found.append(float(np.abs(stated[moves]).sum()) / whole)
+        return (min(found), max(found)) if found else None
 
     def _sample_speed_off(self) -> Bools:
         """Say of each sample whether its speed contradicts the way to the next one."""

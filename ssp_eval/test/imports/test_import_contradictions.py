@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
+from ssp_core.safety.window import UNITS
 from ssp_core.vocabulary import ObjectClass
+from ssp_eval.importers.contradiction_texts import problem_and_remedy
 from ssp_eval.importers.contradictions import (
     Contradiction,
     Course,
@@ -226,6 +228,23 @@ def test_what_ends_a_live_session_is_refused_in_a_recording(false: str) -> None:
                 assert found(rows)
                 break
     assert ended >= 3  # Some yaws are nearly the same in both frames.
+
+
+@pytest.mark.parametrize("late_s", [-0.28, 0.28])
+@pytest.mark.parametrize("unit", list(UNITS))
+def test_no_unit_is_named_but_that_of_an_accelerating_track(unit: str, late_s: float) -> None:
+    def speed(t: float) -> float:
+        return float(np.interp(t, [0.0, 6.0, 20.0], [1.0, 8.0, 8.0]))
+
+    def hint(seconds: float) -> str:
+        sound = drive(seconds, 20.0, speed)
+        one = course([(*row[:4], UNITS[unit] * speed(row[0] - late_s), 0.0) for row in sound])
+        (off,) = contradictions(one)
+        problem, _ = problem_and_remedy(off, one, np.gradient(one.xy_m, one.t_s, axis=0), "ot1")
+        return problem.partition("after its first sample): ")[2]
+
+    assert f"speeds in {unit}" in hint(3.0)
+    assert hint(20.0) == f"speeds in {unit}?"
 
 
 def test_noise_is_told_from_motion() -> None:

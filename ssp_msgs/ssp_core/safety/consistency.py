@@ -20,8 +20,10 @@ from ssp_core.safety.delays import DELAYS_S, Delays
 from ssp_core.safety.samples import SIGMAS, MotionSamples
 from ssp_core.safety.window import (
     MAP_AXES,
+    OTHER_SPEED,
     SPEED_MPS,
     UNSTEADY_DELAY,
+    SpeedFactors,
     Window,
     kind_of,
     speed_bound_mps,
@@ -128,6 +130,7 @@ class ConsistencyWatch:
         self._speed_delays, self._yaw_delays = Delays(), Delays()
         self._fits_alone = False  # a delay fits the newest window, and didn't fit those before
         self._stepped_s = -math.inf
+        self._factors = SpeedFactors()  # of the present contradiction
 
     @property
     def contradiction(self) -> Contradiction | None:
@@ -216,7 +219,7 @@ class ConsistencyWatch:
             self._findings.interrupt()
         elif not self._steps(start if self._direction_rad is None else samples.way_from):
             kind = UNSTEADY_DELAY if self._fits_alone else self._kind(found, by_speed)
-            self._contradicts(found, kind)
+            self._contradicts(found, kind, start)
 
     def _fits_as_before(self, start: int) -> bool:
         """Tell whether a window that fits without a delay fits with the believed one, if any."""
@@ -429,7 +432,14 @@ class ConsistencyWatch:
 
     # -- findings ------------------------------------------------------------------------------
 
-    def _contradicts(self, window: Window, kind: str) -> None:
+    def _contradicts(self, window: Window, kind: str, start: int | None = None) -> None:
+        if self._findings.contradiction is None:
+            self._factors = SpeedFactors()
+        if kind == OTHER_SPEED and start is not None:
+            shifted = [self._samples.shifted(start, delay_s) for delay_s in DELAYS_S]
+            windows = [w for w in shifted if w is not None]
+            if len(windows) == len(DELAYS_S):
+                self._factors.take(windows, self._samples.noise_m(start) / windows[0].span_s)
         # A delay hides the mistake while the speed changes; the faster the clearer.
         found = self._findings.contradict(
             self._samples.t_s[-1],
@@ -437,6 +447,7 @@ class ConsistencyWatch:
             window.way_mps,
             self._figures(window),
             moves=window.way_mps >= DIRECTION_MPS,
+            other_speed=self._factors.kind,
         )
         if found.holds:
             # None of them explains what came so far.

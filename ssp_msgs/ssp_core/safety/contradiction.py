@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ssp_core.safety.window import OTHER_SPEED
+
 # A contradiction ends a session when it holds for so long on end; a shorter one is kept in mind
 # from so many windows on: single places may be wrong by more than three sigma.
 HOLDS_S = 0.5
@@ -82,7 +84,14 @@ class MotionFindings:
             self.doubt = None
 
     def contradict(
-        self, now_s: float, kind: str, weight: float, figures: str, *, moves: bool
+        self,
+        now_s: float,
+        kind: str,
+        weight: float,
+        figures: str,
+        *,
+        moves: bool,
+        other_speed: str = OTHER_SPEED,
     ) -> Contradiction:
         """Take a window that contradicts; return the contradiction that it is part of.
 
@@ -92,6 +101,7 @@ class MotionFindings:
             weight: of this explanation among those of the windows before.
             figures: of the window, for people.
             moves: the object moves in it, by its places.
+            other_speed: what all windows of this contradiction say of a speed that is off.
         """
         before = self.contradiction
         if before is None:
@@ -99,6 +109,7 @@ class MotionFindings:
             self._kinds.clear()
         self._kinds[kind] = self._kinds.get(kind, 0.0) + weight
         kind = max(self._kinds, key=self._kinds.__getitem__)
+        kind = other_speed if kind == OTHER_SPEED else kind
         found = self.contradiction = Contradiction(
             kind,
             f"{kind}: {figures}",

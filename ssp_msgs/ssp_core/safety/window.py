@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 from ssp_core.geometry import wrap_angle
 from ssp_core.value_class import value_class
@@ -24,8 +25,13 @@ TURNED = "yaw turned by 180°"
 NED_YAW = "NED yaw"
 CLOCKWISE = "clockwise yaw"
 UNSTEADY_DELAY = "no one delay between place and motion fits"
-# Factor to m/s, and how far from it a ratio may be; a delay spoils ratios while the speed changes.
-_UNITS = ((3.6, 0.25, "km/h"), (2.23694, 0.06, "miles per hour"), (1.94384, 0.06, "knots"))
+OTHER_SPEED = "speed contradicts the way"
+NOT_MPS = "speed not in m/s"
+# Speeds of 1 m/s in the units that receivers and vehicles give.
+UNITS = {"km/h": 3.6, "miles per hour": 2.23694, "knots": 1.94384}
+# A sound source's speed may be off by this share, and a factor is known that is known to this one.
+_SCALE_SHARE = 0.04
+_KNOWN_SHARE = 0.12
 
 
 @value_class(frozen=True, slots=True)
@@ -72,6 +78,71 @@ def speed_bound_mps(stated_mps: float, way_mps: float, noise_mps: float = 0.0) -
     return max(SPEED_SHARE * max(abs(stated_mps), way_mps), SPEED_MPS, noise_mps)
 
 
+def known_factors(
+    low: float, high: float, factors: Mapping[str, float]
+) -> tuple[tuple[str, ...], bool]:
+    """Name the known factors that may be the one between stated speeds and the way.
+
+    Args:
+        low: the least that it can be, but for the scale of a sound source.
+        high: the most that it can be.
+        factors: those that are known, by name.
+
+    Returns:
+        Their names; and whether it is known so well that it is the first one, and no other.
+    """
+    least, most = low * (1.0 - _SCALE_SHARE), high * (1.0 + _SCALE_SHARE)
+    found = tuple(name for name, factor in factors.items() if least <= factor <= most)
+    if len(found) != 1:
+        return found, False
+    factor = factors[found[0]]
+    above = least >= factor * (1.0 - _KNOWN_SHARE)
+    return found, above and most <= factor * (1.0 + _KNOWN_SHARE)
+
+
+def either(words: Sequence[str]) -> str:
+    """Join words as an alternative."""
+    return " or ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+
+
+class SpeedFactors:
+    """The factors between stated speeds and the way that the windows so far allow.
+
+    There is one factor, and one delay between place and motion: each delay has its own range.
+    """
+
+    def __init__(self) -> None:
+        self._ranges: list[tuple[float, float]] = []
+
+    def take(self, windows: Sequence[Window], noise_mps: float) -> None:
+        """Take a window.
+
+        Args:
+            windows: it, with each delay that may be; in the same order each time.
+            noise_mps: of its way, by what its places are uncertain.
+        """
+        before = self._ranges or [(0.0, math.inf)] * len(windows)
+        self._ranges = []
+        for (low, high), w in zip(before, windows, strict=True):
+            stated, least = abs(w.speed_mps), w.way_mps - noise_mps
+            low = max(low, stated / max(w.way_mps + noise_mps, 1e-9))
+            high = min(high, stated / least if least > 0.0 else math.inf)
+            self._ranges.append((low, high))
+
+    @property
+    def kind(self) -> str:
+        """The unit that the speeds are in, or all those that it may be."""
+        slack = (1.0 + _SCALE_SHARE) / (1.0 - _SCALE_SHARE)
+        possible = [(low, high) for low, high in self._ranges if low <= high * slack]
+        if not possible:
+            return OTHER_SPEED
+        low, high = min(low for low, _ in possible), max(high for _, high in possible)
+        units, is_known = known_factors(low, high, UNITS)
+        if is_known:
+            return f"speed in {units[0]}"
+        return f"{NOT_MPS}, maybe in {either(units)}" if units else OTHER_SPEED
+
+
 def kind_of(
     w: Window,
     fastest: float,
@@ -104,11 +175,7 @@ def kind_of(
     if in_parent and (is_other_speed or (forwards and w.speed_mps < 0.0)):
         return MAP_AXES
     if is_other_speed:
-        ratio = abs(w.speed_mps) / max(w.way_mps, 1e-9)
-        for factor, share, unit in _UNITS:
-            if abs(ratio / factor - 1.0) < share:
-                return f"speed in {unit}"
-        return "speed contradicts the way"
+        return OTHER_SPEED
     bound = 0.5 * direction_rad
     meant = course + (math.pi if signed and w.speed_mps < 0.0 else 0.0)
     for kind, yaw in (

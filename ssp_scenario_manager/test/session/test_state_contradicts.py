@@ -83,7 +83,7 @@ def test_a_sound_vut_contradicts_nothing(spec: RunSpec) -> None:
             "the twist looks like map axes",
         ),
         (lambda s: turned(s) if s.speed_mps > 0.5 else s, "yaw turned by 180°"),
-        (lambda s: replace(s, speed_mps=3.6 * s.speed_mps), "speed in km/h"),
+        (lambda s: replace(s, speed_mps=3.6 * s.speed_mps), "speed not in m/s, maybe in km/h"),
         (lambda s: replace(s, speed_mps=0.0), "empty twist"),
     ],
 )
