@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -80,12 +80,14 @@ class ProcessGroup:
     Args:
         processes: by node name.
         owns_domain: no other session is in the ROS domain, so that its remains may be removed.
+        after_end: what is left when all have ended; what hangs there keeps no process alive.
     """
 
     env: dict[str, str]
     log_dir: Path
     processes: dict[str, NodeProcess] = field(default_factory=dict)
     owns_domain: bool = True
+    after_end: ExitStack = field(default_factory=ExitStack)
 
     def __enter__(self) -> ProcessGroup:
         self.log_dir.mkdir(parents=True, exist_ok=True)
@@ -94,6 +96,7 @@ class ProcessGroup:
 
     def __exit__(self, *_: object) -> None:
         self.stop()
+        self.after_end.close()
         remove_stale_shared_memory()
         if self.owns_domain:
             remove_shared_ports(int(self.env["ROS_DOMAIN_ID"]))

@@ -10,7 +10,8 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import rclpy
@@ -233,6 +234,19 @@ def make_executor() -> Executor:
 
 # For executor, node and context, and the interpreter's own end; usually they take 0.1 s.
 _TEARDOWN_LIMIT_S = 10.0
+
+
+@contextmanager
+def bounded_teardown() -> Iterator[None]:
+    """End this process with status 1, and its stacks on stderr, if the block lasts too long.
+
+    Middleware may hang in it with Python's lock held, where nothing of Python's own runs any more.
+    """
+    faulthandler.dump_traceback_later(_TEARDOWN_LIMIT_S, exit=True)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
 
 
 class StopRequest:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -98,6 +99,19 @@ def test_stop_kills_the_stubborn_and_names_it(group: ProcessGroup) -> None:
     # Its log says where it hung.
     assert "Aborted" in group.processes["stubborn"].log.read_text()
     assert "ssp_fake_node.py" in group.processes["stubborn"].log.read_text()
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_what_is_left_is_done_when_all_processes_have_ended(
+    environment: dict[str, str], tmp_path: Path, fails: bool
+) -> None:
+    alive: list[bool] = []
+    with suppress(RuntimeError), ProcessGroup(environment, tmp_path / "logs") as made:
+        pid = start(made, "willing")
+        made.after_end.callback(lambda: alive.append(is_alive(pid)))
+        if fails:
+            raise RuntimeError
+    assert alive == [False]
 
 
 def test_who_ends_without_being_asked_is_noticed(group: ProcessGroup) -> None:

@@ -281,9 +281,10 @@ class RunClient:
         return min((at for at in heard if at is not None), default=None)
 
     def close(self) -> None:
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
+        with ros.bounded_teardown():
+            self._executor.shutdown()
+            self.node.destroy_node()
+            rclpy.shutdown(context=self._context)
 
     # -- callbacks -----------------------------------------------------------------------------
 

@@ -113,7 +113,7 @@ def follow(
 
     Args:
         spec: the run.
-        group: the session's processes.
+        group: the session's processes; the client leaves the domain after all of them have ended.
         run_file: that the manager loads.
         bag: that the recorder writes.
         say: tells the user a sentence.
@@ -123,10 +123,8 @@ def follow(
     """
     remappings = live.remappings if live is not None else ()
     client = RunClient(group.env, say, spec, remappings)
-    try:
-        return _Following(spec, group, client, bag, say, interrupt, live).until_the_end(run_file)
-    finally:
-        client.close()
+    group.after_end.callback(client.close)
+    return _Following(spec, group, client, bag, say, interrupt, live).until_the_end(run_file)
 
 
 class _Following:

@@ -67,6 +67,9 @@ def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
         assert not client.cancel.called
         return
     outcome = followed().outcome
+    # What hangs there must not keep the session's processes alive.
+    assert not client.close.called
+    group.after_end.callback.assert_called_once_with(client.close)
     assert outcome.verdict is Verdict.INVALID_HARNESS
     assert "exited with status 1" in outcome.reasons[0]
     assert client.cancel.called

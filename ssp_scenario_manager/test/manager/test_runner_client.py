@@ -157,6 +157,35 @@ def test_a_session_that_went_on_was_loaded_though_no_answer_came(
         client.close()
 
 
+_HANGS = """
+import ctypes, sys
+from pathlib import Path
+from ssp_core import ros
+from ssp_core.host.environment import session_environment
+from ssp_core.run_file.model import load_run
+from ssp_scenario_manager.ros.runner_client import RunClient
+run = load_run(Path(sys.argv[2]))
+client = RunClient(session_environment(int(sys.argv[1])), lambda _: None, run)
+ros._TEARDOWN_LIMIT_S = 0.5
+# As middleware does: with Python's lock held.
+client.node.destroy_node = lambda: ctypes.PyDLL(None).pause()
+print("closing", flush=True)
+client.close()
+"""
+
+
+def test_middleware_that_hangs_ends_the_runner_with_its_stacks(domain: int, run_file: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", _HANGS, str(domain), str(run_file)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=DEADLINE_S,
+    )
+    assert (done.returncode, done.stdout) == (1, "closing\n"), done.stderr
+    assert "in close" in done.stderr
+
+
 _MAPS = """
 import sys, time
 from pathlib import Path
