@@ -113,13 +113,24 @@ def test_the_runner_sends_references_only_where_the_run_asks_for_them(
     assert rules.strangers(names.FAULT_EVENT, [RUNNER, OBJECTS]) is None
 
 
-def test_a_process_that_ended_is_spoken_of(rules: PublisherRules) -> None:
-    found = rules.strangers(names.state_topic("ot1"), [OBJECTS, FAR])
+@pytest.mark.parametrize("topic", [names.STEP_DONE, names.SESSION_STATE])
+def test_of_two_managers_that_were_there_before_neither_is_called_the_stranger(topic: str) -> None:
+    late = PublisherRules(run())
+    other = Publisher("/ssp/other_manager", b"other")
+    late.know({names.SESSION_STATE: [MANAGER, other], names.ack_topic("ot1"): [OBJECTS]})
+    found = late.strangers(topic, [MANAGER, other])
     assert found is not None
-    assert found.text == (
-        "ot1/state has /ssp/object_target and /ssp/object_target; one that has ended is forgotten "
-        "within 20 s"
-    )
+    assert found.text.startswith(f"{topic} has /ssp/other_manager and /ssp/scenario_manager")
+    assert "beside this session's own" not in found.text
+    # Of the objects it is known, and so it is of the manager when one of both has gone.
+    known = late.strangers(names.HEARTBEAT_REPLY, [OBJECTS, STRANGER])
+    assert known is not None
+    assert known.text == f"{names.HEARTBEAT_REPLY} has /ssp/intruder beside this session's own"
+    late.know({names.SESSION_STATE: [MANAGER]})
+    assert late.strangers(names.STEP_DONE, [MANAGER, OBJECTS]) is None
+    gone = late.strangers(names.STEP_DONE, [MANAGER, other])
+    assert gone is not None
+    assert gone.text.endswith("has /ssp/other_manager beside this session's own")
 
 
 def test_a_node_whose_name_is_not_known_yet(rules: PublisherRules) -> None:

@@ -26,6 +26,7 @@ from ssp_core.safety.limits import LimitViolation
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.safety.liveness import RECORDER_SIGN, SignOfLife, signs_of_life
 from ssp_core.safety.object_rules import RulesCheck, untold
+from ssp_core.safety.publishers import FORGOTTEN_S
 from ssp_core.vocabulary import ControlState
 
 
@@ -307,7 +308,8 @@ def _not_refused(at: Situation) -> Iterator[Obstacle]:
 
 def _one_manager(at: Situation) -> Iterator[Obstacle]:
     if at.facts.other_managers:
-        who = f": {at.facts.foreign}" if at.facts.foreign else ""
+        gone = f"one whose process has ended is forgotten within {FORGOTTEN_S} s"
+        who = f": {at.facts.foreign}; {gone}" if at.facts.foreign else ""
         yield Obstacle(Need.ONE_MANAGER, "", float(at.facts.other_managers), 0.0, who)
 
 

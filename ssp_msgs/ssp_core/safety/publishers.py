@@ -15,7 +15,8 @@ from ssp_core import names
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import declaring
 
-# A process that was killed stays in the graph for so long, s: the longest lease of our profiles.
+# A publisher of a process that was killed stays in the graph for so long, s: the longest lease of
+# our profiles. One that ends in order is gone at once.
 FORGOTTEN_S = 20
 
 
@@ -208,6 +209,7 @@ class PublisherRules:
         self._of_drivers: frozenset[str] = frozenset()
         self._proofs = _proofs(run)
         self._known: dict[Part, set[bytes]] = {part: set() for part in Part}
+        self._doubtful = frozenset[Part]()
 
     def expect_one(self, topics: Collection[str]) -> None:
         """Let each of these topics have one publisher, and forget those of the call before.
@@ -221,10 +223,17 @@ class PublisherRules:
         self.expected |= dict.fromkeys(topics, ONE)
 
     def know(self, graph: Mapping[str, Sequence[Publisher]]) -> None:
-        """Learn from topics that have one publisher which processes belong to the session."""
+        """Learn from topics that have one publisher which processes belong to the session.
+
+        Of a part that has shown two, and no single one before, none is known to be its own.
+        """
+        doubtful = set()
         for topic, part in self._proofs.items():
             if len(found := graph.get(topic, ())) == 1:
                 self._known[part].add(found[0].process)
+            elif len(found) > 1:
+                doubtful.add(part)
+        self._doubtful = frozenset(part for part in doubtful if not self._known[part])
 
     @property
     def proofs(self) -> frozenset[str]:
@@ -250,8 +259,10 @@ class PublisherRules:
             seen.add(one.process)
         if not strange:
             return None
-        who = " and ".join(_names(strange))
-        return Strangers(len(strange), f"{topic} has {who} beside this session's own")
+        text = f"{topic} has {' and '.join(_names(strange))}"
+        if self._doubtful.intersection(parts):
+            return Strangers(len(strange), f"{text}; which is this session's own isn't known")
+        return Strangers(len(strange), f"{text} beside this session's own")
 
 
 def _names(found: Sequence[Publisher]) -> list[str]:
@@ -262,8 +273,4 @@ _RUNNER = names.absolute(names.RUNNER)
 
 
 def _too_many(topic: str, found: Sequence[Publisher]) -> Strangers:
-    nodes = _names(found)
-    text = f"{topic} has {' and '.join(nodes)}"
-    if len(set(nodes)) < len(nodes):
-        text += f"; one that has ended is forgotten within {FORGOTTEN_S} s"
-    return Strangers(len(found) - 1, text)
+    return Strangers(len(found) - 1, f"{topic} has {' and '.join(_names(found))}")

@@ -311,7 +311,8 @@ def test_a_stranger_and_lost_messages_keep_the_session_from_arming(live, sound):
     assert (found.status, found.text) == (Status.FAIL, text)
     assert found.remedy
     arming = finding(live, heard, "arming")
-    assert arming.text == f"1 publishers too many, limit 0: {text}"
+    waits = "one whose process has ended is forgotten within 20 s"
+    assert arming.text == f"1 publishers too many, limit 0: {text}; {waits}"
     lossy = replace(sound, recorder_lost=3)
     assert finding(live, lossy, "recorder").text == "has lost 3 messages"
     assert "the recorder has lost 3 messages, limit 0" in finding(live, lossy, "arming").text
