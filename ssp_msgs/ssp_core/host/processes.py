@@ -13,7 +13,11 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
+from ssp_core.host.shared_memory import (
+    remove_dead_ports,
+    remove_shared_ports,
+    remove_stale_shared_memory,
+)
 
 _PR_SET_PDEATHSIG = 1
 _ANSWER_S = 1.0
@@ -92,6 +96,8 @@ class ProcessGroup:
     def __enter__(self) -> ProcessGroup:
         self.log_dir.mkdir(parents=True, exist_ok=True)
         remove_stale_shared_memory()  # of a session that was killed with all its processes
+        if self.owns_domain:
+            remove_dead_ports(int(self.env["ROS_DOMAIN_ID"]))
         return self
 
     def __exit__(self, *_: object) -> None:

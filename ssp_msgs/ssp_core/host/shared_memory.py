@@ -49,6 +49,20 @@ def remove_shared_ports(domain_id: int) -> None:
             (_SHM / name).unlink(missing_ok=True)
 
 
+def remove_dead_ports(domain_id: int) -> None:
+    """Remove what killed participants of a domain left, new or not, unless one of them lives.
+
+    A port that its owner left in the middle of a change keeps each participant that comes next
+    waiting for seconds. Only for a domain that the caller holds: nobody has just begun there.
+    """
+    left = [
+        file
+        for file in _SHM.glob("*fastrtps_port*")
+        if (port := _PORT.fullmatch(file.name)) and domain_of_port(int(port[1])) == domain_id
+    ]
+    _remove_dead_ports(left, is_held=True)
+
+
 def remove_stale_shared_memory() -> int:
     """Remove what dead participants left of Fast DDS in /dev/shm; return how many segments.
 
@@ -86,8 +100,8 @@ def shared_ports() -> set[int]:
     return found
 
 
-def _remove_dead_ports(files: Sequence[Path]) -> None:
-    """Remove all ports of a domain, unless one of them is locked, new or another user's.
+def _remove_dead_ports(files: Sequence[Path], *, is_held: bool = False) -> None:
+    """Remove all ports of a domain, unless one is locked, another user's, or new and not held.
 
     The locks are held meanwhile: who comes just now and finds its lock taken or gone tries again.
     """
@@ -97,7 +111,7 @@ def _remove_dead_ports(files: Sequence[Path]) -> None:
             if not held.enter_context(_locked(lock)):
                 return
         owners = {file.stat().st_uid for file in files}
-        if not _is_new(files) and owners == {os.geteuid()}:
+        if (is_held or not _is_new(files)) and owners == {os.geteuid()}:
             for file in files:
                 file.unlink(missing_ok=True)
 

@@ -13,6 +13,7 @@ import pytest
 from ssp_core.host import shared_memory
 from ssp_core.host.environment import session_environment
 from ssp_core.host.ports import domain_ports
+from ssp_core.host.processes import ProcessGroup
 from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
 from tests.support.waiting import until
 
@@ -83,6 +84,29 @@ def test_ports_of_one_domain_go(shm: Path) -> None:
     put(shm, "fastrtps_port12400", "sem.fastrtps_port12400_mutex", "fastrtps_port12650")
     remove_shared_ports(20)
     assert names(shm) == ["fastrtps_port12650"]
+
+
+def test_new_ports_of_a_domain_that_is_held_go_unless_one_lives(
+    shm: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Each participant of a session waited seconds for what a killed one had just left."""
+    dead = ["fastrtps_port12400", "sem.fastrtps_port12400_mutex", "fastrtps_port12411_el"]
+    other = ["fastrtps_port12650", "fastrtps_new", "fastrtps_new_el"]
+    put(shm, *dead, *other)
+
+    def begin() -> None:
+        logs = tmp_path_factory.mktemp("logs")
+        with ProcessGroup({"ROS_DOMAIN_ID": "20"}, logs, owns_domain=False):
+            assert names(shm) == sorted([*dead, *other])
+        group = ProcessGroup({"ROS_DOMAIN_ID": "20"}, logs)
+        group.__enter__()
+
+    with (shm / dead[-1]).open("rb") as owner:
+        fcntl.flock(owner, fcntl.LOCK_EX)
+        begin()
+        assert names(shm) == sorted([*dead, *other])
+    begin()
+    assert names(shm) == sorted(other)
 
 
 LISTENER = """
