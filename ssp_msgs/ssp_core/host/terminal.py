@@ -65,6 +65,27 @@ def on_stop_signals(handler: Callable[[signal.Signals], None]) -> Iterator[None]
             signal.signal(number, known)
 
 
+@contextmanager
+def on_suspension(handler: Callable[[], bool]) -> Iterator[None]:
+    """Have a handler called when the terminal asks this process to stand still (Ctrl-Z).
+
+    Args:
+        handler: returns True where the process goes on; False: it stands still, until it is woken.
+    """
+
+    def on_signal(_: int, __: FrameType | None) -> None:
+        if not handler():
+            os.kill(os.getpid(), signal.SIGSTOP)
+
+    before = signal.getsignal(signal.SIGTSTP)
+    if before is not signal.SIG_IGN:
+        signal.signal(signal.SIGTSTP, on_signal)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTSTP, before)
+
+
 def end_at_once(status: int) -> NoReturn:
     """End this process without the interpreter's own end, once all is said and closed.
 

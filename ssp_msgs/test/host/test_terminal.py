@@ -6,8 +6,11 @@ import os
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+from tests.support.waiting import DEADLINE_S, until
 
 PROGRAM = """
 import os, signal, sys
@@ -128,3 +131,37 @@ def test_results_that_a_full_disk_did_not_take_are_an_error() -> None:
         )
     assert done.returncode == 1
     assert done.stderr == "error: standard output: No space left on device\n"
+
+
+SUSPENDED = """
+import sys
+from ssp_core.host.terminal import on_suspension
+goes_on = iter([False, True])
+with on_suspension(lambda: next(goes_on)):
+    print("up", flush=True)
+    for _ in sys.stdin:
+        print("after", flush=True)
+"""
+
+
+def test_ctrl_z_stops_a_process_unless_it_takes_it() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", SUSPENDED], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    assert process.stdout.readline() == "up\n"
+    process.send_signal(signal.SIGTSTP)
+    until(lambda: _state_of(process.pid) == "T", "the process to stand still")
+    process.send_signal(signal.SIGCONT)
+    process.send_signal(signal.SIGTSTP)
+    process.stdin.write("\n")
+    process.stdin.flush()
+    assert process.stdout.readline() == "after\n"
+    process.stdin.close()
+    assert process.wait(DEADLINE_S) == 0
+    process.stdout.close()
+
+
+def _state_of(pid: int) -> str:
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]

@@ -71,15 +71,33 @@ LAST_WORDS_S = 8.0
 
 @dataclass(slots=True)
 class Interrupt:
-    """The requests to end the run: their number, and the signal of the first."""
+    """The requests to end the run: their number, and the signal of the first.
+
+    Args:
+        count: how many came.
+        first: the name of the first signal.
+        may_stand_still: nothing is led that moves, so that the terminal may suspend this process.
+    """
 
     count: int = 0
     first: str = ""
+    may_stand_still: bool = True
 
     def on_signal(self, number: signal.Signals) -> None:
         """Take a signal, as a handler for on_stop_signals."""
         self.count += 1
         self.first = self.first or number.name
+
+    def on_suspension(self) -> bool:
+        """Take the terminal's Ctrl-Z, as a handler for on_suspension; True: it ends the run.
+
+        In a process that stands still neither terminal nor signal can abort.
+        """
+        if self.may_stand_still:
+            return False
+        if not self.count:
+            self.on_signal(signal.SIGTSTP)
+        return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,9 +193,11 @@ class _Following:
                 if isinstance(word, RunOutcome):
                     return Followed(word)
                 not_after_ns = word
+            self._interrupt.may_stand_still = self._live is None
             if self._by_hand is None and not self._client.under_way:
                 self._client.begin(str(run_file), not_after_ns)
             outcome = self._wait()
+            self._interrupt.may_stand_still = True
         return self._followed(outcome)
 
     def _wait_for_manager(self) -> RunOutcome | None:
@@ -348,7 +368,9 @@ class _Following:
                     word = Word.OTHER
         finally:
             listener.close()
-        return time.time_ns() + seconds_to_ns(HOLDS_S)
+        # It holds from when it may have been typed.
+        waited_ns = time.monotonic_ns() - words.typed_after_ns
+        return time.time_ns() + seconds_to_ns(HOLDS_S) - waited_ns
 
     def _ask(self, listener: StartListener, live: LiveSetup, words: TypedWords) -> dict[str, bool]:
         """Show what is connected, and the prompt; only what is typed from here on counts.
@@ -363,7 +385,8 @@ class _Following:
             heard = connected(self._spec, listener.facts())
         for line in summary(self._spec, live, listener.facts(), listener.states):
             self._say(line)
-        words.ask()  # a terminal that is stopped holds the lines back, and whoever types sees none
+        # A terminal that is stopped holds the lines back, and whoever types sees none.
+        words.ask(time.monotonic_ns())
         self._say(PROMPT)
         return heard
 

@@ -26,7 +26,7 @@ from ssp_core.host.domains import folder_of_domains, free_domain
 from ssp_core.host.environment import live_environment, session_environment
 from ssp_core.host.processes import ProcessGroup
 from ssp_core.host.shared_memory import check_shared_memory
-from ssp_core.host.terminal import on_stop_signals, pasteable
+from ssp_core.host.terminal import on_stop_signals, on_suspension, pasteable
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import declaring
 from ssp_core.run_file.session_token import draw_token
@@ -163,6 +163,7 @@ def run_session(
     interrupt = Interrupt()
     with (
         on_stop_signals(interrupt.on_signal),
+        on_suspension(interrupt.on_suspension),
         tempfile.TemporaryDirectory(prefix="ssp-run-") as scratch,
         _process_group(folder / "logs", live is not None) as group,
     ):

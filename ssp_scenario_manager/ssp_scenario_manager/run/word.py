@@ -68,6 +68,9 @@ class TypedWords:
 
     Args:
         fd: file descriptor of the stream; None: of standard input.
+
+    Attributes:
+        typed_after_ns: the last look before the end of the newest line, on the steady clock.
     """
 
     def __init__(self, fd: int | None = None) -> None:
@@ -77,16 +80,20 @@ class TypedWords:
         self._fd = fd
         self._ended = fd is None
         self._text = b""
-        self._newest_ns = 0
+        self._newest_ns = self._looked_ns = self.typed_after_ns = 0
         self._asked = False
         self._is_begun = False
 
-    def ask(self) -> None:
+    def ask(self, now_ns: int) -> None:
         """Begin a question: only ``abort`` counts of what was typed before it.
 
         A terminal discards a line that isn't ended; on a pipe it ends after the question began, and
         doesn't count either.
+
+        Args:
+            now_ns: on the steady clock.
         """
+        self._looked_ns = now_ns
         self._read()
         is_aborted = word_of(self._text) is Word.ABORT
         begun = self._text.rpartition(b"\n")[2]
@@ -102,13 +109,15 @@ class TypedWords:
         """Return the answer to the question, once it is there.
 
         Without a question it is ABORT, or OTHER for ended lines that don't count: once for those
-        that came in one piece.
+        that came in one piece. A word that may lie there for longer than it holds starts nothing:
+        this process may have stood still.
 
         Args:
             now_ns: on the steady clock.
         """
+        looked_ns, self._looked_ns = self._looked_ns, now_ns
         if self._read():
-            self._newest_ns = now_ns
+            self._newest_ns, self.typed_after_ns = now_ns, looked_ns
         word = word_of(self._text)
         # An input that ends within the line ends the line too, but for a word that starts.
         ending = word_of(self._text + b"\n") if self._ended else word
@@ -125,7 +134,8 @@ class TypedWords:
         if not self._ended and now_ns - self._newest_ns < seconds_to_ns(PASTE_S):
             return None
         self._text += self._line_not_ended()
-        return self._take(word_of(self._text) or Word.OTHER)
+        holds = now_ns - self.typed_after_ns <= seconds_to_ns(HOLDS_S)
+        return self._take((word_of(self._text) if holds else None) or Word.OTHER)
 
     def aborts_unasked(self, now_ns: int) -> bool:
         """Tell whether ``abort`` was typed while no question is asked; others are left as they are.

@@ -294,6 +294,38 @@ def test_a_camera_that_compiles_its_kernels_is_waited_for_before_the_run_begins(
     assert waits in reason
 
 
+@pytest.mark.parametrize("live", [MagicMock(start_at_once=True, remappings=()), None])
+def test_ctrl_z_aborts_a_live_session_that_is_led(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch, live: MagicMock | None
+) -> None:
+    """A process that stands still hears no abort, while the manager leads on."""
+    group, interrupt = MagicMock(), follow.Interrupt()
+    group.ended.return_value = []
+    client, goes_on = quiet_client(was_armed=True), list[bool]()
+    client.outcome = None
+
+    def spin(timeout_s: float) -> None:
+        led = bool(client.begin.called)
+        if not goes_on or (led and len(goes_on) < 3):
+            goes_on.append(interrupt.on_suspension())
+        if led and len(goes_on) == 3:
+            client.outcome = RunOutcome(Verdict.ABORTED if live else Verdict.VALID, ())
+        assert client.spin.call_count < SPINS
+
+    client.spin.side_effect = spin
+    monkeypatch.setattr(follow, "RunClient", lambda *_, **__: client)
+    words = MagicMock(**{"poll.return_value": None, "aborts_unasked.return_value": False})
+    monkeypatch.setattr(follow, "TypedWords", lambda: words)
+    monkeypatch.setattr(follow, "SETTLE_S", 0.0)
+    outcome = follow.follow(
+        run, group, Path("run.yaml"), Path("bag"), MagicMock(), interrupt, live
+    ).outcome
+    assert goes_on == [False, live is not None, live is not None]
+    assert client.cancel.called is (live is not None)
+    assert outcome.reasons == (("interrupted by SIGTSTP",) if live else ())
+    assert not interrupt.on_suspension()
+
+
 def test_lines_that_do_not_count_while_a_session_drives_are_answered_once_each(
     run: RunSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,7 +11,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from ssp_scenario_manager.run.word import PASTE_S, TypedWords, Word, word_of
+from ssp_core.clock import seconds_to_ns
+from ssp_scenario_manager.run.word import HOLDS_S, PASTE_S, TypedWords, Word, word_of
 from tests.support.waiting import DEADLINE_S
 
 S = 1_000_000_000
@@ -94,10 +95,33 @@ def pipe() -> Iterator[Hand]:
 @pytest.mark.parametrize("early", ["\n", "start\n", "start\nstart\n"])
 def test_what_a_pipe_held_before_the_prompt_does_not_count(pipe: Hand, early: str) -> None:
     pipe.types(early)
-    pipe.words.ask()
+    pipe.words.ask(pipe.now_ns)
     assert pipe.hears() is None
     pipe.types("start\n")
     assert pipe.hears() is Word.START
+
+
+@pytest.mark.parametrize("looks", [False, True])
+def test_a_word_that_lies_there_for_longer_than_it_holds_starts_nothing(
+    pipe: Hand, looks: bool
+) -> None:
+    """The process stood still after its prompt; what it finds then may be of any age."""
+    pipe.words.ask(pipe.now_ns)
+    if looks:
+        assert pipe.hears() is None
+    pipe.types("start\n")
+    pipe.now_ns += seconds_to_ns(HOLDS_S) + 1
+    assert pipe.hears() is Word.OTHER
+    pipe.types("abort\n")
+    pipe.now_ns += seconds_to_ns(3600.0)
+    assert pipe.hears() is Word.ABORT
+    pipe.words.ask(pipe.now_ns)
+    assert pipe.hears() is None
+    looked_ns = pipe.now_ns
+    pipe.types("start\n")
+    pipe.now_ns += seconds_to_ns(4.0)
+    assert pipe.hears() is Word.START
+    assert pipe.words.typed_after_ns == looked_ns
 
 
 @pytest.mark.parametrize("asked", [False, True])
@@ -106,7 +130,7 @@ def test_of_a_pipe_that_ends_within_a_line_abort_counts_alone(
     pipe: Hand, text: str, counts: bool, asked: bool
 ) -> None:
     if asked:
-        pipe.words.ask()
+        pipe.words.ask(pipe.now_ns)
     pipe.types(text)
     pipe.closes()
     assert pipe.hears() is (Word.ABORT if counts else Word.END_OF_INPUT if asked else None)
@@ -137,7 +161,7 @@ def test_a_line_of_a_pipe_that_began_before_the_prompt_does_not_count(
     pipe: Hand, early: str
 ) -> None:
     pipe.types(early)
-    pipe.words.ask()
+    pipe.words.ask(pipe.now_ns)
     pipe.types("start\n")
     assert pipe.hears() is None
     pipe.types("start\n")
@@ -146,7 +170,7 @@ def test_a_line_of_a_pipe_that_began_before_the_prompt_does_not_count(
 
 def test_an_abort_that_began_before_the_prompt_counts(pipe: Hand) -> None:
     pipe.types("abo")
-    pipe.words.ask()
+    pipe.words.ask(pipe.now_ns)
     pipe.types("rt\n")
     assert pipe.hears() is Word.ABORT
 
@@ -154,24 +178,24 @@ def test_an_abort_that_began_before_the_prompt_counts(pipe: Hand) -> None:
 @pytest.mark.parametrize("asks", [True, False])
 def test_an_abort_counts_whatever_follows_it(pipe: Hand, asks: bool) -> None:
     if asks:
-        pipe.words.ask()
+        pipe.words.ask(pipe.now_ns)
     pipe.types("abort\n" + "x\n" * 2100)
     assert pipe.hears() is Word.ABORT
 
 
 @pytest.mark.parametrize("text", ["foo\n" + " " * 4090 + "start\n", "x" * 9000 + "\nstart\n"])
 def test_a_long_text_is_one_wrong_answer(pipe: Hand, text: str) -> None:
-    pipe.words.ask()
+    pipe.words.ask(pipe.now_ns)
     pipe.types(text)
     assert pipe.hears() is Word.OTHER
 
 
 def test_a_paste_is_one_wrong_answer(pipe: Hand) -> None:
-    pipe.words.ask()
+    pipe.words.ask(pipe.now_ns)
     pipe.types("start\nls -l\n")
     assert pipe.hears() is Word.OTHER
     assert pipe.hears() is None
-    pipe.words.ask()
+    pipe.words.ask(pipe.now_ns)
     # Also when it comes in pieces.
     pipe.types("start\n")
     assert pipe.words.poll(pipe.now_ns) is None
@@ -182,10 +206,10 @@ def test_a_paste_is_one_wrong_answer(pipe: Hand) -> None:
 
 
 def test_abort_and_the_end_of_input_give_up(pipe: Hand) -> None:
-    pipe.words.ask()
+    pipe.words.ask(pipe.now_ns)
     pipe.types("abort\n")
     assert pipe.hears() is Word.ABORT
-    pipe.words.ask()
+    pipe.words.ask(pipe.now_ns)
     pipe.closes()
     assert pipe.hears() is Word.END_OF_INPUT
 
@@ -194,12 +218,12 @@ def test_a_pipe_that_ended_before_the_prompt_starts_nothing(pipe: Hand) -> None:
     pipe.types("start\n")
     pipe.closes()
     assert pipe.hears() is Word.OTHER
-    pipe.words.ask()
+    pipe.words.ask(pipe.now_ns)
     assert pipe.hears() is Word.END_OF_INPUT
 
 
 def test_a_word_that_ends_the_input_counts(pipe: Hand) -> None:
-    pipe.words.ask()
+    pipe.words.ask(pipe.now_ns)
     pipe.types("start\n")
     pipe.closes()
     assert pipe.hears() is Word.START
@@ -211,7 +235,7 @@ def test_abort_counts_without_a_question_and_before_it(pipe: Hand) -> None:
     pipe.types("abort\n")
     assert pipe.hears() is Word.ABORT
     pipe.types("abort\n")
-    pipe.words.ask()
+    pipe.words.ask(pipe.now_ns)
     assert pipe.hears() is Word.ABORT
 
 
@@ -230,7 +254,7 @@ def test_type_ahead_starts_nothing(terminal: Hand, early: str) -> None:
     """Enter, a second after the command was started, armed and started everything."""
     terminal.types(early)
     terminal.arrives_at_terminal(early)
-    terminal.words.ask()
+    terminal.words.ask(terminal.now_ns)
     assert terminal.hears() is None
     terminal.types("start\n")
     assert terminal.awaits() is Word.START
@@ -245,7 +269,7 @@ def test_the_words_of_a_terminal(terminal: Hand) -> None:
         ("start\nls", Word.OTHER),
         ("\x04", Word.END_OF_INPUT),
     ]:
-        terminal.words.ask()
+        terminal.words.ask(terminal.now_ns)
         terminal.types(text)
         terminal.arrives_at_terminal(text)
         assert terminal.awaits() is word, text
@@ -253,14 +277,14 @@ def test_the_words_of_a_terminal(terminal: Hand) -> None:
 
 def test_a_terminal_keeps_its_settings(terminal: Hand) -> None:
     before = termios.tcgetattr(terminal.fd)
-    terminal.words.ask()
+    terminal.words.ask(terminal.now_ns)
     terminal.types("start\n")
     assert terminal.awaits() is Word.START
     assert termios.tcgetattr(terminal.fd) == before
 
 
 def test_a_terminal_that_is_closed_gives_up(terminal: Hand) -> None:
-    terminal.words.ask()
+    terminal.words.ask(terminal.now_ns)
     terminal.closes()
     assert terminal.awaits() is Word.END_OF_INPUT
 
@@ -268,7 +292,7 @@ def test_a_terminal_that_is_closed_gives_up(terminal: Hand) -> None:
 def test_ctrl_d_before_the_prompt_is_no_end(terminal: Hand) -> None:
     terminal.types("\x04")
     assert terminal.hears() is None
-    terminal.words.ask()
+    terminal.words.ask(terminal.now_ns)
     terminal.types("start\n")
     assert terminal.awaits() is Word.START
 
@@ -277,5 +301,5 @@ def test_who_has_no_input_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", None)
     words = TypedWords()
     assert words.poll(0) is None
-    words.ask()
+    words.ask(0)
     assert words.poll(0) is Word.END_OF_INPUT
