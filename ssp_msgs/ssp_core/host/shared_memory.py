@@ -53,7 +53,7 @@ def remove_dead_ports(domain_id: int) -> None:
     """Remove what killed participants of a domain left, new or not, unless one of them lives.
 
     A port that its owner left in the middle of a change keeps each participant that comes next
-    waiting for seconds. Only for a domain that the caller holds: nobody has just begun there.
+    waiting for seconds. Only for a domain that the caller holds: no other has begun there.
     """
     left = [
         file

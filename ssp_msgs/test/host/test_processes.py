@@ -57,7 +57,12 @@ def group(
 
 def start(group: ProcessGroup, name: str) -> int:
     node = group.start_node(name, "ssp_fake_node", {"run_file": "/a b", "rate": 2})
-    until(lambda: "up" in node.log_tail() or node.returncode is not None, f"{name}'s start")
+
+    def is_up() -> bool:
+        text = node.log.read_text()  # which may be written word by word
+        return ("up" in text and text.endswith("\n")) or node.returncode is not None
+
+    until(is_up, f"{name}'s start")
     return node.process.pid
 
 
