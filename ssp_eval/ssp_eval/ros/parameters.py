@@ -13,27 +13,31 @@ EVALUATOR = (
     Parameter(
         "models_file",
         "",
-        "models whose bridges run already; every one in the file is taken as running",
+        "models whose bridges run already; all in the file count as running",
         text="path of an ssp.models/1 file, or empty",
     ),
-    Parameter("out", "out/evaluation", "where the cells are written", text="path of a folder"),
+    Parameter("out", "out/evaluation", "folder of the cells", text="path of a folder"),
     Parameter(
         "adapter",
         "",
         "reads the answers of all models; empty: each has its own",
         text="name of an adapter, or empty",
     ),
-    Parameter("timeout_s", 60.0, "from request to answer, s", least=0.001, most=86400),
+    Parameter("timeout_s", 60.0, "time limit from request to answer, s", least=0.001, most=86400),
     Parameter(
-        "start_timeout_s", CONNECT_S, "until the bridges are heard, s", least=0.001, most=86400
+        "start_timeout_s",
+        CONNECT_S,
+        "time limit until all bridges are heard, s",
+        least=0.001,
+        most=86400,
     ),
-    Parameter("retry_errors", 0, "how often a request is repeated after an error", most=1000),
+    Parameter("retry_errors", 0, "repetitions of a request after an error", most=1000),
     Parameter(
         "controls",
         True,
-        "each model once more with spoilt frames, and the harness's own answerers, in this process",
+        "repeat each model with spoilt frames, and run the harness's own answerers in this process",
     ),
-    Parameter("pictures", False, "each model once more with corrupted pictures"),
-    Parameter("twins", False, "each model once more about the twins beside the recordings"),
+    Parameter("pictures", False, "repeat each model with corrupted pictures"),
+    Parameter("twins", False, "repeat each model on the twins beside the recordings"),
 )
 NODES = {"evaluator_settings": EVALUATOR}

@@ -38,42 +38,42 @@ MONITOR = (
     Parameter(
         "exclude",
         "",
-        "record none of these; the run's own are recorded all the same",
+        "exclude these topics; the run's own are recorded nevertheless",
         text=_EXPRESSION,
     ),
     Parameter(
         "most_topics",
         MOST_TOPICS,
-        "topics beside the run's own; each takes memory, the rest is named in a warning",
+        "most topics beside the run's own; each takes memory, a warning names the rest",
         most=10_000,
     ),
     Parameter(
         "lost_limit",
         0,
         "messages that may be lost or dropped before the recorder's verdict is invalid_harness; "
-        "the manager ends a run at the first one that it hears of, whatever stands here",
+        "the manager ends a run at the first one reported to it, whatever this value",
         most=1_000_000_000,
     ),
-    Parameter("split_mb", 0.0, "go on in a new file at this size, 1e6 bytes; 0: never", most=1e6),
-    Parameter("split_s", 0.0, "go on in a new file after this time, s; 0: never", most=1e6),
+    Parameter(
+        "split_mb", 0.0, "continue in a new file at this size, 1e6 bytes; 0: never", most=1e6
+    ),
+    Parameter("split_s", 0.0, "continue in a new file after this time, s; 0: never", most=1e6),
     Parameter(
         "queue_mb",
         QUEUE_MB,
-        "what may wait for the disk, 1e6 bytes; above it the least important is dropped first, and "
-        "counted",
+        "most data waiting for the disk, 1e6 bytes; above it the least important is dropped first, "
+        "and counted",
         least=1,
         most=100_000,
     ),
     Parameter(
         "reserve_mb",
         RESERVE_MB,
-        "a run is ended when the disk has less room than this, 1e6 bytes, or is at the present "
-        "rate in 20 s; it begins only with room for its longest duration beside this",
+        "a run is ended when the disk has less free space than this, 1e6 bytes, or will have in "
+        "20 s at the present rate; it begins only with space for its longest duration in addition",
         most=10_000_000,
     ),
-    Parameter(
-        "video", "", "record images as video; empty: as they come", text="h264, h265 or empty"
-    ),
+    Parameter("video", "", "record images as video; empty: unchanged", text="h264, h265 or empty"),
     Parameter(
         "video_topics",
         "",
@@ -84,7 +84,7 @@ MONITOR = (
 
 _ANY_RUN = replace(
     RUN_FILE,
-    description="the run; without it only what topics tell is known",
+    description="the run; without it only data from topics is shown",
     text=f"{RUN_FILE.text}; may be empty",
     required=False,
 )
@@ -95,16 +95,16 @@ PAGE = (
     Parameter(
         "token",
         "",
-        f"what commands need, better given in {TOKEN_VARIABLE}; empty: one is made",
+        f"token that commands need, better given in {TOKEN_VARIABLE}; empty: one is generated",
         text=f"{LEAST_TOKEN} printable ASCII characters at least, no space; or empty",
         secret=True,
     ),
     Parameter("page_rate_hz", 10.0, "snapshots a second, Hz", least=2, most=30),
-    Parameter("camera_rate_hz", 5.0, "pictures a second, at the most, Hz", least=2, most=30),
+    Parameter("camera_rate_hz", 5.0, "most pictures a second, Hz", least=2, most=30),
     Parameter(
         "led_by_runner",
         False,
-        "how the run ends is told on standard input, as `ssp run` does; its end ends the page",
+        "take the run's end from standard input, as from `ssp run`; end of input ends the page",
     ),
 )
 VIEW = (_ANY_RUN,)
@@ -112,7 +112,7 @@ REPLAY = (
     Parameter(
         "rate",
         1.0,
-        "how many seconds of the bag pass in a second; counts at once",
+        "seconds of the bag played per second; takes effect at once",
         least=SLOWEST,
         most=FASTEST,
         read_only=False,

@@ -64,13 +64,13 @@ class SafetyMeaning:
 _MEANT: dict[SafetyCode, tuple[str, str]] = {
     SafetyCode.HEARTBEAT_LOST: (
         "s",
-        "The manager's heartbeat stayed away; the object stops by itself.",
+        "No heartbeat from the manager arrived in time; the object stops by itself.",
     ),
     SafetyCode.STATE_STALE: ("s", "The object's own state is older than allowed."),
-    SafetyCode.STATE_NOT_FINITE: ("", "The object's own state holds a value that is no number."),
+    SafetyCode.STATE_NOT_FINITE: ("", "The object's own state holds a value that isn't finite."),
     SafetyCode.OUTSIDE_GEOFENCE: (
         "m",
-        "Part of the object, or of its way here, is outside the geofence, by this much.",
+        "Part of the object, or of its path here, is outside the geofence, by this much.",
     ),
     SafetyCode.OVER_SPEED: ("m/s", "The object is too fast."),
     SafetyCode.OVER_ACCELERATION: ("m/s^2", "The object accelerates or brakes too hard."),
@@ -78,14 +78,14 @@ _MEANT: dict[SafetyCode, tuple[str, str]] = {
     SafetyCode.ERROR_LATERAL: ("m", "The object is too far beside its reference."),
     SafetyCode.ERROR_YAW: ("rad", "The object's heading is too far from its reference."),
     SafetyCode.LOCALISATION: ("m", "The stated uncertainty of the object's position is too large."),
-    SafetyCode.POSITION_JUMP: ("m", "A position is too far from where the state before it led."),
+    SafetyCode.POSITION_JUMP: ("m", "A position is too far from where the previous state led."),
     SafetyCode.STATE_FROZEN: (
         "s",
-        "New states arrive, but the position in them stands while it can't.",
+        "New states arrive, but their position stays the same while the object moves.",
     ),
     SafetyCode.STOPPING_ROOM: (
         "m",
-        "Stopping any later would lead outside the geofence, by this much at the worst.",
+        "Stopping any later would lead outside the geofence, by up to this much.",
     ),
     SafetyCode.SEPARATION: ("m", "Two objects came closer than the minimum separation."),
     SafetyCode.COLLISION: ("m", "Two objects touch."),
@@ -99,22 +99,21 @@ _MEANT: dict[SafetyCode, tuple[str, str]] = {
     ),
     SafetyCode.OBJECT_ABORTED: (
         "",
-        "An object went to ABORTING by itself, or left the run, and did not say why in time.",
+        "An object went to ABORTING by itself, or left the run, and did not report why in time.",
     ),
     SafetyCode.DURATION: ("s", "The run took longer than allowed."),
     SafetyCode.RECORDER: (
         "",
         "The recorder lost messages or fell silent; measured is the number lost.",
     ),
-    SafetyCode.OPERATOR: ("", "A person asked for the abort."),
+    SafetyCode.OPERATOR: ("", "A person requested the abort."),
     SafetyCode.PARTICIPANT_LOST: (
         "s",
         "A node that the simulated world waits for stopped answering.",
     ),
     SafetyCode.OVERRUN: (
         "s",
-        "The simulated world fell behind the wall clock in realtime mode, or the manager "
-        "stood still.",
+        "The simulated world fell behind the wall clock in realtime mode, or the manager stalled.",
     ),
     SafetyCode.EVENT_MISSING: ("s", "The run's time is over and the event did not take place."),
     SafetyCode.CLOCK_OFFSET: ("s", "An object's clock and the manager's are too far apart."),
@@ -125,11 +124,11 @@ _MEANT: dict[SafetyCode, tuple[str, str]] = {
     ),
     SafetyCode.FOREIGN_MANAGER: (
         "",
-        "Another node publishes what one alone may, as heartbeats; measured is how many do.",
+        "Another node publishes what only one may, such as heartbeats; measured is their number.",
     ),
     SafetyCode.NOT_STOPPING: (
         "s",
-        "A test object was told to stop and did not slow down for so long.",
+        "A test object was commanded to stop and did not slow down for this long.",
     ),
     SafetyCode.OBJECT_CONTRADICTS: (
         "",
@@ -141,8 +140,8 @@ _MEANT: dict[SafetyCode, tuple[str, str]] = {
     ),
     SafetyCode.STATE_CONTRADICTS: (
         "s",
-        "Stated speed, direction or yaw contradicts the places, on end for this long; or class or "
-        "extent isn't that of the state before.",
+        "Stated speed, direction or yaw contradicts the positions without a break for this long; "
+        "or class or extent differs from the previous state's.",
     ),
 }
 MEANINGS = {code: SafetyMeaning(code.name.lower(), *meant) for code, meant in _MEANT.items()}

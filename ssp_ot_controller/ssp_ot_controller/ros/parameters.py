@@ -19,7 +19,7 @@ OBJECT_TARGET = (
     Parameter(
         "bodies",
         "",
-        "where the bodies of a live run's objects are",
+        "addresses of the bodies of a live run's objects",
         text="<object>=udp://<host>:<port>, <object>=iso22133://<host>:<port>?report=<file> or "
         "<object>=mirror for each object, separated by commas; empty in a simulated run",
     ),
@@ -28,7 +28,7 @@ OBJECT_TARGET = (
 _MAP_FILE = Parameter(
     "map_file",
     "",
-    "map that the run was compiled for, where CARLA draws or moves it",
+    "map that the run was compiled for, if CARLA draws or moves it",
     text="an OpenDRIVE file; the server's map must be the same",
 )
 SIL_WORLD = (
@@ -37,21 +37,21 @@ SIL_WORLD = (
         "carla",
         "",
         "CARLA server that moves the bodies of a run with the plant carla",
-        text="HOST:PORT; empty for our own bodies",
+        text="HOST:PORT; empty for SSP's own bodies",
     ),
     _MAP_FILE,
 )
 VUT_DRIVER = (
-    replace(RUN_FILE, description="the run; its driver stands there"),
+    replace(RUN_FILE, description="the run, which configures its driver"),
     Parameter(
         "answers",
         "",
-        "answers that a model gave in this run before, and repeats",
+        "answers that a model gave in an earlier session of this run, to be repeated",
         text="an answers.json; empty: the model is asked",
     ),
 )
 FRONT_CAMERA = (
-    replace(RUN_FILE, description="the run; size, lens, rate and mount of its camera stand there"),
+    replace(RUN_FILE, description="the run, which gives size, lens, rate and mount of its camera"),
     Parameter(
         "carla",
         "",
@@ -64,13 +64,13 @@ _GNSS_TOPICS = (
     Parameter(
         "navsat",
         "",
-        "places of the VUT's GNSS/INS, instead of its odometry",
-        text="name of a topic, sensor_msgs/NavSatFix; empty: odometry is taken",
+        "positions of the VUT's GNSS/INS, instead of its odometry",
+        text="name of a topic, sensor_msgs/NavSatFix; empty: odometry is used",
     ),
     Parameter(
         "heading",
         "heading",
-        "how it is turned, with navsat",
+        "its orientation, with navsat",
         text="name of a topic, sensor_msgs/Imu with an orientation against east, north, up",
     ),
     Parameter(
@@ -78,59 +78,59 @@ _GNSS_TOPICS = (
         "",
         "its velocity, with navsat",
         text="name of a topic, geometry_msgs/TwistStamped or TwistWithCovarianceStamped; empty: "
-        "speed is made of differences of places",
+        "speed is computed from position differences",
     ),
 )
 VUT_ADAPTER = (
     RUN_FILE,
-    Parameter("odometry", "odometry", "what the VUT's GNSS/INS publishes", text=_TOPIC),
+    Parameter("odometry", "odometry", "odometry of the VUT's GNSS/INS", text=_TOPIC),
     *_GNSS_TOPICS,
     Parameter(
         "least_fix",
         "gbas",
-        "fix type that a place must have at least; gbas: corrected from the ground, as RTK is",
+        "least fix type of a position; gbas: ground-based corrections, such as RTK",
         text="fix, sbas or gbas",
         pattern="fix|sbas|gbas",
     ),
     Parameter(
         "unit_forward_m",
         0.0,
-        "how far the GNSS/INS sits ahead of the VUT's reference point, m",
+        "distance of the GNSS/INS ahead of the VUT's reference point, m",
         least=-20,
         most=20,
     ),
     Parameter(
         "unit_left_m",
         0.0,
-        "how far it sits left of it, m",
+        "distance of the GNSS/INS to the left of that point, m",
         least=-20,
         most=20,
     ),
     Parameter(
         "unit_yaw_left_rad",
         0.0,
-        "how far it is turned to the left against the VUT, rad",
+        "rotation of the GNSS/INS to the left against the VUT, rad",
         least=-3.15,
         most=3.15,
     ),
 )
 PLAYED_VUT = (
     RUN_FILE,
-    Parameter("odometry", "odometry", "where the played GNSS/INS publishes", text=_TOPIC),
+    Parameter("odometry", "odometry", "odometry of the simulated GNSS/INS", text=_TOPIC),
     *_GNSS_TOPICS,
     Parameter(
         "fix_type",
         2,
-        "of the places that it publishes, by NavSatStatus's numbers",
+        "fix type of the published positions, as numbered in NavSatStatus",
         least=-2,
         most=2,
     ),
-    Parameter("rate_hz", 100.0, "fixes a second, Hz", least=1, most=1000),
-    Parameter("frame", MAP_FRAME, "of the poses; another than map is a fault", text="a frame id"),
+    Parameter("rate_hz", 100.0, "rate of fixes, Hz", least=1, most=1000),
+    Parameter("frame", MAP_FRAME, "frame of the poses; any but map is a fault", text="a frame id"),
     Parameter(
         "clock_offset_s",
         0.0,
-        "how far the stamps are ahead of this host's clock, s; else than 0 it is a fault",
+        "offset of the stamps ahead of this host's clock, s; any but 0 is a fault",
         least=-3600,
         most=3600,
     ),

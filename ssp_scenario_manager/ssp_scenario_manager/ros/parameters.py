@@ -9,8 +9,8 @@ from ssp_core.node_interface import RUN_FILE, Parameter
 SCENARIO_MANAGER = (
     replace(
         RUN_FILE,
-        description="run of the session, whose mode and token the manager holds every goal and "
-        "command against; empty: those of the first run that it loads",
+        description="run of the session, whose mode and token every goal and command must have; "
+        "empty: those of the first run that is loaded",
         required=False,
     ),
 )

@@ -338,25 +338,21 @@ def _disarms(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
 
 # A table: id, step, title, judge, bound and unit.
 CLAUSES: tuple[ProbeClause, ...] = (
-    ProbeClause("listen.tcp", "listen", "takes a connection", _connected, 2.0, "s"),
+    ProbeClause("listen.tcp", "listen", "accepts a connection", _connected, 2.0, "s"),
     ProbeClause("listen.report", "listen", "MONR after OSEM and HEAB", _first_report, 1.0, "s"),
     ProbeClause("listen.frames", "listen", "header, version, CRC are right", _frames, 0, "frames"),
     ProbeClause("listen.rate", "listen", "MONR at the rate of the OSEM, off by", _rate, 10.0, "%"),
     ProbeClause("listen.pause", "listen", "longest pause between MONR", _pause, 0.3, "s"),
-    ProbeClause("listen.age", "listen", "MONR are new when they come", _age, 0.3, "s"),
+    ProbeClause("listen.age", "listen", "MONR are recent on arrival", _age, 0.3, "s"),
     ProbeClause(
         "listen.fields", "listen", "time, place, yaw, speed are stated", _fields, 0, "fields"
     ),
     ProbeClause(
         "listen.values", "listen", "no value outside its enumeration", _values, 0, "values"
     ),
-    ProbeClause(
-        "listen.counter", "listen", "no MONR is missing by its counter", _counter, 0, "MONR"
-    ),
+    ProbeClause("listen.counter", "listen", "no gap in the counter of MONR", _counter, 0, "MONR"),
     ProbeClause("listen.ids", "listen", "transmitter is the OSEM's device id", _ids, 0, "others"),
-    ProbeClause(
-        "connect.acknowledge", "listen", "GREM where it is asked for", _acknowledge, 0, "lack"
-    ),
+    ProbeClause("connect.acknowledge", "listen", "GREM when requested", _acknowledge, 0, "lack"),
     ProbeClause("connect.disarmed", "listen", "DISARMED after the connection", _disarmed, 2.0, "s"),
     ProbeClause("connect.identity", "connect", "DRES to a DREQ", _identity),
     ProbeClause(
@@ -376,11 +372,11 @@ CLAUSES: tuple[ProbeClause, ...] = (
     ProbeClause("arm.heartbeat_loss", "arm_loss", "not ARMED without HEAB", _disarms, 1.0, "s"),
     ProbeClause("arm.reconnect", "arm_again", "not ARMED when connected again", _disarms, 2.0, "s"),
     ProbeClause(START_TIME, "normal_stop", "starts at the time of the STRT", starts, 0.3, "s"),
-    ProbeClause("move.way", "normal_stop", "keeps to the way of the TRAJ", keeps_to_way, 1.0, "m"),
+    ProbeClause("move.way", "normal_stop", "follows the path of the TRAJ", keeps_to_way, 1.0, "m"),
     ProbeClause(
         "move.motion",
         "normal_stop",
-        "speed and yaw contradict its way on end",
+        "speed and yaw contradict its motion",
         states_its_motion,
         HOLDS_S,
         "s",
@@ -388,7 +384,7 @@ CLAUSES: tuple[ProbeClause, ...] = (
     ProbeClause(
         STATE_AGE,
         "normal_stop",
-        "newest MONR that can be used is never older",
+        "newest usable MONR is never older",
         stays_fresh,
         LIMITS.state_age_s,
         "s",
@@ -396,7 +392,7 @@ CLAUSES: tuple[ProbeClause, ...] = (
     ProbeClause(
         CLOCK,
         "normal_stop",
-        "stamps are ahead of when they are read",
+        "stamps are ahead of the reading",
         is_not_ahead,
         LIMITS.clock_offset_s,
         "s",
