@@ -152,14 +152,14 @@ def row(figure: Figure, notes: bool) -> str:
 @click.option(
     "--long", is_flag=True, help="The long loads too: half an hour instead of five minutes."
 )
-@click.option("--notes", is_flag=True, help="Below each figure: its bound, sizes and counts.")
+@click.option("--notes", is_flag=True, help="Show below each figure its bound, sizes and counts.")
 @click.option("--json", "as_json", is_flag=True, help="One line per figure, for programs.")
 def bench(names: Sequence[str], long: bool, notes: bool, as_json: bool) -> int:
     """Measure each path beside its own lower bound, in the same run.
 
-    A row says what we need, how many times as bad as the bound that is (x 1 can't be beaten), and
-    whether a limit is kept. What misses a limit is measured twice more: `noisy` was missed in one
-    of three runs, `MISSED` in most of them. Leave the machine alone meanwhile.
+    A row shows what we need, its ratio to the bound (x 1 can't be beaten), and whether a limit is
+    kept. A row that misses its limit is measured twice more: `noisy` missed it in one of three
+    runs, `MISSED` in most of them. Leave the machine idle meanwhile.
 
     Without a browser the row of the report's page is left out, which is said at the start.
 

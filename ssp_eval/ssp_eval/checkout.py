@@ -183,7 +183,7 @@ def _test_changes(root: Path, since: str | None, within_s: int, arguments: Seque
 
 @click.command()
 @click.option("--since", metavar="COMMIT", help="Compare with this commit instead of the last one.")
-@click.option("--fix", is_flag=True, help="Format, and mend what the linter can mend.")
+@click.option("--fix", is_flag=True, help="Format, and apply the linter's fixes.")
 def check(since: str | None, fix: bool) -> int:
     """Check format, lint and types of what changed; under a minute.
 
@@ -251,9 +251,9 @@ def test(
 def build_core(remove: bool) -> int:
     """Compile the modules in which a session spends its time to machine code (mypyc).
 
-    It is an option: the same sources, the same bytes, in less processor time. Where a source of
-    their packages changes, all are interpreted until the core is compiled anew; `ssp doctor` says.
-    Takes a minute or two, and a C compiler.
+    Optional: the same sources and the same bytes, in less processor time. If a source of their
+    packages changes, all are interpreted until the core is compiled again; `ssp doctor` says so. It
+    takes a minute or two and needs a C compiler.
     """
     root = _root("the core is compiled from")
     if remove:

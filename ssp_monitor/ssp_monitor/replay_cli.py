@@ -55,8 +55,8 @@ def _expressions(
 @click.option("--rate", type=Number(SLOWEST, FASTEST), default=1.0, show_default=True)
 @click.option("--start", "start_s", type=Number(0), default=0.0, help="Seconds from the beginning.")
 @click.option("--end", "end_s", type=Number(0), help="Seconds from the beginning, where to end.")
-@click.option("--loop", is_flag=True, help="Begin again at the end.")
-@click.option("--paused", is_flag=True, help="Begin with a pause.")
+@click.option("--loop", is_flag=True, help="Start again at the end.")
+@click.option("--paused", is_flag=True, help="Start paused.")
 @click.option(
     "--clock",
     "clock_hz",
@@ -80,20 +80,26 @@ def _expressions(
     help="Not these; as --topics. Repeatable.",
 )
 @click.option(
-    "--remap", multiple=True, metavar="FROM:=TO", callback=_remap, help="Another name. Repeatable."
+    "--remap",
+    multiple=True,
+    metavar="FROM:=TO",
+    callback=_remap,
+    help="Publish under another name. Repeatable.",
 )
-@click.option("--commands", is_flag=True, help="Also topics that real objects may act on.")
+@click.option("--commands", is_flag=True, help="Also publish topics that real objects may act on.")
 @click.option(
-    "--beside-session", is_flag=True, help="Even where a session is under way in this ROS domain."
+    "--beside-session",
+    is_flag=True,
+    help="Publish even if a session is under way in this ROS domain.",
 )
 @click.option(
-    "--network", is_flag=True, help="Let other hosts hear it; otherwise this one alone does."
+    "--network", is_flag=True, help="Publish to other hosts too; otherwise to this one only."
 )
 @click.option(
     "--wait-for",
     type=WholeNumber(0),
     default=0,
-    help="Begin when each topic has so many subscribers, within 30 s.",
+    help="Start when each topic has this many subscribers, within 30 s.",
 )
 @click.option("--json", is_flag=True, help="Print JSON for programs.")
 def replay(bag: Path, network: bool, **wishes: Any) -> int:

@@ -43,11 +43,11 @@ VERBS: dict[str, tuple[str, str]] = {
     "run": ("ssp_scenario_manager.cli.run:run", "Run one session and record it into a bag."),
     "loop": (
         "ssp_scenario_manager.cli.loop:loop",
-        "Run a campaign in which drivers lead the VUT, and rate them.",
+        "Run a campaign in which drivers drive the VUT, and rate them.",
     ),
     "ablate": (
         "ssp_eval.ablation.cli:ablate",
-        "Realise an event with and without its structure, and say what is lost.",
+        "Realise an event with and without its structure, and show what is lost.",
     ),
     "draw": (
         "ssp_eval.draw.cli:draw",
@@ -83,7 +83,7 @@ VERBS: dict[str, tuple[str, str]] = {
         "ssp_eval.package.cli:package",
         "Make and verify evidence packages; log changes on site.",
     ),
-    "bag": ("ssp_monitor.bag_tools.cli:bag", "Look into, check and repair bags."),
+    "bag": ("ssp_monitor.bag_tools.cli:bag", "Inspect, check and repair bags."),
     "replay": ("ssp_monitor.replay_cli:replay", "Publish a bag as it was recorded."),
     "faults": (
         "ssp_scenario_manager.cli.faults:faults",
@@ -92,12 +92,12 @@ VERBS: dict[str, tuple[str, str]] = {
     "iso": ("ssp_ot_controller.rehearsal.iso:iso", "Play and probe objects that speak ISO 22133."),
     "carla": (
         "ssp_scenario_manager.cli.carla:carla",
-        "Measure what a CARLA server does of what a run relies on.",
+        "Measure whether a CARLA server does what a run relies on.",
     ),
     "bench": ("ssp_eval.bench:bench", "Measure each path beside its own lower bound."),
     "doctor": (
         "ssp_scenario_manager.cli.doctor:doctor",
-        "Say what is installed, missing or broken.",
+        "Show what is installed, missing or broken.",
     ),
     "build-core": (
         "ssp_eval.checkout:build_core",

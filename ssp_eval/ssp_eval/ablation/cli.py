@@ -50,7 +50,7 @@ from ssp_eval.statistics.table import Table, texts, to_data, write_tables
     "--out",
     type=click.Path(path_type=Path),
     required=True,
-    help="Folder; one that was interrupted goes on where it stopped.",
+    help="Folder; an interrupted ablation is resumed.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the tables as JSON.")
 def ablate(
@@ -64,7 +64,7 @@ def ablate(
     out: Path,
     as_json: bool,
 ) -> int:
-    """Realise EVENT with and without its structure, and say what is lost without it.
+    """Realise EVENT with and without its structure, and show what is lost without it.
 
     \b
     structure  the compiler, with all of K*
@@ -72,8 +72,8 @@ def ablate(
     tracks     the observed tracks, played by the clock
 
     Each arm gets the same places, tuning budget and sessions in one process, and is judged on
-    measured states. Written are realisations.csv (a row each), tables as CSV, and a figure.
-    Exit status 1 where an arm doesn't keep the event at the source's own place: no table then.
+    measured states. It writes realisations.csv (a row each), tables as CSV, and a figure.
+    Exit status 1, and no table, if an arm doesn't keep the event at the source's own place.
 
     \b
     For example:

@@ -78,10 +78,10 @@ _WIDEST = 300
     "limits_file",
     type=_PATH,
     metavar="FILE",
-    help="Limits of responses that count as alike. Default: the shipped ones.",
+    help="Limits within which responses count as alike. Default: the shipped ones.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the audit as JSON.")
-@click.option("--force", is_flag=True, help="Replace an audit that is in the folder.")
+@click.option("--force", is_flag=True, help="Replace an existing audit in the folder.")
 def audit(
     synthetic: Path,
     simulation: Path,
@@ -92,11 +92,11 @@ def audit(
     as_json: bool,
     force: bool,
 ) -> int:
-    """Hold three recordings of one event against its K* and against each other (METHOD 4).
+    """Check three recordings of one event against its K* and each other (METHOD 4).
 
-    SYN, SIM and PHY are bag directories, or run folders that hold bag/. What their states show is
-    measured; observation files and labels.json are looked for beside each bag. Exit status 0 when
-    all three are admitted, 1 when one is refused.
+    SYN, SIM and PHY are bag directories, or run folders that hold bag/. Their states are measured;
+    observation files and labels.json are looked up beside each bag. Exit status 0 when all three
+    are admitted, 1 when one is refused.
     """
     click.get_current_context().with_resource(taken_folder(out))
     for file in (out / AUDIT_FILE, out / PAGE_FILE):

@@ -47,8 +47,8 @@ from ssp_scenario_manager.compile.task import TASK_FILE, TASK_FOLDER, Task
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="New folder of the bag; a drawing that was ended before goes on.  "
-    "[default: out/draw-… with the name of RUN]",
+    help="New folder of the bag; an interrupted drawing is resumed.  [default: out/draw-… with "
+    "the name of RUN]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def draw(
@@ -58,9 +58,9 @@ def draw(
 
     RUN is the folder of a session, or its bag, simulated or on a track, here or from another host.
     The new bag holds the same messages with the same times, but for the pictures, and names the
-    recording by its hash. Nothing is simulated, no ROS node is started, and no time limit is to be
-    met. Each finished picture is kept in OUT.drawing: ended at any time and called again, it draws
-    the rest. Both bags are one drive, and are never two domains of one comparison.
+    recording by its hash. Nothing is simulated, no ROS node is started, and no deadline has to be
+    met. Finished pictures are kept in OUT.drawing: an interrupted command, given again, draws the
+    rest. Both bags show the same drive, and are never two domains of one comparison.
     """
     if not camera_text.startswith(SCHEME):
         raise InputError(

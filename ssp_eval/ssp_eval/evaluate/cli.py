@@ -142,7 +142,7 @@ _PATH = click.Path(path_type=Path)
     multiple=True,
     help="Audit (audit.json or its folder); repeatable. What it refused isn't evaluated.",
 )
-@click.option("--propose-labels", is_flag=True, help="Where there are none, propose them.")
+@click.option("--propose-labels", is_flag=True, help="Propose labels where there are none.")
 @click.option(
     "--bridge",
     "bridges",
@@ -154,7 +154,7 @@ _PATH = click.Path(path_type=Path)
     "--attach",
     "attached",
     multiple=True,
-    help='Model whose bridge runs already: NAME, or NAME={"interface": …, "adapter": …}.',
+    help='Model whose bridge is already running: NAME, or NAME={"interface": …, "adapter": …}.',
 )
 @click.option(
     "--models",
@@ -164,14 +164,16 @@ _PATH = click.Path(path_type=Path)
     help="Models file (ssp.models/1), YAML; see docs/bridges.md.",
 )
 @click.option("--out", type=_PATH, required=True, help="Campaign folder; an existing one goes on.")
-@click.option("--adapter", default="", help="Reads all answers; default: each model's own.")
+@click.option(
+    "--adapter", default="", help="Adapter that reads all answers; default: each model's own."
+)
 @click.option(
     "--timeout",
     "timeout_s",
     type=Number(0.1, 86400.0),
     default=60.0,
     show_default=True,
-    help="Seconds that a model has for one answer, unless it has a time of its own.",
+    help="Time limit for one answer, s, unless a model has its own.",
 )
 @click.option(
     "--start-timeout",
@@ -179,15 +181,15 @@ _PATH = click.Path(path_type=Path)
     type=Number(0.1, 86400.0),
     default=CONNECT_S,
     show_default=True,
-    help="Seconds until a bridge is on its topics, which is after it has loaded its model.",
+    help="Time limit for a bridge to load its model and appear on its topics, s.",
 )
 @click.option(
     "--retry-errors",
     type=WholeNumber(0, 100),
     default=0,
     show_default=True,
-    help="How often a question is repeated after a timeout, an overload or a bridge that died or "
-    "can't be reached; other errors would come again.",
+    help="Number of repeats of a question after a timeout, an overload, or a bridge that died or "
+    "can't be reached; other errors would recur.",
 )
 @thresholds_option
 @llm_options("llm-")
@@ -196,14 +198,14 @@ _PATH = click.Path(path_type=Path)
     "--controls/--no-controls",
     default=True,
     show_default=True,
-    help="Add the harness's own answerers, and each model once more with black and with shuffled "
-    "frames, which asks each model three times as much; none of them enters a mean.",
+    help="Add the built-in baselines, and ask each model again with black and with shuffled "
+    "frames (three times as many questions); controls enter no mean.",
 )
 @click.option(
     "--blind",
     is_flag=True,
-    help="Ask each model of the backend openai once more without any picture: what it gets from "
-    "the words alone; none enters a mean.",
+    help="Ask each model of the backend openai again without pictures, to show what it scores "
+    "from the words alone; enters no mean.",
 )
 @click.option(
     "--pictures",
@@ -214,20 +216,20 @@ _PATH = click.Path(path_type=Path)
 @click.option(
     "--twins",
     is_flag=True,
-    help="Ask each model and answerer once more about each twin that `ssp twins` made beside a "
-    "BAG, at the times of the BAG's labels; none enters a mean.",
+    help="Ask each model and baseline again about each twin that `ssp twins` made beside a BAG, "
+    "at the times of the BAG's labels; they enter no mean.",
 )
 @click.option(
     "--reasoning",
     is_flag=True,
-    help="Give each model of the backend openai its own text back, with its object, side or action "
-    "turned and as it was, and ask for the trajectory; none enters a mean.",
+    help="Give each model of the backend openai its own text back, unchanged and with its object, "
+    "side or action reversed, and ask for the trajectory; enters no mean.",
 )
 @click.option(
     "--workers",
     type=WholeNumber(1, 1024),
     default=None,
-    help="Evaluate that many cells at a time, each in a process with bridges of its own.",
+    help="Number of cells evaluated at a time, each in its own process with its own bridges.",
 )
 @click.option(
     "--engine",
@@ -265,13 +267,13 @@ def evaluate(
 ) -> int:
     """Replay BAGS through VLA bridges and score the answers.
 
-    Raw answers are stored in OUT before anything interprets them; asking is not repeated for what
-    is stored. Errors don't count as answers: the same command, given again, asks for them again,
-    and for what an interruption left out. Recordings are looked up in the audits by the hash of
-    their bag: a refused one isn't evaluated, one that is unpaired or in no audit is scored and
-    stays out of domain means. Controls are asked too unless they are left out; before anything is
-    asked, a line says how many questions there are. Exit status 1 when some cell has no score, be
-    it for a refusal; a control that has none because of what it controls doesn't count.
+    Raw answers are stored in OUT before anything interprets them; stored ones aren't asked for
+    again. Errors don't count as answers: the same command, given again, asks for them again, and
+    for what an interruption left out. Recordings are looked up in the audits by the hash of their
+    bag: a refused one isn't evaluated; one that is unpaired or in no audit is scored but left out
+    of domain means. Controls are asked too, unless they are switched off; the number of questions
+    is printed before the first one. Exit status 1 if a cell has no score, also after a refusal; a
+    control without a score because of what it controls doesn't count.
     """
     if labels_files and len(labels_files) != len(bags):
         raise click.UsageError(

@@ -47,15 +47,15 @@ def driver() -> None:
     type=click.Choice(["alpasim", "carla"]),
     default="alpasim",
     show_default=True,
-    help="What a client that declares no revision speaks: AlpaSim's own, or the one before.",
+    help="Revision assumed for a client that declares none: AlpaSim's own, or the one before.",
 )
-@click.option("--camera", default="", help="Camera to see by, where a client declares several.")
+@click.option("--camera", default="", help="Camera to use if a client declares several.")
 @click.option(
     "--sessions",
     type=WholeNumber(1, 64),
     default=8,
     show_default=True,
-    help="Sessions at a time; each has a process of its own.",
+    help="Concurrent sessions; each has its own process.",
 )
 @click.option(
     "--models",
@@ -78,7 +78,7 @@ def serve(
     tls_key: str,
     insecure: bool,
 ) -> int:
-    """Serve the bridge NAME as an EgodriverService, until it is ended.
+    """Serve the bridge NAME as an EgodriverService until interrupted.
 
     \b
     For example:
@@ -117,12 +117,14 @@ def serve(
     type=Number(0),
     default=DEADLINE_S,
     show_default=True,
-    help="Time for each question with all of its calls, s.",
+    help="Time limit for each question with all of its calls, s.",
 )
 @click.option(
     "--revision", type=click.Choice(["1", "2"]), help="Revision of a server that declares none."
 )
-@click.option("--camera", default=FORWARD_CAMERA, show_default=True, help="Its declared name.")
+@click.option(
+    "--camera", default=FORWARD_CAMERA, show_default=True, help="Declared name of the camera."
+)
 @click.option("--tls", default="", metavar="FILE", help="Certificates (PEM) of the server.")
 @click.option("--drive-insecure", is_flag=True, help="Plain text to a host that isn't loopback.")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
@@ -135,9 +137,9 @@ def check(
     drive_insecure: bool,
     as_json: bool,
 ) -> int:
-    """Check a policy before it drives: each part with what was seen, and how to mend it.
+    """Check a policy before it drives; each finding says what was seen and how to mend it.
 
-    Exit status 1 where a part fails.
+    Exit status 1 if a part fails.
     """
     given = {"url": url, "deadline_s": deadline_s, "camera": camera, "tls": tls}
     given["revision"] = None if revision is None else int(revision)

@@ -53,7 +53,7 @@ _PATH = click.Path(path_type=Path)
     help="Texts to review.",
 )
 @click.option(
-    "--seed", type=WholeNumber(0), default=0, show_default=True, help="Seed of their choice."
+    "--seed", type=WholeNumber(0), default=0, show_default=True, help="Seed for choosing them."
 )
 @click.option(
     "--returned",
@@ -68,9 +68,9 @@ _PATH = click.Path(path_type=Path)
     "corpus",
     type=_PATH,
     metavar="CORPUS.jsonl",
-    help="Texts with known slots, to measure the extraction by.",
+    help="Texts with known slots, to measure the extraction against.",
 )
-@click.option("--misses", is_flag=True, help="With --measure, list what came out otherwise.")
+@click.option("--misses", is_flag=True, help="With --measure, list the differences.")
 @click.option("--json", "as_json", is_flag=True, help="Print a measure or a review as JSON.")
 def extract(
     file: str | None,
@@ -88,9 +88,9 @@ def extract(
 
     FILE.jsonl has lines {"id": …, "text": …}; "-" reads standard input. For each, one line
     {"id": …, "slots": …} goes to standard output, slots as in behaviour records (METHOD 5.3), with
-    "language" where the text isn't English, which isn't read; it says which slots the learned
+    "language" if the text isn't English and so wasn't read. It also says which slots the learned
     reader filled or took back, and with --llm which the LLM filled. Of an output with reasoning or
-    further turns only the answer is read (METHOD 5.4b), which stands in "answer" then.
+    further turns only the answer is read (METHOD 5.4b); it is then given in "answer".
 
     Instead, --review OUT prepares a blind review of FILE.jsonl by two people, --returned A B
     --key KEY compares what they returned with each other and with the extractor, and --measure

@@ -64,7 +64,7 @@ from ssp_eval.importers.video import TableOptions, VideoOptions, import_clip
 @click.option(
     "--rate",
     type=Number(0, 1000, low_open=True),
-    help="Keep every n-th frame, n as large as leaves at least HZ frames per second "
+    help="Keep every n-th frame, with the largest n that leaves at least HZ frames per second "
     "[default: 10, or all of a slower video].",
 )
 @click.option("--hfov-deg", type=Number(10, 150), help="Horizontal field of view.")
@@ -82,7 +82,7 @@ from ssp_eval.importers.video import TableOptions, VideoOptions, import_clip
     default=0,
     show_default=True,
     metavar="N",
-    help="Errors of the decoder that are accepted; the bag says how many there were.",
+    help="Number of decoder errors to accept; the bag says how many there were.",
 )
 @click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
 def import_video(
@@ -100,10 +100,10 @@ def import_video(
 ) -> None:
     """Make a bag from a video file, or from a span of it.
 
-    A video doesn't tell how fast its camera moved: give the states of its simulator or positioning
+    A video doesn't show how fast its camera moved: give the states of its simulator or positioning
     system with --states, state the speed with --ego-speed (recorded as declared), or say
-    --ego-unknown. Times in the bag count from the first frame of the crop. Where the video comes
-    from is entered into log L, <bag>.log.jsonl.
+    --ego-unknown. Times in the bag count from the first frame of the crop. The video's origin is
+    entered into log L, <bag>.log.jsonl.
     """
     if (ego_speed is not None) + ego_unknown + (states is not None) != 1:
         raise click.UsageError(
@@ -234,8 +234,8 @@ def finish(summary: ImportSummary, who: str, accepted: Sequence[str], json_: boo
 @click.option(
     "--rate",
     type=Number(0, 1000, low_open=True),
-    help="Keep every n-th frame, n as large as leaves at least HZ frames per second [default: 10, "
-    "or all of a slower camera].",
+    help="Keep every n-th frame, with the largest n that leaves at least HZ frames per second "
+    "[default: 10, or all of a slower camera].",
 )
 @domain_option(None)
 @declaring
@@ -256,12 +256,12 @@ def import_bag_command(
     json_: bool,
     **given: Any,
 ) -> None:
-    """Make a recording that can be audited of a ROS 2 bag (MCAP or SQLite) that others recorded.
+    """Turn somebody else's ROS 2 bag (MCAP or SQLite) into a recording that can be audited.
 
     The poses of VUT and objects come as nav_msgs/Odometry (also PoseStamped,
     PoseWithCovarianceStamped, NavSatFix), the frames as CompressedImage or Image. Clocks, frames,
-    gaps and speeds are checked; what is derived or taken for granted is said and kept in the
-    recording. Where it comes from is entered into log L, <out>.log.jsonl.
+    gaps and speeds are checked; derived and assumed values are reported and kept in the recording.
+    Its origin is entered into log L, <out>.log.jsonl.
     """
     named = {VUT_ID: _topic("--vut", vut, "car")}
     for name, text in pairs("--object", objects).items():

@@ -187,20 +187,23 @@ declaring = adding(
         help="K* version that the recording shows.",
     ),
     click.option(
-        "--event", help="The K* itself, by name or file: gives scenario and version, is attached."
+        "--event",
+        help="The K* itself, by name or file; it gives scenario and version and is attached.",
     ),
     click.option(
         "--generator", default="unknown", show_default=True, help="What made the recording."
     ),
-    click.option("--declared-by", help="Who says of which domain it is."),
+    click.option("--declared-by", help="Who declares the domain."),
     click.option(
         "--declared-on", type=_DAY, metavar="DATE", help="When it was recorded, YYYY-MM-DD."
     ),
     click.option("--place", help="Where it was recorded."),
     click.option("--log-by", help="Who declares what only a log would show."),
-    click.option("--log-on", type=_DAY, metavar="DATE", help="When he does [default: today]."),
+    click.option(
+        "--log-on", type=_DAY, metavar="DATE", help="Date of that declaration [default: today]."
+    ),
     click.option("--safety-abort", type=_YES_NO, help="Was there a safety abort?"),
-    click.option("--identity-switch", type=_YES_NO, help="Was an object taken for another?"),
+    click.option("--identity-switch", type=_YES_NO, help="Was an object mistaken for another?"),
     click.option(
         "--site-change",
         "site_changes",
@@ -299,15 +302,16 @@ moving = adding(
         "transforms",
         multiple=True,
         metavar="ID=X,Y,YAW_DEG",
-        help="Rigid motion from an object's frame (or `all`) to the map's: m and degrees.",
+        help="Rigid transform from an object's frame (or `all`) to the map's: m and degrees.",
     ),
     click.option(
         "--reference",
         "references",
         multiple=True,
         metavar="ID=POINT",
-        help="The point that an object's poses (or those of `all`) are of: rear_axle, centre, "
-        "front, rear, or m ahead of the rear axle [default: a bag's rear_axle, a table's centre].",
+        help="Point that an object's poses (or those of `all`) refer to: rear_axle, centre, "
+        "front, rear, or m ahead of the rear axle [default: a bag's rear_axle, a table's "
+        "centre].",
     ),
     click.option(
         "--heading",
@@ -410,7 +414,7 @@ def accept_option() -> Option:
         multiple=True,
         type=click.Choice(sorted(ACCEPTABLE)),
         metavar="NAME",
-        help="Take the findings of that name as they are; the recording says so. Names: "
+        help="Accept the findings of that name; the recording says so. Names: "
         + "; ".join(f"{name}, {what}" for name, what in sorted(ACCEPTABLE.items()))
         + ".",
     )

@@ -172,7 +172,7 @@ def boxes_command(source: Path, out: Path, force: bool) -> None:
 
     BAG is that of a simulated session, TRUTH the file of a clip. The first line names schema
     and source; each other line is a frame with its clip time and the objects that it may show:
-    id, class, box (left, top, right, bottom in px), distance, and the share that nothing hides.
+    id, class, box (left, top, right, bottom in px), distance, and its unoccluded share.
     """
     if out.exists() and not force:
         raise InputError("exists already", file=out, remedy="give --force to overwrite it")

@@ -47,7 +47,7 @@ labels.add_command(new)
 def check(file: Path, event: str | None, as_json: bool) -> int:
     """Check FILE by METHOD 5.2, 5.2b and 1, and warn when no risk response could be reached.
 
-    Exit status 1: it is a template, or its phases contradict each other, its plan or the event's
+    Exit status 1 if it is a template, or its phases contradict each other, its plan or the event's
     times.
     """
     waiting = unfilled(read_mapping(file))

@@ -144,12 +144,12 @@ class _Planned:
 @click.option(
     "--truth", type=_PATH, help="States of a clip (ssp.truth/1), as its maker wrote them."
 )
-@click.option("--out", type=_PATH, help="Labels file, of several recordings a folder for them.")
+@click.option("--out", type=_PATH, help="Labels file, or a folder for those of several recordings.")
 @click.option("--domain", type=Domain(), help="Where the source doesn't say.")
 @click.option("--scenario", help="Where the source doesn't say.")
 @click.option("--event-version", help="K* version, where the source names none.")
 @click.option("--event", help="K*, by name or file, where the recordings hold none.")
-@click.option("--template", is_flag=True, help="Templates, even where states are recorded.")
+@click.option("--template", is_flag=True, help="Write templates even where states are recorded.")
 @click.option(
     "--start", type=Number(0), default=0.0, help="Start of the clip in the file VIDEO, s."
 )
@@ -174,8 +174,8 @@ def new(
     into the folder --out. A recording alone is planned by its own phases.
 
     What is proposed is marked in a sidecar (FILE.proposal.json) until `ssp spec review FILE` or an
-    edit confirms it. A recording without states gets a template with the label times, at which
-    nothing is said yet.
+    edit confirms it. A recording without states gets a template with the label times and no
+    statements yet.
 
     The thresholds of a conflict are those of the K* in the bag, else of the run, else of --event or
     of the shipped K* of the scenario, unless another version is named.

@@ -173,7 +173,7 @@ def agree_command(files: tuple[Path, ...], as_json: bool) -> int:
     """Show where two persons' sealed observations A and B of one recording agree.
 
     A field on which they differ is unverified; times within 0.1 s, or one frame, are the same and
-    their mean counts. Exit status 1 where they differ.
+    their mean counts. Exit status 1 if they differ.
     """
     if len(files) < 2:
         raise click.UsageError("name two sealed observations")

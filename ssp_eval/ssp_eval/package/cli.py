@@ -45,11 +45,11 @@ def package() -> None:
 def make_command(
     folders: tuple[Path, ...], out: Path, force: bool, copy: bool, workers: int, as_json: bool
 ) -> int:
-    """Take everything in FOLDERS into an evidence package.
+    """Pack everything in FOLDERS into an evidence package.
 
     Source videos, K*, compiled folders, recordings, labels, audits and evaluated cells, with every
-    part of log L. A package is made only when every hash that is named in it leads to something
-    in it; what METHOD 4 asks for besides is listed as missing.
+    part of log L. A package is made only if every hash named in it leads to something in it;
+    whatever else METHOD 4 asks for is listed as missing.
     """
     from ssp_eval.package.make import make_package
 
@@ -82,13 +82,13 @@ def make_command(
 
 @package.command("verify")
 @click.argument("folder", metavar="PACKAGE", type=_PATH)
-@click.option("--id", "expected_id", help="Id that it must have, noted when it was made.")
+@click.option("--id", "expected_id", help="Id that the package must have, noted when it was made.")
 @_WORKERS
 @click.option("--json", "as_json", is_flag=True, help="Print what was found as JSON.")
 def verify_command(folder: Path, expected_id: str | None, workers: int, as_json: bool) -> int:
     """Check every byte and every link of PACKAGE.
 
-    Exit status 1 when something isn't as it was made; each file is named, with what rests on it.
+    Exit status 1 if anything was changed; each file is named, with what depends on it.
     """
     from ssp_eval.package.verify import verify_package
 
@@ -123,11 +123,11 @@ def verify_command(folder: Path, expected_id: str | None, workers: int, as_json:
 @click.argument("scores", metavar="[SCORE]...", nargs=-1)
 @click.option("--json", "as_json", is_flag=True, help="Print the steps as JSON.")
 def show_command(folder: Path, scores: tuple[str, ...], as_json: bool) -> int:
-    """Walk each SCORE of PACKAGE back to K*; without one, list the cells.
+    """Trace each SCORE of PACKAGE back to K*; without one, list the cells.
 
     SCORE is CELL:LABEL, the folder name of a cell and the number of a label from 0, such as
-    cut_in__simulation__my_model:3; CELL alone means all its labels. Every file that the walk
-    passes is hashed on the way.
+    cut_in__simulation__my_model:3; CELL alone means all its labels. Every file on the way is
+    hashed.
     """
     from ssp_eval.package.contents import Contents
     from ssp_eval.package.trace import Walker, find_cell

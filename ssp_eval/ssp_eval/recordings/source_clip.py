@@ -283,7 +283,7 @@ def _lanes(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int
     "--lanes",
     callback=_lanes,
     metavar="N+M",
-    help="Lanes with and against the VUT [default: as the event's part T says].",
+    help="Lanes in the VUT's direction, and oncoming ones [default: those of the event's part T].",
 )
 @click.option(
     "--out",
@@ -293,13 +293,13 @@ def _lanes(_: click.Context, __: click.Parameter, text: str | None) -> tuple[int
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder to write to.",
 )
-@click.option("--force", is_flag=True, help="Replace a clip and its K* that are there.")
+@click.option("--force", is_flag=True, help="Replace an existing clip and its K*.")
 def clip_command(
     event: str, seed: int, lanes: tuple[int, int] | None, out: Path, force: bool
 ) -> int:
-    """Make a synthetic clip of EVENT, and the K* that is bound to it.
+    """Make a synthetic clip of EVENT and the K* bound to it.
 
-    EVENT is a K* file or the name of a shipped one. Written are NAME.mp4, NAME.truth.json (ground
+    EVENT is a K* file or the name of a shipped one. It writes NAME.mp4, NAME.truth.json (ground
     truth, for labels), NAME.event.yaml (the K*: use this one from here on) and NAME.log.jsonl.
     """
     k_star, version, path = checked_event(event)

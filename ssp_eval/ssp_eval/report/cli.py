@@ -154,15 +154,14 @@ class _Wanted:
     type=click.Path(path_type=Path),
     multiple=True,
     metavar="DIR",
-    help="Another campaign with repetitions of the same cells; any number.",
+    help="Another campaign with repetitions of the same cells; repeatable.",
 )
 @click.option(
     "--expect",
     "expected",
     multiple=True,
     metavar="SCENARIO",
-    help="Scenario that the campaign was planned with; the report says so where no cell of it is "
-    "there. Any number.",
+    help="Scenario that was planned; the report says so if it has no cell. Repeatable.",
 )
 @click.option(
     "--tables",
@@ -188,7 +187,7 @@ class _Wanted:
     "--only",
     type=click.Choice(CHOICES),
     multiple=True,
-    help="Draw only these groups of figures; any number.",
+    help="Draw only these groups of figures; repeatable.",
 )
 @click.option(
     "--open-loop",
@@ -197,7 +196,7 @@ class _Wanted:
     multiple=True,
     metavar="DIR",
     help="With a campaign of driven runs: a campaign of `ssp evaluate` on the same events, whose "
-    "scores of the drivers are held against their headlines. Any number.",
+    "scores are compared with the drivers' headlines. Repeatable.",
 )
 @click.option("--reference", metavar="NAME", help="Model that the others are compared with.")
 @click.option(
@@ -205,14 +204,14 @@ class _Wanted:
     type=WholeNumber(min=100, max=1_000_000),
     default=RESAMPLES,
     show_default=True,
-    help="Resamples of the bootstrap, and sets of weights that are tried.",
+    help="Bootstrap resamples, and number of random sets of weights.",
 )
 @click.option(
     "--block",
     type=WholeNumber(min=1),
     metavar="LABELS",
-    help="Neighbouring labels that are drawn together; the cube root of a clip's number of them "
-    "where it isn't given, 1 draws each alone.",
+    help="Block length of the bootstrap in neighbouring labels; 1 draws each alone. Default: the "
+    "cube root of a clip's number of labels.",
 )
 @click.option(
     "--seed",
@@ -239,12 +238,12 @@ def report(
 ) -> int:
     """Write OUT_DIR/index.html: one file with the pictures in it, readable offline.
 
-    OUT_DIR is a folder of `ssp evaluate`, or of `ssp loop`, whose page tells of driven runs.
+    OUT_DIR is a folder of `ssp evaluate`, or of `ssp loop`, whose page shows driven runs.
 
     With --tables it also writes tables and statistics as files; with --from-cells and --out only
-    these, from a CSV file of component scores. The page of more than 500 cells shows statistics
-    only with --tables. A cell that isn't as `ssp evaluate` left it, or whose admission its audit
-    doesn't give, is refused: the report goes on without it and the exit status is 1.
+    these, from a CSV file of component scores. A page of more than 500 cells shows statistics only
+    with --tables. A cell that was changed after `ssp evaluate`, or whose admission its audit
+    doesn't confirm, is refused: the report leaves it out, and the exit status is 1.
     """
     options = Options(resamples, seed, block)
     if only and figures is None:

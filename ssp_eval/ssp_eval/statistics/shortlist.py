@@ -262,28 +262,28 @@ _EXPLAINED = (
     type=_SHARE,
     default=DEFAULT_LIMITS.no_response,
     show_default=True,
-    help="A candidate from this share of cells without a risk response on.",
+    help="Least share of cells without a risk response that makes a candidate.",
 )
 @click.option(
     "--turned",
     type=_SHARE,
     default=DEFAULT_LIMITS.turned,
     show_default=True,
-    help="A candidate from this share of pairs of models whose order turns on.",
+    help="Least share of pairs of models in reversed order that makes a candidate.",
 )
 @click.option(
     "--width",
     type=_SHARE,
     default=DEFAULT_LIMITS.width,
     show_default=True,
-    help="A candidate from this mean width of the intervals of IVCS on.",
+    help="Least mean width of the intervals of IVCS that makes a candidate.",
 )
 @click.option(
     "--most",
     type=WholeNumber(1),
     default=DEFAULT_LIMITS.most,
     show_default=True,
-    help="Ranks that are listed.",
+    help="Number of ranks to list.",
 )
 @click.option(
     "--resamples",
@@ -312,9 +312,9 @@ def shortlist_command(
 ) -> int:
     """List which events go on to the track, and why.
 
-    SYN_CAMPAIGN and SIM_CAMPAIGN are campaign folders of `ssp evaluate`; of the first the cells of
-    the domain synthetic count, of the second those of simulation. One folder that holds both is
-    given twice. Exit status 1 where no event is a candidate.
+    SYN_CAMPAIGN and SIM_CAMPAIGN are campaign folders of `ssp evaluate`; the first gives the cells
+    of the domain synthetic, the second those of simulation. A folder that holds both is given
+    twice. Exit status 1 if no event is a candidate.
     """
     limits = Limits(no_response=no_response, turned=turned, width=width, most=most)
     first = load_cells(syn_campaign)

@@ -43,26 +43,26 @@ ALL = "all"
     help="What differs, in one of the forms above; may be repeated.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the twins as JSON (ssp.twin_set/1).")
-@click.option("--force", is_flag=True, help="Make twins again that are there.")
+@click.option("--force", is_flag=True, help="Make existing twins again.")
 def twins(recording: Path, wanted: tuple[str, ...], as_json: bool, force: bool) -> int:
     """Make twins of a recording: the same in everything but one cause.
 
-    RUN is the folder of a simulated session, or its bag. In a twin the VUT and all that isn't
-    changed stand where they were recorded, and nothing reacts. Each becomes a bag,
-    RUN/twins/NAME/bag, with what differs in it, twin.json; twin_set.json lists them all. A
-    finished twin of the same recording isn't made again.
+    RUN is the folder of a simulated session, or its bag. In a twin the VUT and everything unchanged
+    are where they were recorded, and nothing reacts. Each becomes a bag, RUN/twins/NAME/bag, with
+    its differences in twin.json; twin_set.json lists all twins. A finished twin of the same
+    recording isn't made again.
 
     \b
-    without=ID         the object isn't there
+    without=ID         the object is removed
     class=ID:CLASS     another class in its place
     mirror=ID          on the other side of the VUT
-    shift=ID:SECONDS   so much later, or earlier where negative
+    shift=ID:SECONDS   later by SECONDS, or earlier if negative
     control[=CLASS]    an irrelevant object far beside the road is added
-    camera=SECONDS     frames from where the VUT was so much earlier; its history as it was
-    history=SHARE      the VUT's history at this share of its speed; frames as they were
+    camera=SECONDS     frames from where the VUT was SECONDS earlier; its history unchanged
+    history=SHARE      the VUT's history at this share of its speed; frames unchanged
     all                each of these for each object target
 
-    Exit status 1 when a twin that was named differs in more than its cause, or in nothing.
+    Exit status 1 if a twin that was named differs in more than its cause, or in nothing.
     """
     with usage_errors():
         named = {word: parse_change(word) for word in wanted if word != ALL}

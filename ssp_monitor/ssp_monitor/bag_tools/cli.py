@@ -57,7 +57,7 @@ def check_command(ctx: click.Context, path: Path, json_: bool) -> None:
 @click.option("--out", "target", type=BAG, help="New bag directory [default: SOURCE_recovered].")
 @as_json
 def recover_command(source: Path, target: Path | None, json_: bool) -> None:
-    """Make a readable bag of a recording that was cut off or is damaged in places.
+    """Recover a readable bag from a recording that was cut off or is damaged in places.
 
     SOURCE, a directory or .mcap file, stays as it is.
     """
@@ -127,7 +127,7 @@ def _tell(target: Path, report: CutReport) -> None:
 
 @click.group()
 def bag() -> None:
-    """Look into bags, cut, export and repair them."""
+    """Inspect, cut, export and repair bags."""
 
 
 for command in (

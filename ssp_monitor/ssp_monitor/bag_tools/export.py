@@ -360,7 +360,7 @@ def _some(topics: Iterable[str], most: int = 8) -> str:
 @click.option(
     "--frames",
     type=click.Choice(["jpg", "png"]),
-    help="Each frame as an image; what was recorded so is copied byte for byte.",
+    help="Each frame as an image; recorded images are copied byte for byte.",
 )
 @click.option("--video", is_flag=True, help="An MP4 per image topic, at the recorded times.")
 @click.option("--csv", is_flag=True, help="A table per topic as CSV.")

@@ -23,8 +23,10 @@ from ssp_monitor.recorder.topics import MOST_TOPICS
 
 @click.command("record")
 @click.argument("topics", nargs=-1, metavar="[TOPIC]...")
-@click.option("--all", is_flag=True, help="Every topic, those that come late too.")
-@click.option("--include", multiple=True, metavar="RE", help="Topics with such names; repeatable.")
+@click.option("--all", is_flag=True, help="Every topic, also those that appear later.")
+@click.option(
+    "--include", multiple=True, metavar="RE", help="Topics whose names match; repeatable."
+)
 @click.option("--exclude", multiple=True, metavar="RE", help="None of these; repeatable.")
 @click.option(
     "-o", "--out", "bag", type=click.Path(path_type=Path), required=True, help="New bag directory."
@@ -39,14 +41,14 @@ from ssp_monitor.recorder.topics import MOST_TOPICS
     type=WholeNumber(1),
     default=QUEUE_MB,
     show_default=True,
-    help="What may wait for the disk before something is dropped.",
+    help="Size of the queue to the disk before messages are dropped.",
 )
 @click.option(
     "--reserve-mb",
     type=WholeNumber(0),
     default=RESERVE_MB,
     show_default=True,
-    help="End the recording when the disk has less room than this.",
+    help="End the recording when the disk has less free space than this.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def record_command(
@@ -58,9 +60,9 @@ def record_command(
 ) -> None:
     """Record topics into a bag until Ctrl-C.
 
-    Named topics are recorded whatever they are; --all and --include leave out hidden topics,
+    Topics given by name are always recorded; --all and --include leave out hidden topics,
     /rosout and /parameter_events. An expression may match anywhere in a name. Ctrl-C is the regular
-    end: exit status 0, or 1 when messages were lost or the bag is not as it must be.
+    end: exit status 0, or 1 if messages were lost or the bag isn't sound.
     """
     if not (topics or given["all"] or given["include"]):
         raise click.UsageError("name topics, or give --all or --include")

@@ -39,14 +39,16 @@ iso.add_command(probe_command)
     required=True,
     help="Folder of `ssp compile --target track` or a live session: start, limits, fence, datum.",
 )
-@click.option("--object", "object_id", metavar="ID", help="Which of the run. [default: its only]")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address that it listens at.")
+@click.option(
+    "--object", "object_id", metavar="ID", help="Object of the run. [default: its only one]"
+)
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option(
     "--port",
     type=WholeNumber(0, 65535),
     default=TCP_PORT,
     show_default=True,
-    help="TCP port, UDP is the one below; 0: any that are free.",
+    help="TCP port; UDP is the one below; 0: any that are free.",
 )
 @click.option(
     "--fault",
@@ -67,7 +69,7 @@ def object_(
     """Play an object target for any control centre that speaks ISO 22133.
 
     It has the simulated body, the limits and the checks of our object targets, and listens until
-    it is interrupted. Whatever drives it may be ours or another vendor's; there is one at a time.
+    it is interrupted. The control centre may be ours or another vendor's, one at a time.
     """
     if port == 1:
         raise click.BadParameter("must have a port below it", param_hint="--port")

@@ -140,7 +140,7 @@ def load_motion(path: Path, datum: Datum) -> Motion:
 @click.option(
     "--trajectory",
     type=click.Path(path_type=Path),
-    help="CSV whose way and highest speed the stage move takes: t_s,x_m,y_m,yaw_rad,speed_mps. "
+    help="CSV with the path and highest speed for the stage move: t_s,x_m,y_m,yaw_rad,speed_mps. "
     "[default: 20 m straight on at 3 m/s]",
 )
 @click.option(
@@ -166,7 +166,7 @@ def load_motion(path: Path, datum: Datum) -> Motion:
     type=click.Choice(get_args(ObjectWord)),
     default="car",
     show_default=True,
-    help="Class of the object in the run: how far its way may lead off its yaw.",
+    help="Class of the object in the run: sets how far its direction of motion may be off its yaw.",
 )
 @click.option(
     "--omnidirectional",
@@ -196,14 +196,14 @@ def probe_command(
     heartbeat_s: float,
     json_file: Path | None,
 ) -> int:
-    """Ask a test object for what ISO 22133 promises, and judge it by what it does.
+    """Test whether an object does what ISO 22133 promises.
 
     Stages: listen (to its reports), connect (and be answered), arm (disarm, abort, clear, lose
-    heartbeats, all at a standstill), move (start at a time, stop, abort, lose heartbeats). Stand by
-    with means of your own to stop the object before you ask for move: this is where an object is
-    found that doesn't obey.
+    heartbeats, all at a standstill), move (start at a time, stop, abort, lose heartbeats). Before
+    the stage move, stand by with independent means to stop the object: this is where one that
+    doesn't obey shows.
 
-    Exit status 1 when a clause fails or wasn't reached.
+    Exit status 1 if a clause fails or wasn't reached.
     """
     name, port = parse_address(host)
     asked = _up_to(stages)

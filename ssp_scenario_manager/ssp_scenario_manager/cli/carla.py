@@ -23,7 +23,7 @@ _STYLE = {Outcome.PASS: "green", Outcome.FAIL: "bold red", Outcome.INFO: "cyan"}
 
 @click.group()
 def carla() -> None:
-    """Ask a CARLA server (docs/carla.md)."""
+    """Query a CARLA server (docs/carla.md)."""
 
 
 @carla.command("probe")

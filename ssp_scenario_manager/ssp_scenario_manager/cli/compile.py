@@ -57,7 +57,9 @@ def _login_name() -> str | None:
     help="OpenDRIVE (.xodr) or SUMO (.net.xml) map; not for a track.",
 )
 @click.option(
-    "--choose", metavar="BLOCK", help="Your choice among blocks that tie; goes into the log."
+    "--choose",
+    metavar="BLOCK",
+    help="Block to take where several score alike; recorded in the log.",
 )
 @click.option("--seed", default=1, show_default=True, type=WholeNumber(0, 2**31 - 1))
 @click.option("--who", metavar="NAME", help="Who chooses, for the log. [default: login name]")
@@ -71,7 +73,7 @@ def _login_name() -> str | None:
     "--shortlist",
     metavar="FILE.json",
     type=click.Path(path_type=Path),
-    help="List of `ssp shortlist` that the event must be a candidate of; for a track.",
+    help="List of `ssp shortlist` on which the event must be a candidate; for a track.",
 )
 @click.option(
     "--out",

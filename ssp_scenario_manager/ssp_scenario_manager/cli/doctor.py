@@ -46,10 +46,10 @@ _STEPS = 100
     show_default=True,
     help="How long to listen, with --session.",
 )
+@click.option("--odometry", metavar="TOPIC", help="With --session: also judge the VUT's GNSS/INS.")
 @click.option(
-    "--odometry", metavar="TOPIC", help="With --session: the VUT's GNSS/INS, to be judged too."
+    "--navsat", metavar="TOPIC", help="With --session: the same, if it publishes positions."
 )
-@click.option("--navsat", metavar="TOPIC", help="With --session: the same, where it gives places.")
 @click.option(
     "--remap",
     "remappings",
@@ -61,7 +61,7 @@ _STEPS = 100
     "--carla",
     "carla_text",
     metavar="HOST[:PORT]",
-    help="Say instead whether a CARLA server would be accepted for a run.",
+    help="Show instead whether a CARLA server would be accepted for a run.",
 )
 @click.option(
     "--map",
@@ -80,12 +80,12 @@ def doctor(
     map_file: Path | None,
     as_json: bool,
 ) -> int:
-    """Say what is installed, what is missing, and whether two processes can talk over DDS.
+    """Show what is installed, what is missing, and whether two processes can talk over DDS.
 
     With --session it listens, in the ROS domain and with the DDS profile of the environment, to the
     session of a run file: rates, stamps, frames, clock offsets and link delays of what is
-    connected, and what keeps it from arming. It sends nothing. With --carla it asks a CARLA server
-    and changes nothing there.
+    connected, and what prevents it from arming. It sends nothing. With --carla it asks a CARLA
+    server and changes nothing there.
 
     Exit status 1 when something that a session needs is missing.
     """

@@ -49,14 +49,14 @@ DEFAULT_OUT = Path("out") / "faults"
     "--only",
     multiple=True,
     metavar="REGEX",
-    help="Only rows whose name has this in it; may be given again.",
+    help="Only rows whose name contains this; repeatable.",
 )
 @click.option(
     "--stage",
     "stages",
     multiple=True,
     type=click.Choice([stage.value for stage in Stage]),
-    help="Only this stage; may be given again. [default: all]",
+    help="Only this stage; repeatable. [default: all]",
 )
 @click.option(
     "--mode",
@@ -75,7 +75,7 @@ DEFAULT_OUT = Path("out") / "faults"
     type=click.Path(path_type=Path),
     default=DEFAULT_OUT,
     show_default=True,
-    help="Folder of runs and table; finished cells in it are judged again and not run again.",
+    help="Folder of runs and table; finished cells in it are judged again, not run again.",
 )
 @click.option("--junit", type=click.Path(path_type=Path), help="Also write JUnit XML here.")
 @click.option("--list", "show", is_flag=True, help="Only list rows and stages.")

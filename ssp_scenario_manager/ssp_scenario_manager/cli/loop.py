@@ -48,8 +48,8 @@ AGAIN_FOLDER = "again"
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="Folder of the campaign; one that was interrupted goes on where it stopped. With --again "
-    "a new folder for the run.",
+    help="Folder of the campaign; an interrupted one is resumed. With --again, a new folder for "
+    "the run.",
 )
 @click.option("--jobs", type=WholeNumber(1, 1024), default=1, help="Workers that share the runs.")
 @click.option(
@@ -64,15 +64,15 @@ AGAIN_FOLDER = "again"
     "--again",
     type=WholeNumber(1),
     metavar="ROW",
-    help="With the folder of a campaign instead of its plan: drive the run of this row of runs.csv "
-    "again, and leave its bag and a view from above.",
+    help="With a campaign's folder instead of its plan: drive the run of this row of runs.csv "
+    "again, and write its bag and a top view.",
 )
 @click.option(
     "--bags",
     type=click.Choice(["all", "failed", "none"]),
     default="failed",
-    help="Runs that leave a bag in OUT/bags; failed: those that are no success, and all runs on "
-    "the first start of each event. A finished campaign is given what it has not.  "
+    help="Runs whose bags are kept in OUT/bags; failed: those without success, and all runs on "
+    "the first start of each event. A finished campaign gets the bags that it lacks.  "
     "[default: failed]",
 )
 @click.option(
@@ -81,8 +81,8 @@ AGAIN_FOLDER = "again"
     multiple=True,
     metavar="NAME[=JSON]",
     help="A further driver of the campaign, as with `ssp run`: also grpc://HOST:PORT, a policy "
-    "written for AlpaSim (docs/drivers.md); may be repeated. A campaign that goes on needs it "
-    "again.",
+    "written for AlpaSim (docs/drivers.md); may be repeated. Give it again to resume a "
+    "campaign.",
 )
 @click.option(
     "--drive-insecure",
@@ -105,10 +105,9 @@ def loop(
 
     It leaves plan.json, starts.json and cards.json (sealed before a driver runs), runs.csv (a row
     per run) and table.csv (a row per event, driver and latency, with the number of the group of
-    like cards); `ssp report` makes a page of them.
-    The bags of runs lie in bags/ROW, each in a folder as `ssp run` leaves it.
-    Exit status 1 where a baseline that must have a headline of 0 has another one, or a run that is
-    recorded isn't the one of its row.
+    like cards); `ssp report` makes a page of them. The bags of runs lie in bags/ROW, each in a
+    folder as `ssp run` leaves it. Exit status 1 if a baseline whose headline must be 0 has another
+    one, or if a recorded run isn't that of its row.
 
     \b
     For example:

@@ -26,13 +26,13 @@ _STRAIGHT_DEG = 30.0
 
 @click.command("maps")
 @click.argument("place")
-@click.option("--junction", "only", metavar="NAME", help="Show this junction alone.")
+@click.option("--junction", "only", metavar="NAME", help="Show only this junction.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def maps(place: str, only: str | None, as_json: bool) -> int:
     """List the junctions of PLACE, with the routes through them and where these conflict.
 
     PLACE is an OpenDRIVE map (.xodr), a SUMO network (.net.xml), or a site by name or file. Arc
-    lengths are along the route; angles are those at which the other route heads, + left.
+    lengths are along the route; angles are the other route's headings, + to the left.
     """
     library = load_library(place if Path(place).is_file() else find_shipped(place, "site"))
     library = with_lane_ends(library)

@@ -93,23 +93,24 @@ DEFAULT_SITE = "boulevard"
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="New folder for all that the run leaves; a sweep goes on in its own. [default: out/run-…]",
+    help="New folder for everything the run writes; an interrupted sweep is resumed in its own. "
+    "[default: out/run-…]",
 )
-@click.option("--no-camera", is_flag=True, help="Render nothing.")
+@click.option("--no-camera", is_flag=True, help="Don't render camera frames.")
 @click.option(
     "--camera",
     "camera_text",
     metavar="raster|carla://HOST[:PORT]",
-    help="What draws the pictures: our own renderer, or a CARLA server that has the map which the "
-    "task was compiled for (docs/carla.md).  [default: that of the task, raster]",
+    help="Renderer of the frames: our own, or a CARLA server with the map that the task was "
+    "compiled for (docs/carla.md).  [default: that of the task, raster]",
 )
 @click.option(
     "--plant",
     "plant_text",
     metavar="bodies|carla://HOST[:PORT]",
     help="What moves VUT and object targets: our own bodies, or the vehicle physics of a CARLA "
-    "server as above, by throttle, brake and steering. Such a run isn't repeatable to the byte.  "
-    "[default: that of the task, bodies]",
+    "server as above, by throttle, brake and steering. Such a run isn't repeatable byte for "
+    "byte.  [default: that of the task, bodies]",
 )
 @click.option(
     "--in-process",
@@ -126,7 +127,7 @@ DEFAULT_SITE = "boulevard"
 @click.option(
     "--runs",
     type=WholeNumber(1, 1_000_000),
-    help="With --in-process: so many runs, with seeds that count up; one row each in runs.csv.",
+    help="With --in-process: number of runs, with consecutive seeds; one row each in runs.csv.",
 )
 @click.option(
     "--vary",
@@ -143,13 +144,13 @@ DEFAULT_SITE = "boulevard"
 @click.option(
     "--junit",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the verdict as JUnit XML too: failed, aborted or off spec is a failure, a harness "
-    "an error.",
+    help="Also write the verdict as JUnit XML: failed, aborted and off-spec runs are failures, "
+    "harness faults are errors.",
 )
 @click.option(
     "--video",
     type=click.Choice(["h264", "h265"]),
-    help="Record the camera as video, an eighth of the size. [default: its JPEG frames]",
+    help="Record the camera as video, at an eighth of the size. [default: its JPEG frames]",
 )
 @click.option(
     "--page",
@@ -166,17 +167,17 @@ DEFAULT_SITE = "boulevard"
     "shadow_texts",
     multiple=True,
     metavar="NAME[=JSON]",
-    help="Have a VLA bridge follow the session and record its answers; NAME or "
-    'NAME={"backend": …, "hz": 2, …options}. It steers nothing; may be repeated.',
+    help='Let a VLA bridge follow the session and record its answers; NAME or NAME={"backend": …, '
+    '"hz": 2, …options}. It steers nothing; may be repeated.',
 )
 @click.option(
     "--drive",
     "drive_text",
     metavar="NAME[=JSON]",
-    help="Have a driver lead the VUT by its plans (docs/closed-loop.md): a baseline, such as "
+    help="Let a driver drive the VUT by its plans (docs/closed-loop.md): a baseline, such as "
     'oracle or aeb={"ttc_s": 1.4}, or a model, named as with `ssp evaluate`: '
-    'NAME={"backend": …, …options}, or NAME of the --models file; or grpc://HOST:PORT, a policy '
-    "written for AlpaSim (docs/drivers.md).",
+    'NAME={"backend": …, …options}, or NAME of the --models file; or grpc://HOST:PORT, a '
+    "policy written for AlpaSim (docs/drivers.md).",
 )
 @click.option(
     "--drive-insecure",
@@ -192,8 +193,9 @@ DEFAULT_SITE = "boulevard"
 @click.option(
     "--latency",
     metavar="zero|fixed:S|measured[:S]",
-    help="With --drive: from a frame until its answer is effective; measured: from the complete "
-    "request to the parsed trajectory, at most S of it before the hand-over (2 s). [default: zero]",
+    help="With --drive: time from a frame until its answer takes effect; measured: the time from "
+    "the complete request to the parsed trajectory, of which at most S counts before the "
+    "hand-over (2 s). [default: zero]",
 )
 @live_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")

@@ -58,10 +58,11 @@ def spec() -> None:
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 def check(files: tuple[str, ...], as_json: bool) -> int:
-    """Hold K* files, or shipped events by name, against all checks (METHOD 1).
+    """Check K* files, or shipped events by name (METHOD 1).
 
-    Failures are reported together: those of the form, or else those of C1-C5 and of the review
-    state with its seals; what one action mends is said once (--json has each by itself).
+    All failures are reported together: those of the file's form, or, if there are none, those of
+    C1-C5 and of the review state with its seals. Failures that one action mends are grouped (--json
+    lists each).
     """
     reports = [_report(name) for name in files]
     if as_json:
@@ -139,7 +140,7 @@ def _named(fields: Sequence[str]) -> str:
     help="File to write [default: NAME.event.yaml].",
 )
 def new(kind: str, name: str | None, out: Path | None) -> None:
-    """Write a commented K* of a KIND of interaction that lacks nothing but decisions."""
+    """Write a commented K* for a KIND of interaction, complete but for a person's decisions."""
     name = name or f"new_{kind}"
     out = out or Path(f"{name}.event.yaml")
     if out.exists():
@@ -159,7 +160,7 @@ def new(kind: str, name: str | None, out: Path | None) -> None:
     metavar="PATH",
     help="A .svg (picture) or .json (graph) file, or a folder for both.",
 )
-@click.option("--force", is_flag=True, help="Replace files that are there.")
+@click.option("--force", is_flag=True, help="Replace existing files.")
 @click.option("--json", "as_json", is_flag=True, help="Print the graph as JSON.")
 def graph(file: str, out: Path | None, force: bool, as_json: bool) -> None:
     """Draw a K*: the typed interaction graph as JSON and as a picture (METHOD 1)."""
@@ -210,9 +211,9 @@ def _print_graph(data: dict[str, Any], version: str) -> None:
 @click.argument("second", metavar="B")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 def diff(first: str, second: str, as_json: bool) -> int:
-    """Compare two K* field by field; what is written differently and means the same is the same.
+    """Compare two K* field by field; notations that mean the same count as equal.
 
-    Exit status 1 where they differ.
+    Exit status 1 if they differ.
     """
     (old, old_version), (new, new_version) = load_event(first), load_event(second)
     found = differences(old, new)

@@ -68,7 +68,7 @@ _REMEDIES = {
     "--type",
     "kind",
     type=click.Choice(sorted(KINDS)),
-    help="Kind of interaction, where a person states it; else the model's answer.",
+    help="Kind of interaction, stated by a person [default: the model's answer].",
 )
 @click.option("--annotation", type=_PATH, help="EMM-AU annotation, kept as provenance.")
 @click.option("--show-annotation", is_flag=True, help="Show its descriptions to the model.")
@@ -94,13 +94,13 @@ _REMEDIES = {
     type=WholeNumber(1, 20),
     default=3,
     show_default=True,
-    help="Tries of one request, while the server is silent, away or busy.",
+    help="Attempts per request while the server is silent, unreachable or busy.",
 )
 @click.option("--no-schema", is_flag=True, help="Don't ask the server to hold answers to a schema.")
 @click.option("--generator", default="unknown", show_default=True, help="What made the video.")
 @click.option("--original", help="Version or name of the original [default: VIDEO's name].")
-@click.option("--out", type=_PATH, default=Path(), help="Folder [default: the present one].")
-@click.option("--force", is_flag=True, help="Replace a candidate that is there.")
+@click.option("--out", type=_PATH, default=Path(), help="Folder [default: the current one].")
+@click.option("--force", is_flag=True, help="Replace an existing candidate.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 def extract_command(
     video: Path,
@@ -127,8 +127,8 @@ def extract_command(
     """Ask a vision model about VIDEO and write a candidate K*.
 
     Writes NAME.candidate.yaml, NAME.log.jsonl and NAME.extraction/ (frames, requests, raw answers).
-    A candidate is no K*: `ssp spec review` makes one of it. Run the same command again to go on
-    after an interruption; what was answered isn't asked again.
+    A candidate isn't a K* yet: `ssp spec review` turns it into one. Run the same command again to
+    go on after an interruption; answered questions aren't asked again.
     """
     if show_annotation and annotation is None:
         raise click.UsageError("--show-annotation needs --annotation FILE")

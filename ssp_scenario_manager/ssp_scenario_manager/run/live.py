@@ -28,15 +28,15 @@ _OPTIONS = (
         "bodies",
         multiple=True,
         metavar="ID=ADDRESS",
-        help="With --mode live: body of an object that is led from this host, udp://HOST:PORT, "
-        "iso22133://HOST[:PORT][?report=FILE] or mirror; may be repeated. Objects without one are "
-        "led from other hosts.",
+        help="With --mode live: body of an object that this host controls, udp://HOST:PORT, "
+        "iso22133://HOST[:PORT][?report=FILE] or mirror; may be repeated. Other hosts "
+        "control objects without one.",
     ),
     click.option(
         "--odometry",
         metavar="TOPIC",
-        help="With --mode live: Odometry of the VUT's GNSS/INS, to make its states of. "
-        "[default: somebody else publishes them]",
+        help="With --mode live: Odometry of the VUT's GNSS/INS, from which its states are made. "
+        "[default: another node publishes the states]",
     ),
     click.option(
         "--navsat",
@@ -47,28 +47,28 @@ _OPTIONS = (
     click.option(
         "--velocity",
         metavar="TOPIC",
-        help="With --navsat: TwistStamped or TwistWithCovarianceStamped. "
-        "[default: differences of places]",
+        help="With --navsat: TwistStamped or TwistWithCovarianceStamped. [default: differences of "
+        "positions]",
     ),
     click.option(
         "--least-fix",
         type=click.Choice(LEAST_FIXES),
-        help="With --navsat: fix type that a place must have at least. [default: gbas, as RTK is]",
+        help="With --navsat: least fix type of a position. [default: gbas, as RTK is]",
     ),
     click.option(
         "--unit",
         type=(Number(), Number(), Number()),
         metavar="FORWARD LEFT YAW",
-        help="With --odometry or --navsat: where the unit sits, m ahead of the rear axle and left "
-        "of the middle, rad turned to the left. [default: 0 0 0]",
+        help="With --odometry or --navsat: position of the unit: m ahead of the rear axle, m left "
+        "of the centre line, rad turned to the left. [default: 0 0 0]",
     ),
     click.option(
         "--remap",
         "remappings",
         multiple=True,
         metavar="FROM:=TO",
-        help="With --mode live: hear one of our topics where a driver publishes it; may be "
-        "repeated.",
+        help="With --mode live: subscribe to one of our topics under the name that a driver "
+        "publishes; may be repeated.",
     ),
     click.option(
         "--wait",
@@ -84,7 +84,8 @@ _OPTIONS = (
         "--declared",
         type=click.Path(path_type=Path, dir_okay=False),
         metavar="FILE",
-        help="With --mode live: a named person's word on what takes part, sealed with the bag.",
+        help="With --mode live: a named person's declaration of what takes part, sealed with the "
+        "bag.",
     ),
 )
 

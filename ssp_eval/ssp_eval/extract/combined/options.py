@@ -46,8 +46,8 @@ def llm_options(prefix: str = "") -> Callable[[Command], Command]:
         click.option(
             "--llm",
             metavar="MODEL",
-            help="LLM that is asked for slots which are still "
-            "empty, as its server names it. Default: none.",
+            help="LLM that is asked for slots that are still empty, by its name on the server. "
+            "Default: none.",
         ),
         click.option(
             f"--{prefix}base-url",
@@ -59,14 +59,14 @@ def llm_options(prefix: str = "") -> Callable[[Command], Command]:
             f"--{prefix}api-key-env",
             "llm_api_key_env",
             metavar="VAR",
-            help="Environment variable that holds the key for it.",
+            help="Environment variable with its key.",
         ),
         click.option(
             f"--{prefix}cache",
             "llm_cache",
             metavar="DIR",
             type=click.Path(path_type=Path, file_okay=False, resolve_path=True),
-            help="Folder that keeps the LLM's answers, so that none is asked for twice.",
+            help="Folder for the LLM's answers, so that none is asked for twice.",
         ),
         click.option(
             "--llm-timeout",
@@ -74,7 +74,7 @@ def llm_options(prefix: str = "") -> Callable[[Command], Command]:
             type=Number(0.1),
             default=60.0,
             show_default=True,
-            help="Time for one answer of the LLM, s.",
+            help="Time limit for one answer of the LLM, s.",
         ),
         click.option(
             f"--{prefix}no-schema",
