@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import time
 from typing import Any
 
 import aiohttp
@@ -13,7 +14,7 @@ from ssp_core.errors import HostError
 from ssp_monitor.page import server
 from ssp_monitor.page.server import FOLDER, PageServer, load_assets
 from ssp_monitor.status.board import StateOnPage
-from tests.support.page_clients import TOKEN, do, get, hello, live, post
+from tests.support.page_clients import TOKEN, do, get, hello, live, post, shown_now
 from tests.support.waiting import DEADLINE_S
 
 
@@ -79,7 +80,7 @@ def test_abort_needs_no_token(page, manager, token):
 
 
 def test_the_token_is_not_taken_from_the_address(page, manager):
-    assert post(page, f"arm?token={TOKEN}", token=None, json={"shown": "4@1"})[0] == 401
+    assert post(page, f"arm?token={TOKEN}", token=None, json={"shown": shown_now()})[0] == 401
     assert not manager.asked
 
 
@@ -119,9 +120,12 @@ def test_no_answer_is_told_as_none(page, manager, monkeypatch):
 
 def test_a_press_says_which_state_the_page_showed(page, manager):
     """A press that was meant for an earlier state must not count for the present one."""
-    assert post(page, "start", json={"shown": "4@1700000000000000001"})[0] == 200
-    assert manager.shown == [StateOnPage(4, 1_700_000_000_000_000_001)]
-    for body in (b"", b"{", b"[]", b'{"shown": 4}', b'{"shown": "0@1"}', b'{"shown": "4"}'):
+    since_ns = 1_700_000_000_000_000_001
+    assert post(page, "start", json={"shown": shown_now(4, since_ns)})[0] == 200
+    (shown,) = manager.shown
+    assert (shown.state, shown.since_ns) == (4, since_ns)
+    bad = (b'{"shown": 4}', b'{"shown": "0@1@1"}', b'{"shown": "4"}', b'{"shown": "4@1"}')
+    for body in (b"", b"{", b"[]", *bad):
         status, answer = post(page, "start", data=body)
         assert (status, answer["accepted"]) == (400, False), body
     assert len(manager.asked) == 1
@@ -129,12 +133,27 @@ def test_a_press_says_which_state_the_page_showed(page, manager):
     assert manager.shown[-1] is None
 
 
+@pytest.mark.parametrize(
+    ("after_s", "text"), [(12.0, "s ago, limit 10 s"), (-600.0, "another start")]
+)
+def test_a_press_that_was_long_on_its_way_does_not_count(page, manager, after_s, text):
+    """A link that was down for half a minute delivered a start that nobody waited for any more."""
+    made_ns = time.monotonic_ns() - round(after_s * 1e9)
+    late = {"shown": str(StateOnPage(4, 1, made_ns))}
+    status, answer = post(page, "start", json=late)
+    assert (status, answer["accepted"]) == (200, False)
+    assert text in answer["text"]
+    assert not manager.asked
+    assert post(page, "abort", json=late)[0] == 200
+    assert len(manager.asked) == 1
+
+
 def test_a_flood_of_commands_is_bounded_and_leaves_abort_free(page, manager):
     async def flood(client: aiohttp.ClientSession) -> list[int]:
         async def one(name: str, token: str) -> int:
             headers = {"Authorization": f"Bearer {token}"}
             url = f"{page.url}api/command/{name}"
-            async with client.post(url, headers=headers, json={"shown": "4@1"}) as response:
+            async with client.post(url, headers=headers, json={"shown": shown_now()}) as response:
                 return response.status
 
         guesses = await asyncio.gather(*(one("arm", f"guess{k}") for k in range(60)))

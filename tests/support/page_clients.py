@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import time
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from typing import Any
@@ -46,6 +47,11 @@ def do(work: Work) -> Any:
     return asyncio.run(run())
 
 
+def shown_now(state: int = 4, since_ns: int = 1) -> str:
+    """Return what a page says that it showed, just now."""
+    return str(StateOnPage(state, since_ns, time.monotonic_ns()))
+
+
 def post(
     page: PageServer, name: str = "abort", token: str | None = TOKEN, **more: Any
 ) -> tuple[int, Any]:
@@ -56,7 +62,7 @@ def post(
         }
         url = f"{page.url}api/command/{name}"
         if name != "abort" and not {"data", "json"} & more.keys():
-            more["json"] = {"shown": "4@1"}
+            more["json"] = {"shown": shown_now()}
         async with client.post(url, headers=headers, **more) as response:
             text = await response.text()
             return response.status, json.loads(text) if text.startswith("{") else text

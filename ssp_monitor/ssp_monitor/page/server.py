@@ -68,6 +68,8 @@ START_S = 10.0
 LEAVE_S = 3.0
 # What sends no whole request for so long is closed.
 REQUEST_S = 10.0
+# A press counts for so long from when its server made what was shown; as long as a typed word.
+PRESS_S = 10.0
 LEAVE = "/api/leave"
 RETIRED = "the run has ended, and its processes with it: if anything moves, use the emergency stop"
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -240,6 +242,8 @@ class PageServer:
                 return _answer(400, Answer(False, f"not sent: {error}; load the page again"))
         if self._retired:
             return _answer(200, Answer(False, RETIRED))
+        if shown is not None and (late := _late(shown, time.monotonic_ns())):
+            return _answer(200, Answer(False, late))
         limit_s = ABORT_ANSWER_S if name == "abort" else ANSWER_S
         asked = self._commands.ask(name, f"operator page at {request.remote}", shown)
         try:
@@ -273,6 +277,19 @@ def _shown(body: bytes) -> StateOnPage:
     """Return the state that the page showed. Raise ValueError where its request doesn't say."""
     told = parse_strict(body)
     return StateOnPage.parse(told.get("shown") if isinstance(told, dict) else None)
+
+
+def _late(shown: StateOnPage, now_ns: int) -> str:
+    """Give the reason why a press came too late, as over a link that was down; empty: it didn't."""
+    age_s = (now_ns - shown.made_ns) / 1e9
+    if 0.0 <= age_s <= PRESS_S:
+        return ""
+    if age_s < 0.0:
+        return "not sent: another start of this computer showed that; load the page again"
+    return (
+        f"not sent: pressed for what the page showed {age_s:.0f} s ago, limit {PRESS_S:g} s: look "
+        "again, then press again"
+    )
 
 
 def _answer(status: int, answer: Answer) -> web.Response:

@@ -103,7 +103,7 @@ class Snapshots:
         if self._frozen is None:
             heard_ns = self._board.session.at_ns
             self._frozen = self._live(now_ns if heard_ns is None else min(now_ns, heard_ns))
-        session = {**self._session(), "commands": [], "next": end["next"]}
+        session = {**self._session(now_ns), "commands": [], "press": "", "next": end["next"]}
         quiet = {"stale": [], "leaderless": False, "abort_unheard": False, "standing": []}
         blind = not end["stands"]
         return {**self._frozen, **quiet, "blind": blind, "session": session, "end": end}
@@ -111,7 +111,7 @@ class Snapshots:
     def _live(self, now_ns: int) -> dict[str, Any]:
         board = self._board
         return {
-            "session": self._session(),
+            "session": self._session(now_ns),
             "ages": self._ages(now_ns),
             "stale": self.stale(now_ns),
             "leaderless": board.manager.silent_s(now_ns) > STALE_S,
@@ -174,7 +174,7 @@ class Snapshots:
         run = self._board.run
         return run.object_ids if run is not None else sorted(self._board.objects)
 
-    def _session(self) -> dict[str, Any]:
+    def _session(self, now_ns: int) -> dict[str, Any]:
         board = self._board
         fact, state = board.session.fact, board.session.state
         run = board.run
@@ -184,7 +184,7 @@ class Snapshots:
         return {
             "state": state.name,
             "shown": ARMING if arming else state.name,
-            "press": str(StateOnPage(int(state), fact.stamp_ns)) if fact else "",
+            "press": str(StateOnPage(int(state), fact.stamp_ns, now_ns)) if fact else "",
             "event": fact.event if fact else "",
             "reason": fact.reason if fact else "",
             "run_id": (fact.run_id if fact else "") or (run.run_id if run else ""),

@@ -64,21 +64,24 @@ class StateOnPage:
     Args:
         state: SessionState.STATE_*.
         since_ns: its stamp.
+        made_ns: when what the page shows was made, on the steady clock of its server.
     """
 
     state: int
     since_ns: int
+    made_ns: int
 
     def __str__(self) -> str:
-        return f"{self.state}@{self.since_ns}"
+        return f"{self.state}@{self.since_ns}@{self.made_ns}"
 
     @staticmethod
     def parse(text: object) -> StateOnPage:
         """Read what ``str`` gives. Raise ValueError for another text or value."""
-        found = re.fullmatch(r"([1-9]\d?)@(\d{1,19})", text) if isinstance(text, str) else None
+        form = r"([1-9]\d?)@(\d{1,19})@(\d{1,19})"
+        found = re.fullmatch(form, text) if isinstance(text, str) else None
         if found is None:
-            raise ValueError("it doesn't say which state the page showed")
-        return StateOnPage(int(found[1]), int(found[2]))
+            raise ValueError("it doesn't say which state the page showed, and when")
+        return StateOnPage(*map(int, found.groups()))
 
 
 @dataclass(frozen=True, slots=True)
