@@ -137,7 +137,7 @@ def test_a_press_says_which_state_the_page_showed(page, manager):
     ("after_s", "text"), [(12.0, "s ago, limit 10 s"), (-600.0, "another start")]
 )
 def test_a_press_that_was_long_on_its_way_does_not_count(page, manager, after_s, text):
-    """A link that was down for half a minute delivered a start that nobody waited for any more."""
+    """A link that was down for half a minute delivered a start after the page had given it up."""
     made_ns = time.monotonic_ns() - round(after_s * 1e9)
     late = {"shown": str(StateOnPage(4, 1, made_ns))}
     status, answer = post(page, "start", json=late)

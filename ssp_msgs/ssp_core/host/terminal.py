@@ -9,10 +9,12 @@ import shlex
 import shutil
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from queue import SimpleQueue
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -84,6 +86,46 @@ def on_suspension(handler: Callable[[], bool]) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTSTP, before)
+
+
+class LineWriter:
+    """Lines for people, written by a thread of their own.
+
+    A terminal that is stopped (Ctrl-S), or a reader that takes nothing, holds up that thread alone.
+
+    Args:
+        write: writes a line, and may wait for as long as it likes.
+    """
+
+    def __init__(self, write: Callable[[str], None]) -> None:
+        self._write = write
+        self._lines: SimpleQueue[str | None] = SimpleQueue()
+        self._lock = threading.Lock()
+        self._said = self._written = 0
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def __call__(self, line: str) -> None:
+        """Have a line written, behind all before it."""
+        with self._lock:
+            self._said += 1
+            self._lines.put(line)
+
+    def mark(self) -> Callable[[], bool]:
+        """Return a function that tells whether all lines until now are written."""
+        said = self._said
+        return lambda: self._written >= said
+
+    def close(self) -> None:
+        """Wait until all lines are written."""
+        self._lines.put(None)
+        self._thread.join()
+
+    def _run(self) -> None:
+        while (line := self._lines.get()) is not None:
+            with suppress(OSError, ValueError):  # of a stream that was closed
+                self._write(line)
+            self._written += 1
 
 
 def end_at_once(status: int) -> NoReturn:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
+from ssp_core.host.terminal import LineWriter
 from tests.support.waiting import DEADLINE_S, until
 
 PROGRAM = """
@@ -165,3 +168,25 @@ def test_ctrl_z_stops_a_process_unless_it_takes_it() -> None:
 
 def _state_of(pid: int) -> str:
     return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+
+
+def test_lines_are_written_in_their_order_and_nothing_waits_for_a_stopped_terminal() -> None:
+    goes_on, written = threading.Event(), list[str]()
+
+    def write(line: str) -> None:
+        assert goes_on.wait(DEADLINE_S)
+        if line == "lost":
+            raise OSError(errno.EIO, "the terminal is closed")
+        written.append(line)
+
+    lines = LineWriter(write)
+    assert lines.mark()()
+    for line in ("a", "lost", "b"):
+        lines(line)
+    is_read = lines.mark()
+    assert (written, is_read()) == ([], False)
+    goes_on.set()
+    until(is_read, "the lines to be written")
+    lines("c")
+    lines.close()
+    assert written == ["a", "b", "c"]

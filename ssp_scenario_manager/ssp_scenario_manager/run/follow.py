@@ -69,6 +69,9 @@ RESULT_S = 25.0
 LAST_WORDS_S = 8.0
 
 
+Mark = Callable[[], Callable[[], bool]]
+
+
 @dataclass(slots=True)
 class Interrupt:
     """The requests to end the run: their number, and the signal of the first.
@@ -126,6 +129,7 @@ def follow(
     say: Callable[[str], None],
     interrupt: Interrupt,
     live: LiveSetup | None = None,
+    mark: Mark = lambda: lambda: True,
 ) -> Followed:
     """Wait for the manager, have the run done, and watch processes and signals meanwhile.
 
@@ -134,15 +138,17 @@ def follow(
         group: the session's processes; the client leaves the domain after all of them have ended.
         run_file: that the manager loads.
         bag: that the recorder writes.
-        say: tells the user a sentence.
+        say: tells the user a sentence; waits for nothing, or no abort would be heard meanwhile.
         interrupt: counts what the user asks for.
         live: options of a live session, which begins on a person's word by default; None:
             simulated.
+        mark: returns a function that tells whether all that was said until now can be read.
     """
     remappings = live.remappings if live is not None else ()
     client = RunClient(group.env, say, spec, remappings)
     group.after_end.callback(client.close)
-    return _Following(spec, group, client, bag, say, interrupt, live).until_the_end(run_file)
+    following = _Following(spec, group, client, bag, say, interrupt, live, mark)
+    return following.until_the_end(run_file)
 
 
 class _Following:
@@ -155,8 +161,10 @@ class _Following:
         say: Callable[[str], None],
         interrupt: Interrupt,
         live: LiveSetup | None,
+        mark: Mark,
     ) -> None:
         self._spec = spec
+        self._mark = mark
         self._live = live
         self._words = TypedWords() if live is not None else None
         self._group = group
@@ -345,11 +353,13 @@ class _Following:
         try:
             word: Word | None = Word.OTHER
             shown: dict[str, bool] = {}
+            is_read, asked = self._mark(), False
             while word is not Word.START:
                 if word in (Word.ABORT, Word.END_OF_INPUT):
                     return RunOutcome(Verdict.ABORTED, (f"{word.value} before the start",))
                 if word is Word.OTHER:
-                    shown = self._ask(listener, live, words)
+                    shown = self._show(listener, live)
+                    is_read, asked = self._mark(), False
                 self._client.spin(0.05)
                 heard = connected(self._spec, listener.facts(), shown)
                 for line in changes(shown, heard):
@@ -362,7 +372,17 @@ class _Following:
                     return 0
                 if (failure := self._failed_before()) is not None:
                     return failure
+                if not asked:
+                    # On a terminal that is stopped nobody can read what is connected.
+                    word, asked = None, is_read()
+                    if asked:
+                        words.ask(time.monotonic_ns())
+                        self._say(PROMPT)
+                        is_read = self._mark()
+                    continue
                 word = words.poll(time.monotonic_ns())
+                if word is Word.START and not is_read():
+                    word = Word.OTHER
                 if word is Word.START and (others := self._client.other_managers()):
                     self._say(f"{OTHERS}: {', '.join(others)}")
                     word = Word.OTHER
@@ -372,8 +392,8 @@ class _Following:
         waited_ns = time.monotonic_ns() - words.typed_after_ns
         return time.time_ns() + seconds_to_ns(HOLDS_S) - waited_ns
 
-    def _ask(self, listener: StartListener, live: LiveSetup, words: TypedWords) -> dict[str, bool]:
-        """Show what is connected, and the prompt; only what is typed from here on counts.
+    def _show(self, listener: StartListener, live: LiveSetup) -> dict[str, bool]:
+        """Show what is connected, above the prompt.
 
         Returns:
             Those that were connected.
@@ -385,9 +405,6 @@ class _Following:
             heard = connected(self._spec, listener.facts())
         for line in summary(self._spec, live, listener.facts(), listener.states):
             self._say(line)
-        # A terminal that is stopped holds the lines back, and whoever types sees none.
-        words.ask(time.monotonic_ns())
-        self._say(PROMPT)
         return heard
 
     def _look_at_waits(self) -> None:

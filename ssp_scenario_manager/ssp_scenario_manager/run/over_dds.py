@@ -26,7 +26,7 @@ from ssp_core.host.domains import folder_of_domains, free_domain
 from ssp_core.host.environment import live_environment, session_environment
 from ssp_core.host.processes import ProcessGroup
 from ssp_core.host.shared_memory import check_shared_memory
-from ssp_core.host.terminal import on_stop_signals, on_suspension, pasteable
+from ssp_core.host.terminal import LineWriter, on_stop_signals, on_suspension, pasteable
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import declaring
 from ssp_core.run_file.session_token import draw_token
@@ -185,11 +185,15 @@ def run_session(
         bodies = live.bodies if live is not None else {}
         with beside(group, page, say, remappings) as tell_end:
             with beside(group, shadows, say, remappings):
-                followed = follow(spec, group, run_file, bag, say, interrupt, live)
+                lines = LineWriter(say)
+                group.after_end.callback(lines.close)
+                followed = follow(spec, group, run_file, bag, lines, interrupt, live, lines.mark)
                 # Before its processes end, so that their silence is known to be the end.
                 tell_end(_end_word(followed.outcome, folder, final=False))
                 outcome = _shut_down(group, followed.outcome)
-            result = _conclude(spec, folder, followed, outcome, started, bodies, word, say, further)
+            result = _conclude(
+                spec, folder, followed, outcome, started, bodies, word, lines, further
+            )
             tell_end(_end_word(result.outcome, folder, final=True))
             return result
 

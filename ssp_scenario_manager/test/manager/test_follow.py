@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from unittest.mock import MagicMock
 
@@ -152,6 +153,49 @@ def test_what_is_typed_while_the_summary_appears_starts_nothing(
         os.close(write)
     assert outcome.reasons == ("abort before the start",)
     assert not client.begin.called
+
+
+@pytest.mark.parametrize("unread", ["who is connected", follow.PROMPT])
+def test_a_word_starts_nothing_while_the_terminal_is_stopped_before_the_prompt(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch, unread: str
+) -> None:
+    read, write = os.pipe()
+    group, said = MagicMock(), list[str]()
+    group.ended.return_value = []
+    client = quiet_client(was_armed=False)
+    client.loaded, now_ns = (), [0]
+
+    def spin(timeout_s: float) -> None:
+        now_ns[0] += round(timeout_s * 1e9)
+        if unread in said and client.spin.call_count % 20 == 0:
+            os.write(write, b"start\n" if client.spin.call_count < SPINS else b"abort\n")
+
+    client.spin.side_effect = spin
+    clock = MagicMock(monotonic=lambda: now_ns[0] / 1e9, monotonic_ns=lambda: now_ns[0])
+    for name, value in (
+        ("RunClient", lambda *_, **__: client),
+        ("StartListener", MagicMock()),
+        ("TypedWords", lambda: TypedWords(read)),
+        ("summary", lambda *_: ["who is connected"]),
+        ("connected", lambda *_: {}),
+        ("time", clock),
+    ):
+        monkeypatch.setattr(follow, name, value)
+    live = MagicMock(start_at_once=False, remappings=())
+
+    def mark() -> Callable[[], bool]:
+        last = said[-1] if said else ""
+        return lambda: last != unread
+
+    given = (Path("run.yaml"), Path("bag"), said.append, follow.Interrupt(), live)
+    try:
+        outcome = follow.follow(run, group, *given, mark).outcome
+    finally:
+        os.close(read)
+        os.close(write)
+    assert outcome.reasons == ("abort before the start",)
+    assert not client.begin.called
+    assert (follow.PROMPT in said) is (unread == follow.PROMPT)
 
 
 @pytest.mark.parametrize("start_at_once", [True, False])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +89,7 @@ def begun(
     class Group:
         def __init__(self) -> None:
             self.env = {"ROS_DOMAIN_ID": "0", "FASTRTPS_DEFAULT_PROFILES_FILE": "hosts.xml"}
+            self.after_end = ExitStack()
 
         def start_node(self, name: str, _: str, parameters: dict[str, Any], *_more: object) -> None:
             nodes[name] = dict(parameters)
