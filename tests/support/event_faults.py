@@ -367,6 +367,12 @@ CASES: list[tuple[str, str, dict[str, Any], str]] = [
         "constraints.manoeuvre.merging_speed",
     ),
     (
+        "conflict_comes_in_time",
+        "cut_in",
+        {"events.conflict.start": span(16, 16, "s")},
+        "events.conflict.start",
+    ),
+    (
         "phases_in_order",
         "cut_in",
         {"events.conflict.start": span(3, 3, "s")},

@@ -33,6 +33,8 @@ TRIGGER_CONFIRMATION_S = 0.2
 RESOLUTION_CONFIRMATION_S = 1.0
 # "Staying so" for a lead vehicle that brakes: it has no corridor to arrive in.
 BRAKING_HOLD_S = 0.2
+# A trigger that no conflict follows within this time leads to none.
+NO_CONFLICT_S = 12.0
 TOLERANCE_S = 1e-9
 
 

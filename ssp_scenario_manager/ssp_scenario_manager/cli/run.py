@@ -62,6 +62,7 @@ from ssp_scenario_manager.run.sweep import (
     run_many,
     run_one,
     say_driven,
+    warn_of_late_conflict,
 )
 from ssp_scenario_manager.session.run_script import RunOutcome
 
@@ -376,6 +377,7 @@ def _say_session(spec: RunSpec, folder: Path, result: RunResult, as_json: bool) 
         )
         for reason in result.outcome.reasons:
             console.out.print(f"  because {reason}", markup=False)
+        warn_of_late_conflict(result.told)
         if "driven" in result.told:
             say_driven(result.told["driven"])
     for line in result.unwritten:

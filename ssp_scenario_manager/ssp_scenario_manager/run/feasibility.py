@@ -12,6 +12,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
+from ssp_scenario_manager.run.result import late_conflict
 
 # What a VUT that doesn't respond brings about after the conflict has begun.
 _OF_NO_RESPONSE = frozenset(
@@ -48,7 +49,15 @@ def _not_valid(run: RunSpec) -> Sequence[str]:
         result, _ = run_in_process(run)
     except InputError as error:
         return [str(error)]
-    return [] if result.ok else result.reasons or ["it doesn't begin"]
+    if not result.ok:
+        return result.reasons or ["it doesn't begin"]
+    return _late(result)
+
+
+def _late(seen: InProcessResult) -> list[str]:
+    """List the conflict that comes too long after the trigger."""
+    found = late_conflict(seen.phase_s(Phase.TRIGGER), seen.phase_s(Phase.CONFLICT))
+    return [found] if found else []
 
 
 def driven(run: RunSpec) -> tuple[InProcessResult, Record]:
@@ -91,7 +100,7 @@ def _no_event(run: RunSpec, seen: InProcessResult) -> list[str]:
     if run.passing is not None and seen.passing.other_first is not run.passing.initiator_first:
         first = who if seen.passing.other_first else run.vut.id
         return [f"{first} reaches the conflict point first, against K*'s passing order"]
-    return []
+    return _late(seen)
 
 
 def _code(reason: str) -> str:

@@ -19,7 +19,7 @@ from ssp_core.errors import SspError
 from ssp_core.geometry import Polyline, box_distance
 from ssp_core.motion.corridor import Corridor
 from ssp_core.motion.encounter import corridor_half_m
-from ssp_core.motion.event import Instant, PhaseBegan, resolution_ns
+from ssp_core.motion.event import NO_CONFLICT_S, Instant, PhaseBegan, resolution_ns
 from ssp_core.motion.intrusion import Intrusion, first_intrusions
 from ssp_core.motion.passing import Passing, passing_since
 from ssp_core.motion.state import ObjectState
@@ -205,6 +205,22 @@ def misses(spec: RunSpec, happened: Happened) -> list[str]:
             "it resolved"
         )
     return found
+
+
+def late_conflict(trigger_s: float | None, conflict_s: float | None) -> str:
+    """Return the finding of a conflict that comes too long after its trigger; empty: it doesn't.
+
+    Args:
+        trigger_s: start of the phase trigger; None: it has none. So for the conflict.
+        conflict_s: start of the phase conflict.
+    """
+    if trigger_s is None or conflict_s is None or conflict_s - trigger_s <= NO_CONFLICT_S:
+        return ""
+    return (
+        f"the conflict begins {conflict_s - trigger_s:.1f} s after the trigger; a trigger that "
+        f"none follows within {NO_CONFLICT_S:g} s leads to none (a smaller constraints.trigger."
+        "below, or a faster manoeuvre, would do)"
+    )
 
 
 def happened_by(bag: Path, spec: RunSpec) -> Happened | None:

@@ -10,7 +10,7 @@ import re
 import tempfile
 import zlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
@@ -42,7 +42,7 @@ from ssp_scenario_manager.run.in_process import (
     save_states,
 )
 from ssp_scenario_manager.run.ordered_map import ordered_map
-from ssp_scenario_manager.run.result import rounded, shown_gap
+from ssp_scenario_manager.run.result import late_conflict, rounded, shown_gap
 from ssp_scenario_manager.triggers.on_route import off_route
 
 OPTION = "--vary"
@@ -459,8 +459,20 @@ def _say(
         )
         for reason in result.reasons:
             console.out.print(f"  because {reason}", markup=False)
+        warn_of_late_conflict(written)
         if "driven" in written:
             say_driven(written["driven"])
+
+
+def warn_of_late_conflict(told: Mapping[str, Any]) -> None:
+    """Print that a run's conflict came too long after its trigger.
+
+    Args:
+        told: as ``result.json`` has it.
+    """
+    starts = {phase["phase"]: phase["at_s"] for phase in told["phases"] or ()}
+    if found := late_conflict(starts.get("trigger"), starts.get("conflict")):
+        console.out.print(f"  warning: {found}", markup=False)
 
 
 def say_driven(driven: dict[str, Any]) -> None:

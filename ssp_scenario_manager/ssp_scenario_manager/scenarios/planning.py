@@ -73,8 +73,6 @@ def judge(event: Event, limits: Limits, told: Motions, seen: Prediction) -> list
             "no conflict comes: TTC and arrival gap stay above their thresholds (least TTC "
             f"{seen.least_ttc_s:.2f} s)"
         )
-    elif seen.trigger_s is not None and seen.conflict_s < seen.trigger_s:
-        wrong.append("the conflict begins before the trigger can be seen")
     if seen.resolution_s is None and seen.conflict_s is not None:
         wrong.append("the conflict isn't resolved")
     least_s, most_s = wanted_passing(event).bounds_s

@@ -10,6 +10,7 @@ from itertools import combinations
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline, box_distance
 from ssp_core.motion.encounter import Encounter, Observable, encounter, is_conflict, is_observable
+from ssp_core.motion.event import NO_CONFLICT_S
 from ssp_core.motion.intrusion import Intrusion, intrusion_of
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
@@ -156,8 +157,6 @@ _NEAR = 1.3
 LONGEST_S = 60.0
 # From the resolution to the end of a run, as EndCondition has it, and some room for reality.
 AFTER_S = 2.5
-# A trigger that no conflict followed within this time leads to none.
-NO_CONFLICT_S = 12.0
 # Who crosses doesn't move along the VUT's path by more than this.
 _MOVED_ON_M = 0.1
 
@@ -255,7 +254,7 @@ def predict(plan: Motions, observable: Observable, thresholds: ConflictThreshold
     instants: list[_Instant] = []
     intrusions: dict[str, Intrusion] = {}
     nearest: Nearest | None = None
-    early = False
+    early = visible = False
     while t < LONGEST_S:
         vut = players.vut(t)
         others = [players.target(spec, t) for spec in plan.targets]
@@ -277,13 +276,16 @@ def predict(plan: Motions, observable: Observable, thresholds: ConflictThreshold
                 players.fire(t)
         else:
             front = players.station_m + vut.size.front_m
+            observed = is_observable(observable, meeting, subject)
+            visible = visible or observed
             instants.append(
                 _Instant(
                     t,
                     front,
                     meeting,
-                    is_observable(observable, meeting, subject),
-                    conflict,
+                    observed,
+                    # One that is over before the manoeuvre shows is none (METHOD 1).
+                    conflict and visible,
                     front + meeting.zone_gap_m,
                     min(box_distance(vut.box, other.box) for other in others),
                 )
@@ -347,8 +349,7 @@ def _summary(
             (i.t_s for i in instants if i.t_s > overlap_s and _has_left(i, point)), math.inf
         )
     conflicts = [i.t_s for i in instants if i.conflict]
-    # A conflict that stands when the trigger becomes visible starts with it, not before it.
-    conflict_s = max(conflicts[0], trigger_s or 0.0) if conflicts else None
+    conflict_s = conflicts[0] if conflicts else None
     resolution_s = None
     if conflicts and instants[-1].t_s - conflicts[-1] >= AFTER_S - STEP_S:
         resolution_s = conflicts[-1] + STEP_S

@@ -9,11 +9,12 @@ from typing import Any, Literal
 
 import pytest
 
+from ssp_core import console
 from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import Polyline
 from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import RunSpec, WantedPassing
-from ssp_core.run_file.participants import TrafficSpec
+from ssp_core.run_file.participants import FollowPath, TimeToArrival, TrafficSpec
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_core.world.plant import make_plant
 from ssp_scenario_manager.compile.area import OperatingArea
@@ -29,6 +30,7 @@ from ssp_scenario_manager.run import feasibility
 from ssp_scenario_manager.run.feasibility import why_not
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
 from ssp_scenario_manager.run.in_process_session import InProcessSession
+from ssp_scenario_manager.run.sweep import warn_of_late_conflict
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.session import outbox
@@ -182,6 +184,46 @@ def test_a_time_gap_outside_of_k_star_is_said_with_value_and_range(
     wanted = WantedPassing(first="initiator", least_gap_s=3.0, most_gap_s=4.0)
     (reason,) = why_not(crossing.model_copy(update={"passing": wanted}))
     assert re.search(r"time gap .*: 1\.\d\d\d s, K\* wants 3 to 4 s, with the SIL's driver", reason)
+
+
+def test_a_conflict_too_long_after_its_trigger_is_said(crossing: RunSpec) -> None:
+    """Slow walking from far beside the road: the run is valid, its trigger leads to nothing."""
+    trigger, walker, x_m = crossing.triggers[0], crossing.targets[0], 230.0
+    manoeuvre, condition = trigger.manoeuvre, trigger.condition
+    assert isinstance(manoeuvre, FollowPath)
+    assert isinstance(condition, TimeToArrival)
+    far = walker.start.model_copy(update={"x_m": x_m, "y_m": walker.start.y_m - 3.5})
+    path = [(x_m, far.y_m), (x_m, manoeuvre.motion.path[-1][1])]
+    motion = manoeuvre.motion.model_copy(update={"path": path, "cruise_mps": 0.35})
+    run = with_trigger(
+        crossing,
+        condition=condition.model_copy(update={"anchor": (x_m, 0.0), "below_s": 16.0}),
+        manoeuvre=manoeuvre.model_copy(update={"motion": motion}),
+        not_before_s=0.0,
+        adaptation=None,
+    ).model_copy(
+        update={
+            "targets": [walker.model_copy(update={"start": far})],
+            "passing": None,
+            "thresholds": crossing.thresholds.model_copy(update={"arrival_gap_s": None}),
+        }
+    )
+    result, _ = run_in_process(run)
+    assert result.verdict is Verdict.VALID
+    (reason,) = why_not(run)
+    said = re.match(r"the conflict begins ([\d.]+) s after the trigger; .* within 12 s", reason)
+    assert said is not None, reason
+    assert 12.0 < float(said[1]) < 16.0
+    starts = [
+        {"phase": phase.phase.name.lower(), "at_s": ns_to_seconds(phase.stamp_ns)}
+        for phase in result.phases
+    ]
+    with console.out.capture() as shown:
+        warn_of_late_conflict({"phases": starts})
+    assert re.search(r"warning: the conflict begins 1[45]\.\d s after the trigger", shown.get())
+    with console.out.capture() as shown:
+        warn_of_late_conflict({"phases": starts[:2]})
+    assert shown.get() == ""
 
 
 def test_the_wrong_order_is_said(crossing: RunSpec) -> None:

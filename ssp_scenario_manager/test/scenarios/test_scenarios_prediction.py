@@ -92,6 +92,15 @@ def crossing(speed_mps: float = 1.5, below_s: float = 3.2) -> Motions:
     )
 
 
+def test_a_conflict_that_is_over_before_the_trigger_shows_is_none() -> None:
+    """While the walker picks up speed, its predicted arrival passes the VUT's."""
+    seen = predict(crossing(0.4, 8.0), "lateral", ConflictThresholds(ttc_s=2.5, arrival_gap_s=1.5))
+    assert seen.trigger_s is not None
+    assert seen.conflict_s is not None
+    # The session has it 6.8 s after its trigger, not with it.
+    assert seen.conflict_s > seen.trigger_s + 2.0
+
+
 def test_a_free_driver_follows_its_closed_form() -> None:
     """dx/dt = a (1 - x^4) / v0 has t = v0/2a (atanh x + atan x), s = v0^2/2a atanh x^2."""
     for cruise, rate in ((13.0, 2.0), (8.0, 1.2)):

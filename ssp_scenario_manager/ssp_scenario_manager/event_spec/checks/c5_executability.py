@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 
+from ssp_core.motion.event import NO_CONFLICT_S
 from ssp_scenario_manager.event_spec.checks.base import Fail, Failure, Predicate, View, one_of
 from ssp_scenario_manager.event_spec.checks.form import allowed
 from ssp_scenario_manager.event_spec.fields import UNITS, Span, get, leaves, show, units_of
@@ -125,6 +126,20 @@ def critical_fields_are_known(view: View) -> Iterator[Failure]:
                 at = f"{path}.{below}" if below else path
                 reason = "is safety-critical and may not stay unresolved"
                 yield _fail(view, reason, allowed(at), at, origin="open decision")
+
+
+def conflict_comes_in_time(view: View) -> Iterator[Failure]:
+    """Check that the conflict comes soon enough after the trigger to be its conflict."""
+    paths = ("events.conflict.start", "events.trigger.start")
+    found = view.spans(*paths)
+    if found is not None and found[0].low - found[1].high > NO_CONFLICT_S:
+        yield _fail(
+            view,
+            f"comes {found[0].low - found[1].high:.1f} s after the trigger; a trigger that no "
+            f"conflict follows within {NO_CONFLICT_S:g} s leads to none",
+            f"a conflict at most {NO_CONFLICT_S:g} s after the trigger, or a later trigger",
+            *paths,
+        )
 
 
 def inside_the_safety_limits(view: View) -> Iterator[Failure]:
@@ -261,6 +276,7 @@ def weights_count_something(view: View) -> Iterator[Failure]:
 EXECUTABILITY_PREDICATES: tuple[Predicate, ...] = (
     manoeuvre_is_complete,
     critical_fields_are_known,
+    conflict_comes_in_time,
     inside_the_safety_limits,
     speeds_hold_the_manoeuvre,
     vut_only_brakes,
