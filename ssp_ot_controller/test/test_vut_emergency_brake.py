@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssp_core.run_file.participants import Driver
+from ssp_core.world.obstacles import Obstacle
 from ssp_ot_controller.sil.vut_driver import (
     BUILD_UP_S,
     MARGIN_M,
-    Obstacle,
     brakes_in_emergency,
     needed_deceleration,
 )

@@ -13,8 +13,9 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.run_file.participants import Driver
 from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.car_following import following_acceleration
+from ssp_core.world.obstacles import find_obstacles
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
-from ssp_ot_controller.sil.vut_driver import drive, find_obstacles
+from ssp_ot_controller.sil.vut_driver import drive
 from support.states import object_state, state_of_body
 
 DT = 0.02

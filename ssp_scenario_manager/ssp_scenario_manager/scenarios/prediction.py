@@ -16,9 +16,10 @@ from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.run_file.participants import Hold, ParticipantSpec
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import Role
 from ssp_core.world.car_following import following_acceleration, free_acceleration
 from ssp_core.world.gap_acceptance import PriorityWatch, Word
+from ssp_core.world.obstacles import find_obstacles
 from ssp_scenario_manager.dispatch.references import (
     APPROACH_LEAD_S,
     Address,
@@ -29,10 +30,6 @@ from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.motions import STEP_S, Motions
 from ssp_scenario_manager.triggers.conditions import Snapshot, condition_text
 from ssp_scenario_manager.triggers.evaluator import TriggerWatch
-
-_VULNERABLE = frozenset({ObjectClass.PEDESTRIAN, ObjectClass.CYCLIST})
-# A vehicle that drives across the VUT's path faster than this crosses it.
-_CROSSING_MPS = 0.5
 
 
 def foreseen_address(object_id: str, execute_s: float) -> Address:
@@ -101,30 +98,18 @@ class Players:
         except ValueError as error:
             raise CannotPlace(f"{spec.id}: {error}") from error
 
-    def advance(self, meetings: list[tuple[ObjectState, Encounter]], dt_s: float) -> None:
-        """Move the VUT on by its driver's law and, if the driver reacts, for what it meets."""
+    def advance(self, vut: ObjectState, others: Sequence[ObjectState], dt_s: float) -> None:
+        """Move the VUT on as its driver would, who reacts to the others or doesn't."""
         driver, v = self.plan.driver, self.speed_mps
         wanted = free_acceleration(v, driver)
         if self._priority:
             front = self.station_m + self.plan.vut.size.front_m
-            given = self._priority.decide(front, v, [o for o, _ in meetings], driver)
-            meetings = [(o, m) for o, m in meetings if o.object_id not in given.heeded]
+            given = self._priority.decide(front, v, others, driver)
+            others = [other for other in others if other.object_id not in given.heeded]
             wanted = min(wanted, given.most_mps2)
-        for other, meeting in meetings if driver.reacts else ():
-            if meeting.gap_m <= 0.1:
-                continue
-            along = meeting.along_mps > abs(meeting.towards_mps)
-            across = abs(meeting.towards_mps) > max(_CROSSING_MPS, abs(meeting.along_mps))
-            if across or (other.object_class in _VULNERABLE and not along):
-                if not (meeting.in_corridor or math.isfinite(meeting.object_arrival_s)):
-                    continue
-                ahead, rate = 0.0, 0.0
-            elif meeting.in_corridor:
-                ahead = meeting.along_mps
-                rate = other.acceleration_mps2 if ahead > 0.0 else 0.0
-            else:
-                continue
-            wanted = min(wanted, following_acceleration(v, meeting.gap_m, ahead, rate, driver))
+        for seen in find_obstacles(vut, others, self.path, driver) if driver.reacts else ():
+            gap, speed, gain = seen.gap_m, seen.speed_mps, seen.acceleration_mps2
+            wanted = min(wanted, following_acceleration(v, gap, speed, gain, driver))
         faster = max(v + wanted * dt_s, 0.0)
         self.station_m += 0.5 * (v + faster) * dt_s
         self.speed_mps = faster
@@ -293,7 +278,7 @@ def predict(plan: Motions, observable: Observable, thresholds: ConflictThreshold
             if _is_over(instants, t):
                 break
         dt_s = _COARSE_S if fired is None and far else STEP_S
-        players.advance(meetings, dt_s)
+        players.advance(vut, others, dt_s)
         t += dt_s
     if fired is None:
         never = condition_text(plan.trigger.condition)
