@@ -93,9 +93,22 @@ def test_a_scenario_that_shows_another_gap_is_refused(
 ) -> None:
     monkeypatch.setattr(openscenario, "MOST_GAP_ERROR_M", 0.01)
     case = case_of("cut_in")
-    with pytest.raises(InputError, match=r"gap between VUT and ot1 differs by .* at most 0.01 m"):
+    with pytest.raises(InputError, match=r"ot1 differs by .* at most 0.01 m.*bends less"):
         export_openscenario(case.task, case.block, None, tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_gap_that_the_adaptation_changed_has_that_as_its_remedy(tmp_path: Path) -> None:
+    """The VUT is slower than it was planned, and the session slows the object with it."""
+    area = load_area("boulevard", None)[0]
+    event, version = load_event("cut_in")
+    block = area.library.blocks[0]
+    task = realise(Order(event, version, area, "openscenario", 1, {}), block).task
+    driver = task.run.driver.model_copy(update={"cruise_mps": 0.9 * task.run.driver.cruise_mps})
+    slower = task.model_copy(update={"run": task.run.model_copy(update={"driver": driver})})
+    with pytest.raises(InputError, match=r"adapts the speed of ot1 to the VUT, by [-+]\d") as said:
+        export_openscenario(sealed(slower), block, None, tmp_path)
+    assert "bends less" not in str(said.value)
 
 
 def strips(data: bytes, side: str) -> list[tuple[str, float]]:

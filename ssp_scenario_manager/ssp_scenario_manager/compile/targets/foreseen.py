@@ -69,7 +69,9 @@ class Foreseen:
         """
         if self.fired_s < start_s + nominal.duration_s + _SETTLED_S:
             return nominal
-        lacking = nominal.to_mps * (self.fired_s - start_s) - self._driven_m(self.fired_s)
+        lacking = nominal.to_mps * (self.fired_s - start_s) - self.driven_m_of_initiator(
+            self.fired_s
+        )
         return Ramp(nominal.to_mps, round(max(2.0 * lacking / nominal.to_mps, _LEAST_S), 3))
 
     def act(self, from_mps: float, nominal: Ramp, start_s: float) -> Ramp:
@@ -87,7 +89,7 @@ class Foreseen:
         change = from_mps - nominal.to_mps
         if abs(change) < SAME_MPS or self.course[-1][0] < end_s:
             return nominal
-        beyond_m = self._driven_m(end_s) - self._driven_m(start_s)
+        beyond_m = self.driven_m_of_initiator(end_s) - self.driven_m_of_initiator(start_s)
         beyond_m -= nominal.to_mps * (end_s - start_s)
         return Ramp(nominal.to_mps, round(max(2.0 * beyond_m / change, nominal.duration_s), 3))
 
@@ -103,16 +105,19 @@ class Foreseen:
         """
         start_s += self.fired_s
         end_s = start_s + nominal.duration_s + _SETTLED_S
-        from_m = self._driven_m(end_s)
+        from_m = self.driven_m_of_initiator(end_s)
         over_s = self.course[-1][0] if self.over_s is None else self.over_s
-        last_m = min(self._driven_m(over_s), self._driven_m(start_s) + until_m)
+        last_m = min(
+            self.driven_m_of_initiator(over_s), self.driven_m_of_initiator(start_s) + until_m
+        )
         times, driven_m = zip(*self.course, strict=True)
         lasts_s = float(np.interp(last_m, driven_m, times)) - end_s
         if lasts_s < _SETTLED_S:
             return nominal
         return replace(nominal, to_mps=round((last_m - from_m) / lasts_s, 3))
 
-    def _driven_m(self, at_s: float) -> float:
+    def driven_m_of_initiator(self, at_s: float) -> float:
+        """Return the distance that the initiator has driven at a time, m."""
         times, driven_m = zip(*self.course, strict=True)
         return float(np.interp(at_s, times, driven_m))
 

@@ -136,8 +136,22 @@ def _check_gap(run: RunSpec, scenario: bytes, chart: MapFile, block: Block, seen
             f"{MOST_GAP_ERROR_M:g} m",
             field="block",
             value=block.block_id,
-            remedy="choose a block that bends less, or milder values in part C",
+            remedy=_remedy(run, seen, float(times[worst])),
         )
+
+
+def _remedy(run: RunSpec, seen: Foreseen, at_s: float) -> str:
+    """Return the remedy of a gap that differs, by what a storyboard doesn't show."""
+    triggers = [trigger.model_copy(update={"adaptation": None}) for trigger in run.triggers]
+    plain = foresee(run.model_copy(update={"triggers": triggers}))
+    moved_m = seen.driven_m_of_initiator(at_s) - plain.driven_m_of_initiator(at_s)
+    if abs(moved_m) <= MOST_GAP_ERROR_M:
+        return "choose a block that bends less, or milder values in part C"
+    return (
+        f"the session adapts the speed of {run.initiator_id} to the VUT, by {moved_m:+.2f} m of "
+        "way until then, and a storyboard doesn't: choose values in part C with which the VUT "
+        f"keeps its approach speed until {run.initiator_id} is in its corridor, or export for sumo"
+    )
 
 
 def scenario_xml(task: Task, chart: MapFile, seen: Foreseen, *, external: bool) -> bytes:
