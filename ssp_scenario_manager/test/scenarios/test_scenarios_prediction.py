@@ -93,7 +93,7 @@ def crossing(speed_mps: float = 1.5, below_s: float = 3.2) -> Motions:
 
 
 def test_a_conflict_that_is_over_before_the_trigger_shows_is_none() -> None:
-    """While the walker picks up speed, its predicted arrival passes the VUT's."""
+    """The walker picks up speed, and its predicted arrival passes the VUT's meanwhile."""
     seen = predict(crossing(0.4, 8.0), "lateral", ConflictThresholds(ttc_s=2.5, arrival_gap_s=1.5))
     assert seen.trigger_s is not None
     assert seen.conflict_s is not None
