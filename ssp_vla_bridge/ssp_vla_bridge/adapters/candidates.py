@@ -85,10 +85,16 @@ def not_chosen(text: str, lists: Sequence[Labelled]) -> tuple[frozenset[int], in
         by_share = _clear_maximum([one for one in shares if one is not None])
         picked = _picked(text, lists, names) if told_apart else None
         called = all(_CALLED.search(lists[i].label) for i in group)
-        if not (picked or None not in shares or (called and (told_apart or not names))):
+        # Two that nothing but their shares calls options are a plan and the one that replaces it.
+        rated = None not in shares and (
+            told_apart
+            or called
+            or all(_object(text, lists[i].start, lists[i].end)[0] >= 0 for i in group)
+        )
+        if not (picked or rated or (called and (told_apart or not names))):
             continue
         chosen = group[names.index(picked)] if picked else None
-        if chosen is None and None not in shares and by_share is not None:
+        if chosen is None and rated and by_share is not None:
             chosen = group[by_share]
         return frozenset(i for i in group if i != chosen), chosen
     return frozenset(), None
