@@ -6,15 +6,23 @@ import importlib
 import math
 import os
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from operator import index
 from typing import Any, Protocol
 
 from ssp_core.answer_text import Ending, ending
 from ssp_core.credentials import check_key, is_http_address
 from ssp_core.errors import InputError, PeerError, SspError
 from ssp_core.files import parse_strict
-from ssp_vla_bridge.messages import Answer, ErrorCode, Request, Response, request_problems
+from ssp_vla_bridge.messages import (
+    Answer,
+    ErrorCode,
+    NativeArray,
+    Request,
+    Response,
+    request_problems,
+)
 from ssp_vla_bridge.window import find_interface
 
 # name: module:factory. A backend's module is imported when it is asked for, so that one
@@ -286,7 +294,7 @@ def respond(backend: Backend, model: str, request: Request) -> BackendResult:
             blank,
             model_id=backend.model_id,
             text=answer.text,
-            arrays=answer.arrays,
+            arrays=_of_numbers(answer.arrays),
             decoding=answer.decoding,
         )
     except SspError as error:  # written for people; where in the code it was raised says no more
@@ -296,6 +304,25 @@ def respond(backend: Backend, model: str, request: Request) -> BackendResult:
         message = f"{type(error).__name__}: {error}"
         return BackendResult(failure(blank, ErrorCode.BACKEND, message), traceback.format_exc())
     return BackendResult(response)
+
+
+def _of_numbers(arrays: Iterable[NativeArray]) -> tuple[NativeArray, ...]:
+    """Return arrays with plain numbers as their values, of whatever kind of number they are.
+
+    Raises:
+        PeerError: one holds something else, or a number that is too large.
+    """
+    try:
+        return tuple(
+            replace(
+                array,
+                shape=tuple(map(index, array.shape)),
+                data=tuple(map(float, array.data[: len(array.data)])),
+            )
+            for array in arrays
+        )
+    except (TypeError, ValueError, ArithmeticError, AttributeError) as error:
+        raise PeerError(f"an array of the answer holds no numbers: {error}") from error
 
 
 def _check_ended(decoding: Mapping[str, Any]) -> None:

@@ -4,12 +4,14 @@ Whatever the model does there ends its process at most: it may hang, leave, cras
 its memory. A process serves one run, so that the next run's model remembers nothing.
 
 The process is forked from a server that has imported what bridges need and nothing else; a model's
-own modules are imported in its process.
+own modules are imported in its process. What comes from it is read as JSON of bounded length, since
+a model may write to its connection whatever it likes.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import multiprocessing
 import os
 import signal
@@ -19,8 +21,9 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 from typing import Any
 
 from ssp_core.clock import seconds_to_ns
@@ -30,7 +33,13 @@ from ssp_core.motion.trajectory import Trajectory
 from ssp_core.world.driver import GivenAnswer, LatencyParts
 from ssp_vla_bridge.adapters.registry import adapt
 from ssp_vla_bridge.backend import Backend, failure, make_backend, respond
-from ssp_vla_bridge.messages import ErrorCode, Request, Response
+from ssp_vla_bridge.messages import (
+    ErrorCode,
+    Request,
+    Response,
+    response_from_json,
+    response_to_json,
+)
 from ssp_vla_bridge.stopwatch import ENCODING, PARSING, measuring, part
 
 # A model may take this long to load.
@@ -43,7 +52,10 @@ _LOOK_S = 0.2
 _MOST_CHARACTERS = 1 << 20
 _MOST_NUMBERS = 1 << 18
 _MOST_NAME = 400
+# Of what a process sends: an answer of the most characters and numbers is shorter.
+_MOST_BYTES = 1 << 26
 _READY, _REFUSED = "ready", "refused"
+_NO_ANSWER = "its process sent what is no answer"
 
 
 @dataclass(frozen=True)
@@ -132,6 +144,58 @@ def _unicode(text: str) -> str:
     return text.encode("utf-8", "replace").decode()
 
 
+def measured_to_bytes(measured: Measured) -> bytes:
+    """Return a read answer as JSON; one of wrong types as the error that it is."""
+    try:
+        response = response_to_json(measured.response)
+        response_from_json(response)
+    except (InputError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
+        failed = failure(
+            _blank(measured.response), ErrorCode.BACKEND, f"the answer can't be kept: {error}"
+        )
+        measured = replace(measured, response=failed, trajectory=None, invalid="")
+        response = response_to_json(failed)
+    plan = measured.trajectory
+    value = {
+        "response": response,
+        "trajectory": None if plan is None else asdict(plan),
+        "invalid": measured.invalid,
+        "raised": measured.raised,
+        "encoding_s": measured.encoding_s,
+        "parsing_s": measured.parsing_s,
+    }
+    return json.dumps(value).encode()
+
+
+def measured_from_bytes(data: bytes) -> Measured:
+    """Read what measured_to_bytes wrote.
+
+    Raises:
+        ValueError: it is something else, or its answer is too long.
+    """
+    try:
+        value = json.loads(data)
+        response = response_from_json(value["response"])
+        plan = value["trajectory"]
+        measured = Measured(
+            response=_sound(response),
+            trajectory=None
+            if plan is None
+            else Trajectory(*(tuple(map(float, plan[key])) for key in ("t_s", "x_m", "y_m"))),
+            invalid=str(value["invalid"]),
+            raised=value["raised"] is True,
+            encoding_s=float(value["encoding_s"]),
+            parsing_s=float(value["parsing_s"]),
+        )
+    except (InputError, LookupError, TypeError, ArithmeticError, RecursionError) as error:
+        raise ValueError(str(error)) from error
+    if measured.response.error_code != response.error_code:
+        raise ValueError(measured.response.error_msg)
+    if not (math.isfinite(measured.encoding_s) and math.isfinite(measured.parsing_s)):
+        raise ValueError("its times aren't finite")
+    return measured
+
+
 def _serve(
     connection: Connection,
     model: str,
@@ -144,6 +208,9 @@ def _serve(
     die_with_parent()
     # Of a group of its own, so that processes that the model starts end with it.
     os.setsid()
+    # Where a model takes the machine's memory, it ends before the session does.
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("1000")
     threading.Thread(target=_end_with_owner, daemon=True).start()
     # An interrupt ends the session, which ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -157,15 +224,16 @@ def _serve(
         backend = make_backend(backend_name, options)
     except Exception as error:  # a model that can't be loaded may raise anything
         words = str(error) if isinstance(error, SspError) else f"{type(error).__name__}: {error}"
-        connection.send((_REFUSED, words))
+        connection.send_bytes(json.dumps([_REFUSED, _unicode(words)]).encode())
         return
-    connection.send((_READY, ""))
+    connection.send_bytes(json.dumps([_READY, ""]).encode())
     while True:
         try:
             request = connection.recv()
         except EOFError:
             return
-        connection.send(measured_answer(backend, model, adapter, request))
+        answer = measured_answer(backend, model, adapter, request)
+        connection.send_bytes(measured_to_bytes(answer))
 
 
 def _end_with_owner() -> None:
@@ -240,9 +308,11 @@ class ModelProcess:
             if time.monotonic() >= end_s:
                 raise PeerError(f"it isn't ready within {start_s:g} s")
         try:
-            word, reason = self._connection.recv()
+            word, reason = json.loads(self._connection.recv_bytes(_MOST_BYTES))
         except (EOFError, OSError):
             raise PeerError(f"{self._ending()} while it was loaded") from None
+        except (ValueError, TypeError, RecursionError):
+            raise PeerError(f"{_NO_ANSWER} while it was loaded") from None
         if word == _REFUSED:
             raise InputError(reason)
 
@@ -271,8 +341,10 @@ class ModelProcess:
     def _ask(
         self, request: Request, timeout_s: float
     ) -> tuple[Measured, LatencyParts] | GivenAnswer:
+        if self._has_sent():
+            return GivenAnswer(None, ended="its process sent an answer that wasn't asked for")
         begin_s = time.perf_counter()
-        got: list[tuple[Measured, float]] = []
+        got: list[tuple[Measured | None, float]] = []
         # Sending, too, waits for a process that doesn't read.
         exchange = threading.Thread(target=self._exchange, args=(request, got), daemon=True)
         exchange.start()
@@ -287,6 +359,9 @@ class ModelProcess:
             latency = LatencyParts(seconds_to_ns(time.perf_counter() - begin_s))
             return GivenAnswer(None, latency, self._ending())
         measured, end_s = got[0]
+        if measured is None:
+            latency = LatencyParts(seconds_to_ns(end_s - begin_s))
+            return GivenAnswer(None, latency, _NO_ANSWER)
         return measured, measured.latency(end_s - begin_s)
 
     def _await_end(self, exchange: threading.Thread, limit_s: float) -> None:
@@ -299,12 +374,30 @@ class ModelProcess:
                 exchange.join(min(left_s, _GRACE_S))
                 return
 
-    def _exchange(self, request: Request, got: list[tuple[Measured, float]]) -> None:
+    def _has_sent(self) -> bool:
+        """Tell whether the process sent something between two questions."""
+        try:
+            if self._connection.poll():
+                self._connection.recv_bytes(_MOST_BYTES)
+                return True
+        except EOFError:
+            return False
+        except OSError as error:
+            return _is_too_long(error)
+        return False
+
+    def _exchange(self, request: Request, got: list[tuple[Measured | None, float]]) -> None:
+        measured = None
         try:
             self._connection.send(request)
-            got.append((self._connection.recv(), time.perf_counter()))
-        except (EOFError, OSError):
+            with suppress(ValueError):
+                measured = measured_from_bytes(self._connection.recv_bytes(_MOST_BYTES))
+        except EOFError:
             return
+        except OSError as error:
+            if not _is_too_long(error):
+                return
+        got.append((measured, time.perf_counter()))
 
     def _ending(self) -> str:
         self._process.join(_END_S)
@@ -340,6 +433,11 @@ class ModelProcess:
             self._connection.close()
             self._kill()
             self._process.close()
+
+
+def _is_too_long(error: OSError) -> bool:
+    """Tell whether a message was refused by its length."""
+    return error.errno is None and "length" in str(error)
 
 
 def no_answer_within(timeout_s: float) -> GivenAnswer:
