@@ -18,7 +18,6 @@ from pydantic import (
 )
 
 from ssp_core.files import load_model
-from ssp_core.hashing import sha256_json
 from ssp_core.run_file.driven import COMMANDED, Driven
 from ssp_core.run_file.participants import (
     Driver,
@@ -45,8 +44,6 @@ from ssp_core.run_file.values import (
 from ssp_core.vocabulary import DomainWord
 
 _TOLERANCE_S = 1e-9
-# Fields by which the hash of a driven run doesn't differ.
-_NAMELESS = ("driver", "options", "left_out")
 
 
 STOP_REACTION_S = 1.0
@@ -433,14 +430,6 @@ class RunSpec(Strict):
         """
         is_asked = self.driven is not None and self.driven.driver not in COMMANDED
         return self.driver.external or is_asked
-
-    @property
-    def driven_hash(self) -> str:
-        """Hash of a driven run, whatever drives it and whatever the run is called."""
-        run = self.model_dump(mode="json", by_alias=True, exclude={"run_id", "session_token"})
-        driven = {} if self.driven is None else self.driven.model_dump(mode="json")
-        nameless = {key: value for key, value in driven.items() if key not in _NAMELESS}
-        return sha256_json({**run, "driven": nameless})
 
     @property
     def live_problem(self) -> str | None:

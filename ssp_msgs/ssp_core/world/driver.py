@@ -82,8 +82,6 @@ class Question:
         pose: of the VUT at the stamp in the map frame, for interfaces with a frame of their own; no
             model is shown it as it is.
         seed: for drivers that sample, ``Driven.sampling_seed``.
-        run: hash of the driven run, for interfaces whose sessions have names; no model is shown it
-            as it is, and it is empty for a driver that sees no frames.
     """
 
     number: int
@@ -95,7 +93,6 @@ class Question:
     camera: Camera | None = None
     pose: Pose2 = _NOWHERE
     seed: int = 0
-    run: str = ""
 
     @property
     def speed_mps(self) -> float:

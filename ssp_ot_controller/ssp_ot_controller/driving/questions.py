@@ -71,8 +71,6 @@ class Questions:
         self.ended = ""
         self._run = run
         self._seed = driven.sampling_seed(run.seed)
-        # An event and its event-free twin differ by it: a driver of ours gets none.
-        self._run_hash = run.driven_hash if isinstance(driver, SeeingDriver) else ""
         self._observable_s = driven.observable_s
         self._driver = driver
         # None: it is measured.
@@ -132,7 +130,6 @@ class Questions:
             camera=self._run.camera if frames else None,
             pose=vut.pose,
             seed=self._seed,
-            run=self._run_hash,
         )
         driver = self._driver
         if isinstance(driver, SeeingDriver):

@@ -601,13 +601,6 @@ def test_command_and_result_name_what_a_driven_run_leaves_out(
         assert told["driven"]["left_out"] == ["traffic", "adaptation"]
 
 
-def test_what_is_left_out_does_not_tell_a_driver_one_run_from_another(start: Start) -> None:
-    bare = replace(start, left_out=[])
-    runs = [one.driven_by("mine", {}, Latency(0.0)) for one in (start, bare)]
-    assert runs[0].driven != runs[1].driven
-    assert runs[0].driven_hash == runs[1].driven_hash
-
-
 def test_no_run_file_lets_a_driver_drive_hardware(start: Start) -> None:
     run = start.driven_by("oracle", {}, Latency(0.0)).model_dump(mode="json", by_alias=True)
     with pytest.raises(ValueError, match="in lockstep with our own bodies only"):

@@ -27,7 +27,6 @@ from ssp_core import console
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import PeerError, SspError
 from ssp_core.geometry import Pose2
-from ssp_core.hashing import sha256_json
 from ssp_core.world.driver import (
     Answer,
     GivenAnswer,
@@ -40,14 +39,10 @@ from ssp_core.world.driver import (
 from ssp_vla_bridge.driving.driver import geometry_of_run
 from ssp_vla_bridge.egodriver import exact, wire
 from ssp_vla_bridge.egodriver.channel import MOST_BYTES, open_channel
-from ssp_vla_bridge.egodriver.options import CONNECTION, HISTORY_S, EgodriverOptions
+from ssp_vla_bridge.egodriver.options import HISTORY_S, EgodriverOptions
 
 # Greatest age of what was seen between two questions and is sent.
 _KEPT_S = 10.0
-# Names of sessions are made of what tells runs apart, and a run has the same name again. While a
-# server holds that one, for the same run elsewhere or for one that was cut off, the next is taken.
-_NAMES = uuid.UUID("5b0d6f0e-3f0b-4d55-9d5a-6c3b0a5c1c11")
-_MOST_NAMES = 64
 # For the end of a session, which an abort waits for.
 _CLOSE_S = 2.0
 _WORDS = 300
@@ -241,22 +236,16 @@ class EgodriverDriver:
         if self._is_exact:
             geometry = geometry_of_run(question.camera)
             metadata.append((exact.CAMERA, exact.pack_camera(geometry)))
-        of_driver = sha256_json([self._name, self._options.model_dump(exclude=CONNECTION)])
-        for k in range(_MOST_NAMES):
-            name = f"{of_driver} {question.run} {question.seed} {question.sha256} {k}"
-            request.session_uuid = str(uuid.uuid5(_NAMES, name))
-            # Known before the call: a start that is given up may yet leave a session to close.
-            self._session = request.session_uuid
-            try:
-                self._call("start_session", request, metadata)
-            except CallFailedError as error:
-                if error.code is not grpc.StatusCode.ALREADY_EXISTS:
-                    raise
-                self._session = ""
-                if k == _MOST_NAMES - 1:
-                    raise
-                continue
-            return
+        # A name that tells nothing: of an event and its twin, or when a start is driven again.
+        request.session_uuid = str(uuid.uuid4())
+        # Known before the call: a start that is given up may yet leave a session to close.
+        self._session = request.session_uuid
+        try:
+            self._call("start_session", request, metadata)
+        except CallFailedError as error:
+            if error.code is grpc.StatusCode.ALREADY_EXISTS:
+                self._session = ""  # another one's
+            raise
 
     def _drive(self, question: Question) -> tuple[Answer | str, float]:
         """Return the answer, or why the driver ended, and how long reading it took."""
