@@ -37,7 +37,7 @@ from ssp_eval.report.grids import Grid, grid
 from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.table import Table, counted
 from ssp_scenario_manager.closed_loop.campaigns.bags import bag_folder
-from ssp_scenario_manager.closed_loop.campaigns.groups import conditions_of
+from ssp_scenario_manager.closed_loop.campaigns.groups import headings_of
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES, PRIVILEGED, ZERO
 from ssp_scenario_manager.closed_loop.campaigns.runs import jobs_of
 from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL
@@ -127,6 +127,7 @@ def render(campaign: LoopCampaign, further: Sequence[Table] = ()) -> str:
 def _part(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> dict[str, Any]:
     rates = [one for one in campaign.rates if one.event == event]
     runs = [one for one in campaign.critical if one.row.event == event]
+    headings = headings_of(campaign.cards)
     shown = []
     for k, group in campaign.groups.items():
         drivers = [one for one in group if any(run.row.driver == one for run in runs)]
@@ -149,7 +150,7 @@ def _part(campaign: LoopCampaign, event: str, groups: list[list[str]]) -> dict[s
             ]
             shown.append(
                 {
-                    "conditions": f"Group {k}: {conditions_of(campaign.card(drivers[0]))}",
+                    "conditions": f"Group {k}: {headings[k - 1]}",
                     "headline": grid(headline_table(campaign, event, drivers)),
                     "outcomes": grid(outcome_table(rates, event, drivers)),
                     "plots": plots,

@@ -21,9 +21,9 @@ from ssp_scenario_manager.closed_loop.campaigns.bags import Bags, bag_rows, writ
 from ssp_scenario_manager.closed_loop.campaigns.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.campaigns.cards import CARDS_FILE, load_cards
 from ssp_scenario_manager.closed_loop.campaigns.groups import (
-    conditions_of,
     group_numbers,
     groups_of,
+    headings_of,
 )
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import (
     CampaignDriver,
@@ -155,11 +155,10 @@ def _say(rates: Sequence[Rates], refused: Sequence[str], out: Path, as_json: boo
         ]
         click.echo(json.dumps(told))
     else:
-        by_name = {card["driver"]: card for card in cards}
-        for k, group in enumerate(groups_of(cards), 1):
+        groups = zip(groups_of(cards), headings_of(cards), strict=True)
+        for k, (group, words) in enumerate(groups, 1):
             own = [one for one in rates if one.driver in group]
             if own:
-                words = conditions_of(by_name[group[0]])
                 console.out.print(f"group {k}: {words}", markup=False)
             for one in own:
                 console.out.print(_line(one), markup=False)

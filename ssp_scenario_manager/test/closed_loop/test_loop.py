@@ -35,6 +35,7 @@ from ssp_scenario_manager.cli.loop import loop
 from ssp_scenario_manager.closed_loop.campaigns import campaign, runs, seal
 from ssp_scenario_manager.closed_loop.campaigns.bags import write_bags
 from ssp_scenario_manager.closed_loop.campaigns.campaign import run_campaign
+from ssp_scenario_manager.closed_loop.campaigns.groups import headings_of
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import (
     BASELINES,
     ZERO,
@@ -379,6 +380,49 @@ def test_the_command_prints_the_table_of_what_is_there(done: Path, tmp_path: Pat
     found = json.loads(said.stdout.splitlines()[-1])
     assert [one["driver"] for one in found][::2] == list(BASELINES)
     assert (said.exception, said.return_value) == (None, 0)
+
+
+@pytest.mark.parametrize("name", ["runs.csv", "starts.json", "cards.json"])
+def test_files_that_something_else_changes_while_a_campaign_runs_end_it(
+    done: Path, tmp_path: Path, name: str
+) -> None:
+    """A driver that runs as the user who runs the campaign can write into its folder."""
+    folder = tmp_path / "campaign"
+    shutil.copytree(done, folder)
+    rows = (folder / "runs.csv").read_text().splitlines(keepends=True)
+    (folder / "runs.csv").write_text("".join(rows[:-4]))
+
+    def spoil(count: int, total: int) -> None:
+        if count < total:
+            path = folder / name
+            path.write_text(path.read_text().replace("collision", "avoided") + " ")
+
+    with pytest.raises(InputError, match="was changed while the campaign ran") as raised:
+        run_campaign(plan_of(), folder, 1, spoil, lambda _: None)
+    assert raised.value.file == str(folder / name)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"timeout_s": 30.0}, "timeout in s: 30"),
+        ({"d_max_mps2": 5.5}, "D_max in m/s²: 5.5"),
+        ({"limits": {"plan": {"reach_m": 3}}}, "limits: plan reach_m 3"),
+        ({"cameras": [{"width_px": 640}]}, "camera: width_px 640"),
+    ],
+)
+def test_groups_whose_cards_differ_in_one_condition_have_headings_that_name_it(
+    done: Path, changed: dict[str, Any], said: str
+) -> None:
+    cards = json.loads((done / "cards.json").read_text())["cards"]
+    first = next(card for card in cards if card["driver"] == "no_response")
+    own = {**first, "timeout_s": 60.0, "cameras": [{"width_px": 1280}]}
+    heads = headings_of([{**own, "driver": "a"}, {**own, "driver": "b", **changed}])
+    assert len(set(heads)) == 2
+    assert heads[1].endswith(f", {said}")
+    assert headings_of([{**own, "driver": "a"}, {**own, "driver": "b"}]) == [
+        "plans tracked, route 80 m ahead, by camera, a question each 0.1 s at most"
+    ]
 
 
 def test_drivers_with_unlike_cards_stand_apart_in_table_and_print(

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ssp_core.errors import InputError
 from ssp_core.files import write_text
-from ssp_scenario_manager.closed_loop.campaigns.cards import complete_cards, seal_cards
+from ssp_core.hashing import sha256_file
+from ssp_scenario_manager.closed_loop.campaigns.cards import (
+    CARDS_FILE,
+    complete_cards,
+    seal_cards,
+)
 from ssp_scenario_manager.closed_loop.campaigns.groups import group_numbers
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import ZERO, LoopPlan
 from ssp_scenario_manager.closed_loop.campaigns.runs import Job, identity_of, jobs_of, rows_of
-from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts, software
+from ssp_scenario_manager.closed_loop.campaigns.seal import (
+    PLAN_FILE,
+    STARTS_FILE,
+    draw_starts,
+    software,
+)
 from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
 from ssp_scenario_manager.closed_loop.outcomes.rates import Rates, rates_of, refused_for, rising
 from ssp_scenario_manager.closed_loop.outcomes.tables import (
@@ -89,7 +100,7 @@ def _run(
     # A job that was cut off is run again as a whole.
     rows = rows[: len(rows) // per_job * per_job]
     _check_rows(path, rows, todo, per_job)
-    write_text(path, lines_of([RUN_COLUMNS, *rows]))
+    kept = _Kept(folder, lines_of([RUN_COLUMNS, *rows]))
     total = len(todo) * per_job
     on_rows(len(rows), total)
     with (
@@ -99,10 +110,14 @@ def _run(
         for done in run_all(rows_of, todo[len(rows) // per_job :]):
             # Before its rows: a job without rows is run again, and writes them anew.
             write_texts(folder, len(rows) // per_job, per_job, done.answers)
-            stream.write(lines_of(done.rows))
+            kept.check()
+            lines = lines_of(done.rows)
+            stream.write(lines)
             stream.flush()
+            kept.add(lines)
             rows += done.rows
             on_rows(len(rows), total)
+    kept.check()
     if plan.is_measured:
         complete_cards(folder, rows)
     rates = rates_of([read_row(row) for row in rows])
@@ -114,6 +129,40 @@ def _run(
     for text in off_the_twin(dict(zip(RUN_COLUMNS, row, strict=True)) for row in rows):
         say(f"isn't as no_response: {text}")
     return rates, refused_for(rates, ZERO)
+
+
+class _Kept:
+    """Files of a campaign that its own command alone may change while it runs.
+
+    A driver of it could, too, where it runs as the same user.
+
+    Args:
+        folder: of the campaign, with plan, starts and cards.
+        lines: that its rows begin with; they are written.
+    """
+
+    def __init__(self, folder: Path, lines: str) -> None:
+        self._rows = hashlib.sha256(lines.encode())
+        self._path = folder / RUNS_FILE
+        write_text(self._path, lines)
+        sealed = (folder / name for name in (PLAN_FILE, STARTS_FILE, CARDS_FILE))
+        self._sealed = {path: sha256_file(path) for path in sealed}
+
+    def add(self, lines: str) -> None:
+        """Take further rows that were written."""
+        self._rows.update(lines.encode())
+
+    def check(self) -> None:
+        """Raise InputError where a file isn't as it was written."""
+        rows = {self._path: f"sha256:{self._rows.hexdigest()}"}
+        for path, digest in {**self._sealed, **rows}.items():
+            if not path.is_file() or sha256_file(path) != digest:
+                raise InputError(
+                    "was changed while the campaign ran, by something else than this command",
+                    file=path,
+                    remedy="name a new folder with --out; a driver that isn't trusted goes "
+                    "behind HTTP, under another user",
+                )
 
 
 def _check_rows(path: Path, rows: Sequence[Row], todo: Sequence[Job], per_job: int) -> None:

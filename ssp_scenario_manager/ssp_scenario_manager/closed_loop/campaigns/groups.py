@@ -18,6 +18,17 @@ CONDITIONS = (
     "d_max_mps2",
 )
 
+# What is named of two groups whose usual words are alike.
+_FURTHER = {
+    "timeout_s": "timeout in s:",
+    "step_s": "step in s:",
+    "d_max_mps2": "D_max in m/s²:",
+    "contains": "L:",
+    "cameras": "camera:",
+    "tracker": "tracker:",
+    "limits": "limits:",
+}
+
 
 def groups_of(cards: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     """Return the drivers of cards in groups with like conditions.
@@ -37,10 +48,42 @@ def group_numbers(cards: Sequence[Mapping[str, Any]]) -> dict[str, int]:
     return {name: k for k, group in enumerate(groups_of(cards), 1) for name in group}
 
 
-def conditions_of(card: Mapping[str, Any]) -> str:
-    """Return what a driver has in common with those of its group, in words."""
+def headings_of(cards: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return what the drivers of each group have in common, in words, by groups_of.
+
+    No two are alike: where the usual words are, the conditions that differ are named, too.
+    """
+    by_name = {card["driver"]: card for card in cards}
+    first = [by_name[group[0]] for group in groups_of(cards)]
+    words = [_conditions(card) for card in first]
+    for name, told in _FURTHER.items():
+        for same in dict.fromkeys(words):
+            alike = [i for i, one in enumerate(words) if one == same]
+            values = [_value(first[i], name) for i in alike]
+            if len({repr(value) for value in values}) > 1:
+                for i, value in zip(alike, values, strict=True):
+                    words[i] += f", {told} {_shown(value)}"
+    return words
+
+
+def _conditions(card: Mapping[str, Any]) -> str:
     if card["tracker"] is None:
         return "prescribed motion, outside the plant: no plans, no latency"
     route = "no route" if card["route_m"] is None else f"route {card['route_m']:g} m ahead"
     seen = "by camera" if card["cameras"] else "no frames"
     return f"plans tracked, {route}, {seen}, a question each {card['frame_period_s']:g} s at most"
+
+
+def _value(card: Mapping[str, Any], name: str) -> Any:
+    if name == "contains":
+        return [one["contains"] for one in card["latencies"]]
+    return card[name]
+
+
+def _shown(value: Any) -> str:
+    """Return a condition's value in few words: those of objects one behind the other."""
+    if isinstance(value, Mapping):
+        return " ".join(f"{key} {_shown(one)}" for key, one in value.items())
+    if isinstance(value, list):
+        return " and ".join(dict.fromkeys(map(_shown, value))) or "none"
+    return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
