@@ -17,7 +17,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 # Tests replace functions of modules, which compiled modules call directly.
 os.environ["SSP_INTERPRETED"] = "1"
@@ -28,8 +28,9 @@ from tests.support.order import spread
 
 # The same examples in every run, so that a change is judged by what it changed. To look for new
 # ones: SSP_EXPLORE=1 ./ssp test. How long an example takes says more of the machine than of us.
-settings.register_profile("same", derandomize=True, deadline=None)
-settings.register_profile("explore", deadline=None)
+_ANY_TIME = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("same", _ANY_TIME, derandomize=True)
+settings.register_profile("explore", _ANY_TIME)
 settings.load_profile("explore" if os.environ.get("SSP_EXPLORE") else "same")
 
 # As ssp_vla_bridge.egodriver sets it, but before a test loads gRPC by itself.

@@ -21,7 +21,7 @@ from typing import Any
 
 import pytest
 import rclpy
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
@@ -463,7 +463,7 @@ def test_each_field_may_hold_anything(tested: Struck) -> None:
                     raise
 
 
-@settings(max_examples=100, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=100)
 @given(st.data())
 def test_and_so_may_three_at_once(tested: Struck, data: st.DataObject) -> None:
     topic, cls, hear = data.draw(st.sampled_from(tested.hears()), "topic")

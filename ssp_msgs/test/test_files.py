@@ -40,7 +40,7 @@ FILE_PER_TEST = settings(
     max_examples=100,
     deadline=None,
     # The one file in tmp_path is written anew by every example.
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 
 

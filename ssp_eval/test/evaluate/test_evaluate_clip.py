@@ -78,7 +78,9 @@ def test_camera_geometry_and_mount(clip: Clip) -> None:
 
 
 @settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=60,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(t_s=st.floats(-1.0, 12.0, allow_nan=False))
 def test_nothing_later_than_the_label_enters_a_request(clip: Clip, t_s: float) -> None:

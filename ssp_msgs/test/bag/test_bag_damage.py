@@ -199,7 +199,9 @@ def test_a_message_that_is_not_of_its_type_names_the_topic(tmp_path: Path) -> No
 
 
 @settings(
-    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=100,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(fraction=st.floats(0, 1, exclude_max=True))
 def test_any_cut_is_an_input_error_and_recovers_whole_chunks(
@@ -298,7 +300,10 @@ CHANGES = st.one_of(
     st.builds(over, PLACE, st.integers(1, 100), PLACE),
     st.builds(without, PLACE, LENGTH),
 )
-COMMON = {"deadline": None, "suppress_health_check": [HealthCheck.function_scoped_fixture]}
+COMMON = {
+    "deadline": None,
+    "suppress_health_check": [HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+}
 
 
 @settings(max_examples=120, **COMMON)

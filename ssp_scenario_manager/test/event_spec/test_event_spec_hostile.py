@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.cli import main
@@ -112,7 +112,7 @@ def test_check_never_raises_on_any_mapping(value: Any) -> None:
 
 
 @given(st.lists(st.tuples(st.sampled_from(_PATHS), _ANYTHING), min_size=1, max_size=5))
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=80, deadline=None)
 def test_check_never_raises_on_a_spoilt_event(changes: list[tuple[str, Any]]) -> None:
     value = copy.deepcopy(_SHIPPED)
     for path, changed in changes:

@@ -252,7 +252,9 @@ def test_too_many(made: Made) -> None:
 
 
 @settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=60,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(
     st.sampled_from(["s", "t", "hdg", "length", "width", "height", "type", "zOffset", "radius"]),

@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.geometry import Pose2
@@ -232,7 +232,7 @@ def test_every_variant_goes_as_it_says(variant: str, curvature_1pm: float) -> No
     check(event, place, plan_of(event, place))
 
 
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=20, deadline=None)
 @given(
     name=st.sampled_from(sorted(VARIANTS)),
     width_m=st.floats(3.0, 4.2),

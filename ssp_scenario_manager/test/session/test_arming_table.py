@@ -146,7 +146,7 @@ SILENCE_S = st.one_of(st.just(math.inf), st.floats(0.0, 20.0))
 
 
 # The fixture is a function without a memory.
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(run=st.sampled_from(RUNS), data=st.data())
 def test_what_ends_an_armed_session_keeps_it_from_being_armed(
     make_driver: Any, run: RunSpec, data: st.DataObject

@@ -89,7 +89,7 @@ def apply(driver: Any, event: tuple[Any, ...]) -> None:
 @settings(
     max_examples=100,
     deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(sequence=st.lists(events, max_size=30))
 def test_no_sequence_breaks_the_promises(
