@@ -66,7 +66,7 @@ _NOT_RELEVANT = frozenset({"no", "none", "low", "irrelevant", "not", "background
 _LOW = frozenset({"low", "down", "safe", "appropriate", "into", "moderate"})
 _BEFORE_NAMES = frozenset({"the", "our", "ego", "its", "now", "and", "3", "2", "1", "4"})
 _OPEN = frozenset({"none", "keep", "hold", "same"})  # of speed, or of the lane
-_MOTOR = frozenset({"motorbike", "motorcycle", "moped", "scooter", "dirt"})
+_MOTOR = frozenset({"motorbike", "motorcycle", "moped", "scooter", "dirt", "motorbikes", "motorcycles", "mopeds"})
 _UNITS = frozenset({"km", "h", "kph", "mph", "kmh", "m", "s"})
 _LENGTHS = frozenset({"m", "o", "s", "metres", "meters", "metre", "meter", "seconds", "clock"})
 _SPEED_LABELS = frozenset({"speed", "velocity"})
@@ -114,6 +114,7 @@ class Hit(NamedTuple):
     stop: int
 
 
+_RIDERS = frozenset({"rider", "riders", "somebody", "someone", "one"})
 NOTHING = Hit("", "", "", -1, -1)  # before a sentence and behind it
 
 
@@ -180,6 +181,7 @@ class _Reader:
         elif entry.kind == "riding":
             self._riding(at, stop)
         else:
+            stop -= entry.kind == "goal" and words[stop - 1] == "from"  # it begins the origin
             self._put(entry.kind, entry.value, entry.form, at, stop)
         return stop
 
@@ -245,12 +247,14 @@ class _Reader:
 
     def _riding(self, at: int, stop: int) -> None:
         """Make the rider of a bicycle a cyclist: a boy on a bicycle."""
+        name = "cyclist" if _MOTOR.isdisjoint(self.words[at:stop]) else "motorcycle"
         for index in range(len(self.hits) - 1, max(len(self.hits) - 3, -1), -1):
             hit = self.hits[index]
             if hit.kind == "user" and at - hit.stop < 4:
-                name = "cyclist" if _MOTOR.isdisjoint(self.words[at:stop]) else "motorcycle"
                 self.hits[index] = Hit("user", name, hit.form, hit.first, stop)
                 return
+        if self.words[at - 1] in _RIDERS:
+            self._put("user", name, "a", at - 1, stop)
 
     # --- marks, and the fields of structured answers
 
