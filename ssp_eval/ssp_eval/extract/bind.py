@@ -8,6 +8,7 @@ from ssp_eval.extract.clause import EGO, PEOPLE, RIDERS, SCENE, ClauseFacts
 from ssp_eval.extract.match import Hit
 from ssp_eval.extract.movement import (
     ALONG,
+    BLOCKING,
     CROSSING,
     CUTTING_IN,
     OTHER_SIDE,
@@ -96,7 +97,10 @@ class Binder(ClauseFacts):
         elif kind == "braked_in_lane":
             actor = self._owner()
             sides = {"left", "right"} & set(self.words[hit.first : hit.stop])
-            if sides and not self.planned and actor is not None and self.subject is not EGO:
+            named = self.near is not None and self._adjoins(index)
+            if sides and actor is not None and (
+                named or (not self.planned and self.subject is not EGO)
+            ):
                 self._place(index, hit._replace(kind="place", value=sides.pop()), flags)
                 return  # a van in the right lane
             if actor is not None:
@@ -110,6 +114,8 @@ class Binder(ClauseFacts):
             self._conflict(index, hit, flags)
         elif kind == "field":
             self._field(hit)
+        elif kind == "matters" and self._is_from_rear(hit):
+            self._place(index, hit._replace(kind="place", value="rear"), flags)
         else:
             self._salience(index, hit, flags)
 
@@ -515,6 +521,8 @@ class Binder(ClauseFacts):
         stop = max([hit.stop, *(goal.stop for goal in goals)]) if "_from_" in value else hit.stop
         actor.motions.append(Statement(value, hit.first, stop, self.unit))
         self._show(actor)
+        if self.words[hit.first].startswith(("lead", "preced")):
+            actor.hints.append(self._said("front", hit))
         actor.intruding = actor.intruding or value.startswith((CROSSING, CUTTING_IN))
         before = self.words[max(hit.first - 2, 0) : hit.first]
         actor.ongoing = hit.form == "ing" and not {"is", "are"}.isdisjoint(before)
@@ -627,6 +635,9 @@ class Binder(ClauseFacts):
         else:  # matters
             if owner is not None:
                 owner.matters = True
+                if not flags and self._blocks(hit):
+                    owner.motions.append(self._said(BLOCKING, hit))
+                    self.in_path = self.was_in_path = (owner, hit)
                 if flags == Scope.POSSIBLE and self.words[hit.first].startswith(("hid", "conceal")):
                     owner.conflicts.append(self._said("potential", hit))
             self.shows = True

@@ -22,6 +22,7 @@ _OWN = frozenset({"our", "my", "us", "me", "ego", "the", "your", "bonnet", "bump
 _OWNERS = frozenset({"our", "my"})
 _INTO = frozenset({"into", "onto"})
 _BARE = 2  # words of an order that is a sentence
+_ENDS_PLACES = MARKS | {"and", "so", "on", "at", "in", "while", "but", "is", "as", "because"}
 _GOALS = frozenset({"goal", "from", "across", "towards", "place"})
 PEOPLE = frozenset({"pedestrian"})
 RIDERS = frozenset({"pedestrian", "cyclist", "motorcycle"})
@@ -195,6 +196,18 @@ class ClauseFacts:
         return any(
             word not in covered and self.words[word] not in self.known.sets["words_of_places"]
             for word in range(first, at)
+        )
+
+    def _blocks(self, hit: Hit) -> bool:
+        """Tell whether somebody is said to block a lane or road, not only a view."""
+        word = self.words[hit.first]
+        stands = hit.form in ("s", "ing") and word.startswith(("block", "obstruct"))
+        return stands and hit.stop - hit.first > 1
+
+    def _is_from_rear(self, hit: Hit) -> bool:
+        """Tell whether "from behind" names nothing that it is behind of: a van from behind."""
+        return self.words[hit.first : hit.stop] == ["from", "behind"] and (
+            hit.stop >= len(self.words) or self.words[hit.stop] in _ENDS_PLACES
         )
 
     def _is_dismissed(self) -> bool:

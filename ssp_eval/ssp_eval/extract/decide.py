@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ssp_eval.extract.movement import ALONG, COMING, CROSSING, CUTTING_IN
+from ssp_eval.extract.movement import ALONG, BLOCKING, COMING, CROSSING, CUTTING_IN
 from ssp_eval.extract.world import Actor, Statement, World
 
 Found = tuple[str | tuple[str, ...], tuple[Statement, ...]]
@@ -181,6 +181,8 @@ def _motion(actor: Actor) -> Found | None:
             continue
         if value is None or (said.value == ALONG and set(values) - {"same_direction"}):
             continue
+        if said.value == BLOCKING and values:
+            continue
         values.pop(value, None)
         values[value] = said
     if not values and actor.origin is not None and not actor.motions and not over:
@@ -214,6 +216,8 @@ def _complete(value: str, actor: Actor) -> str | None:
     if value.startswith(COMING):
         enters = any(said.value.startswith(CUTTING_IN) for said in actor.motions)
         return value.replace(COMING, CUTTING_IN if enters else CROSSING)
+    if value == BLOCKING:
+        return "stationary" if actor.motions == [one for one in actor.motions if one.value == BLOCKING] else None
     if value == CUTTING_IN:
         sides = {side for side in ("left", "right") if side in place}
         return f"cutting_in_from_{sides.pop()}" if len(sides) == 1 else None

@@ -8,11 +8,13 @@ from ssp_eval.extract.world import Actor
 
 # Motions that need company or a side, see decide.py.
 ALONG, CROSSING, CUTTING_IN, COMING = "along", "crossing", "cutting_in", "coming"
+BLOCKING = "blocking"
 OTHER_SIDE = {"left": "right", "right": "left"}
 _STOOD = frozenset({"stood", "waited", "sat", "lingered", "loitered", "hovered", "hesitated"})
 _LIES = frozenset({"lie", "lies", "lay"})
 _PERFECT = frozenset({"has", "have", "just"})
 _ONTO = frozenset({"onto", "on", "into", "out", "off", "from"})
+_MERGES = ("merg", "join", "intrud", "encroach", "filter")
 _OVER = frozenset({"over", "across"})
 _NAMES = frozenset({"user", "pronoun", "relative"})
 
@@ -67,7 +69,9 @@ def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[s
         side = side or OTHER_SIDE.get(end, "")
         return f"crossing_from_{side}" if side else CROSSING if people else None
     if kind == "drift" and side:
-        merges = words[hit.first].startswith("merg")
+        merges = words[hit.first].startswith(_MERGES) or "over" in words[hit.first : hit.stop]
+        if people:
+            return f"{CROSSING}_from_{side}" if merges else None
         return f"{CUTTING_IN}_from_{side}" if merges else None
     if people and kind in ("go", "step") and side:
         return f"{CROSSING}_from_{side}"
