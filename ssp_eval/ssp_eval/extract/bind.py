@@ -23,6 +23,8 @@ _UNSAFE = frozenset({"open", "accelerate", "hide"})
 _AUXILIARIES = frozenset({"may", "will", "not", "ready", "must", "is", "past", "intend"})
 _OURS = frozenset({"our", "my", "ego", "own", "us", "same"})
 _MAYBE = Scope.POSSIBLE | Scope.FUTURE | Scope.LATER | Scope.IMAGINED | Scope.INTENDED
+_REAR = frozenset({"behind", "rear", "bumper", "tail", "heels"})
+_BEGINS = ("start", "begin", "began", "continu", "commenc")
 _PACES = frozenset({"speed", "pace", "tempo"})
 _OTHER_SEX = {"he": "she", "she": "he"}
 # What may say of somebody absent that only an act, or one at a place, is meant.
@@ -103,6 +105,9 @@ class Binder(ClauseFacts):
             ):
                 self._place(index, hit._replace(kind="place", value=sides.pop()), flags)
                 return  # a van in the right lane
+            if sides and actor is None and self.subject is None and not self.planned:
+                self.pending.append((index, hit._replace(kind="place", value=sides.pop())))
+                return  # in the right lane, a van
             if actor is not None:
                 ours = not _OURS.isdisjoint(self.words[hit.first : hit.stop])
                 actor.matters = actor.matters or ours
@@ -360,6 +365,12 @@ class Binder(ClauseFacts):
             return
         if self._leads(index):
             return
+        side = hit.value.rpartition("_")[2]
+        if not flags and side in OTHER_SIDE and self._is_passed(index):
+            self.plan.act(Hit("action", side, "", hit.stop - 3, hit.stop), flags, self.step)
+            if owner is not None and hit.value.startswith("front"):
+                self._put(owner, hit._replace(value="front"), flags)
+            return
         if (
             self.words[hit.first] == "straight"
             and hit.stop - hit.first == 2
@@ -497,7 +508,8 @@ class Binder(ClauseFacts):
         if isinstance(self.subject, Actor):
             before = self._before(index)
             auxiliary = before.kind == "cue" and before.value in _AUXILIARIES
-            finite = auxiliary or before.kind in ("user", "pronoun", "relative")
+            begins = self.words[hit.first - 2].startswith(_BEGINS)
+            finite = auxiliary or begins or before.kind in ("user", "pronoun", "relative")
             return hit.form != "base" or self.subject.plural or finite
         if self.subject is SCENE:
             return True
@@ -523,6 +535,8 @@ class Binder(ClauseFacts):
         self._show(actor)
         if self.words[hit.first].startswith(("lead", "preced")):
             actor.hints.append(self._said("front", hit))
+        elif kind == "with" and not _REAR.isdisjoint(self.words[hit.first : hit.stop]):
+            actor.hints.append(self._said("rear", hit))
         actor.intruding = actor.intruding or value.startswith((CROSSING, CUTTING_IN))
         before = self.words[max(hit.first - 2, 0) : hit.first]
         actor.ongoing = hit.form == "ing" and not {"is", "are"}.isdisjoint(before)

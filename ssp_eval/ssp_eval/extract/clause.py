@@ -198,6 +198,20 @@ class ClauseFacts:
             for word in range(first, at)
         )
 
+    def _is_passed(self, index: int) -> bool:
+        """Tell whether a side is the one that we pass somebody on: overtake the bus on the left."""
+        stop = self.hits[index].stop
+        if self.words[stop - 3 : stop - 1] not in (["on", "the"], ["on", "our"], ["to", "the"]):
+            return False
+        for at in range(index - 1, max(index - 6, self.start - 1), -1):
+            hit = self.hits[at]
+            if hit.kind == "verb" and hit.value in ("overtake", "follow"):
+                orders = self.subject in (None, EGO) and hit.form == "base" and not self.flags[at]
+                return orders and self.words[hit.first] in ("pass", "overtake")
+            if hit.kind not in ("user", "place", "state", "braked_in_lane", "verb"):
+                return False
+        return False
+
     def _blocks(self, hit: Hit) -> bool:
         """Tell whether somebody is said to block a lane or road, not only a view."""
         word = self.words[hit.first]
@@ -334,6 +348,11 @@ class ClauseFacts:
     def _is_a(self, index: int, hit: Hit) -> Actor | None:
         """Name an actor that was only called a vehicle: the vehicle that matters is a truck."""
         before, actor = self._before(index), self.subject
+        if before.value in (":", "") and before.kind in ("mark", "field") and self.near is not None:
+            named = self.near.noun in _GENERIC and self._back(index, 3)[-1].kind == "user"
+            if named and hit.first - before.stop < 4:  # lead vehicle: a truck
+                self.near.name = hit.value
+                return self.near
         if hit.form not in ("a", "the") or before.value != "is" or hit.first - before.stop > 3:
             return None
         if not isinstance(actor, Actor) or actor.noun not in ("vehicle", "car"):

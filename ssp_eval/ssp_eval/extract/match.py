@@ -224,6 +224,8 @@ class _Reader:
             and last[-1].stop == at
         ):
             last = last[:-1]
+        if len(last) > 1 and last[-1].kind == "verb" and last[-1].value in ("wait", "park"):
+            last = last[:-1]
         return (
             bool(last)
             and (last[-1].kind == "user" or last[-1].value == "beside")

@@ -51,6 +51,8 @@ _FIXED = {
     "travelling": "traveling",
     "travelled": "traveled",
     "signalling": "signaling",
+    "pedalling": "pedaling",
+    "pedalled": "pedaled",
     "const.": "constant",
     "veh.": "vehicle",
     "ped.": "pedestrian",
