@@ -25,6 +25,7 @@ _OURS = frozenset({"our", "my", "ego", "own", "us", "same"})
 _MAYBE = Scope.POSSIBLE | Scope.FUTURE | Scope.LATER | Scope.IMAGINED | Scope.INTENDED
 _REAR = frozenset({"behind", "rear", "bumper", "tail", "heels"})
 _BEGINS = ("start", "begin", "began", "continu", "commenc")
+_PLACES = 3  # of a road user, before its verb
 _PACES = frozenset({"speed", "pace", "tempo"})
 _OTHER_SEX = {"he": "she", "she": "he"}
 # What may say of somebody absent that only an act, or one at a place, is meant.
@@ -285,8 +286,14 @@ class Binder(ClauseFacts):
 
         It may have no conjunction: I notice a cyclist is crossing.
         """
-        after, beyond = self._after(index), self._after(index, 2)
-        if self.subject is not EGO or after.value != "is" or after.first != hit.stop:
+        if self.subject is not EGO:
+            return False
+        places = 0
+        while self._after(index, 1 + places).kind in ("place", "braked_in_lane") and places < _PLACES:
+            places += 1
+        last = self.hits[index + places]
+        after, beyond = self._after(index, 1 + places), self._after(index, 2 + places)
+        if after.value != "is" or after.first != last.stop:
             return False
         return beyond.kind != "user" and self._before(index).kind not in ("place", "user")
 
@@ -344,6 +351,8 @@ class Binder(ClauseFacts):
             self.in_path = self.was_in_path = (owner, hit)
             if not self.flags[index] and not _OURS.isdisjoint(self.words[hit.first : hit.stop]):
                 owner.hints.append(self._said("front", hit))
+                if self.because and self._had_to():
+                    owner.conflicts.append(self._said("active", hit))
 
     def _place(self, index: int, hit: Hit, flags: Scope) -> None:
         owner = self._owner()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from ssp_eval.extract.lexicon import lexicon
 from ssp_eval.extract.match import MARKS, NOTHING, Hit
 from ssp_eval.extract.scope import Scope
@@ -203,6 +205,9 @@ class ClauseFacts:
         stop = self.hits[index].stop
         if self.words[stop - 3 : stop - 1] not in (["on", "the"], ["on", "our"], ["to", "the"]):
             return False
+        made = (one for one in self.world.commitments if one.slot == "lat_action")
+        if any(one.said.sentence == self.step for one in made):
+            return False  # nudge left to pass the cyclist on the right
         for at in range(index - 1, max(index - 6, self.start - 1), -1):
             hit = self.hits[at]
             if hit.kind == "verb" and hit.value in ("overtake", "follow"):
@@ -211,6 +216,13 @@ class ClauseFacts:
             if hit.kind not in ("user", "place", "state", "braked_in_lane", "verb"):
                 return False
         return False
+
+    def _had_to(self) -> bool:
+        """Tell whether the VUT is said to have to act, earlier in the sentence."""
+        return any(
+            before.value == "must" and action in self.planned
+            for before, action in pairwise(self.hits[self.start : self._at])
+        )
 
     def _blocks(self, hit: Hit) -> bool:
         """Tell whether somebody is said to block a lane or road, not only a view."""

@@ -114,6 +114,7 @@ class Hit(NamedTuple):
     stop: int
 
 
+_OPENING = frozenset({"\n", ".", ";", "|", "-"})  # before a heading
 _RIDERS = frozenset({"rider", "riders", "somebody", "someone", "one"})
 NOTHING = Hit("", "", "", -1, -1)  # before a sentence and behind it
 
@@ -153,6 +154,9 @@ class _Reader:
             return changed
         entry, stop = self.known.longest(words, at)
         if words[at] in ("left", "right") and stop <= at + 1 and self._follows_user(at):
+            return self._put("place", words[at], "", at, at + 1)
+        heads = at == 0 or words[at - 1] in _OPENING
+        if words[at] in ("left", "right") and words[at + 1] == ":" and heads:
             return self._put("place", words[at], "", at, at + 1)
         if entry is None or (
             entry.kind == "verb" and entry.form == "base" and at and words[at - 1] in _DETERMINERS

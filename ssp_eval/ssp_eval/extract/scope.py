@@ -99,7 +99,10 @@ class _Sentence:
 
     def _opens_main_clause(self, hit: Hit) -> bool:
         """Tell whether the VUT decides behind what it rejects: rather than braking I go on."""
-        if hit.kind != "ego" or self.verb is None or not self.local & Scope.REJECTED:
+        if hit.kind != "ego" or self.verb is None:
+            return False
+        gerund = self.local == Scope.IMAGINED and self.verb.form == "ing"  # before turning I stop
+        if not self.local & Scope.REJECTED and not gerund:
             return False
         return self.verb_at >= self.clause and self.words[hit.first] in ("i", "we")
 
