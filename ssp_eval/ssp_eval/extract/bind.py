@@ -12,6 +12,7 @@ from ssp_eval.extract.movement import (
     CROSSING,
     CUTTING_IN,
     OTHER_SIDE,
+    is_behind,
     is_over_by_then,
     motion_of,
 )
@@ -25,6 +26,7 @@ _OURS = frozenset({"our", "my", "ego", "own", "us", "same"})
 _MAYBE = Scope.POSSIBLE | Scope.FUTURE | Scope.LATER | Scope.IMAGINED | Scope.INTENDED
 _REAR = frozenset({"behind", "rear", "bumper", "tail", "heels"})
 _BEGINS = ("start", "begin", "began", "continu", "commenc")
+_US = frozenset({"us", "me"})
 _PLACES = 3  # of a road user, before its verb
 _PACES = frozenset({"speed", "pace", "tempo"})
 _OTHER_SEX = {"he": "she", "she": "he"}
@@ -98,6 +100,9 @@ class Binder(ClauseFacts):
         elif kind == "state":
             self._state(index, hit, flags)
         elif kind == "braked_in_lane":
+            if index == self.start and self._after(index).value in (".", "\n") and self.plan.made():
+                self.plan.act(hit._replace(kind="action", value="straight"), flags, self.step)
+                return  # Brake. In lane.
             actor = self._owner()
             sides = {"left", "right"} & set(self.words[hit.first : hit.stop])
             named = self.near is not None and self._adjoins(index)
@@ -132,6 +137,11 @@ class Binder(ClauseFacts):
             return
         self.busy = self.void = False
         self.clause = index + 1
+        after = self._after(index)
+        opened = self.hits[self.start]
+        if opened.kind == "cue" and opened.value == "because" and after.kind == "verb":
+            if after.form == "base" and after.first == hit.stop and not self.planned:
+                self.subject = self.near = None  # because two boys may step out, brake
         if self.pending and hit.value == "," and self._holds_more(index):
             self.pending = []  # roadworks ahead, flagman waving
         if hit.value in (";", ":", "|", "{", ">") and (
@@ -341,6 +351,8 @@ class Binder(ClauseFacts):
     def _path(self, index: int, hit: Hit) -> None:
         """Remember a path for the words that follow: in our path, from the right."""
         owner = self._owner()
+        if owner is None and index == self.start and self.words[hit.first] == "in":
+            owner = self.last  # in our path, must brake
         back = self._back(index, 4)
         before = next((one for one in back if one.kind != "place" and one.value != ","), hit)
         bare = before.kind == "user" and hit.first - before.stop < 6 and not self.flags[index]
@@ -361,10 +373,11 @@ class Binder(ClauseFacts):
             return
         if self.words[hit.first] in OTHER_SIDE and self.words[hit.first - 1] in ("the", "a"):
             return  # blocks the left lane
+        opens = self.words[hit.stop - 1] not in _US  # behind the van, but: behind us a van
         behind = after in self.known.sets["articles_and_pronouns"] or (
             self.words[hit.stop - 1] == "behind" and self._names_thing(index)
         )
-        if hit.value == "rear" and (behind or self._after(index).kind == "user"):
+        if hit.value == "rear" and opens and (behind or self._after(index).kind == "user"):
             if self._queues(index, flags):
                 self.behind = hit
             self.reacting = self.reacting or bool(self.planned) or self.subject is EGO
@@ -443,8 +456,14 @@ class Binder(ClauseFacts):
             ):
                 self.world.loose.append(self._said("potential", hit))
                 return
+        if self._resumes(index, hit) and self.last is not None:
+            self._move(self.last, index, hit, flags)
+            self.busy = True
+            return
         if self._of_other(index, hit):
             owner = self._mover(index, hit)
+            if hit.value == "trail" and owner is not None and not flags and is_behind(owner, []):
+                owner.motions.append(self._said("same_direction", hit))
             if owner is not None:
                 self._move(owner, index, hit, flags)
             self.busy = self.busy or hit.form != "ing" or isinstance(self.subject, Actor)

@@ -224,6 +224,12 @@ class ClauseFacts:
             for before, action in pairwise(self.hits[self.start : self._at])
         )
 
+    def _resumes(self, index: int, hit: Hit) -> bool:
+        """Tell whether a participle alone goes on about who was named last: Van ahead. Waiting."""
+        opens = index == self.start or self._before(index).value == ";"
+        idle = not self.world.commitments and self.subject is None and self.near is None
+        return opens and idle and hit.form == "ing" and not self.known.verbs[hit.value].ego
+
     def _blocks(self, hit: Hit) -> bool:
         """Tell whether somebody is said to block a lane or road, not only a view."""
         word = self.words[hit.first]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 from ssp_eval.extract.lexicon import lexicon
@@ -115,6 +116,7 @@ class Hit(NamedTuple):
 
 
 _OPENING = frozenset({"\n", ".", ";", "|", "-"})  # before a heading
+_COUNTED = frozenset({"two", "three", "four", "five", "few"})  # the two vans
 _RIDERS = frozenset({"rider", "riders", "somebody", "someone", "one"})
 NOTHING = Hit("", "", "", -1, -1)  # before a sentence and behind it
 
@@ -240,9 +242,10 @@ class _Reader:
         if self.hits and self.hits[-1].stop == at and self.hits[-1].kind == "user":
             self.hits.pop()  # flatbed tow truck: the last noun is the head
         form = ""
-        for word in self.words[max(at - 5, 0) : at][::-1]:
+        for word, before in pairwise([*self.words[max(at - 6, 0) : at][::-1], ""][:6]):
             if word in _DEFINITE or word in _INDEFINITE:
-                form = "the" if word in _DEFINITE else "another" if word in _OTHERS else "a"
+                definite = word in _DEFINITE or (word in _COUNTED and before in _DEFINITE)
+                form = "the" if definite else "another" if word in _OTHERS else "a"
                 break
             if word in MARKS or word in _ENDS:
                 break
@@ -297,6 +300,8 @@ class _Reader:
     def _slot(self, label: list[str]) -> str | None:
         while label and (label[-1].isdigit() or label[-1] in _ORDINALS):
             label = label[:-1]
+        if " ".join(label) in self.known.fields:
+            return self.known.fields[" ".join(label)]
         while label and label[0] in _BEFORE_NAMES:
             label = label[1:]
         return self.known.fields.get(" ".join(label))

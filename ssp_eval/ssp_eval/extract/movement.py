@@ -77,14 +77,14 @@ def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[s
         return f"{CROSSING}_from_{side}"
     if kind in ("go", "near") and side and _comes_straight(hit, goals, words):
         return f"{COMING}_from_{side}"
-    if kind == "near" and not side and _is_behind(actor, goals):
+    if kind == "near" and not side and is_behind(actor, goals):
         return "same_direction"
     if kind in ("along", "go") and not side:
         return ALONG
     return None
 
 
-def _is_behind(actor: Actor, goals: list[Hit]) -> bool:
+def is_behind(actor: Actor, goals: list[Hit]) -> bool:
     """Tell whether one who comes nearer comes from behind us."""
     places = [goal.value for goal in goals if goal.kind == "place"]
     last = (places or [said.value for said in actor.places] or [""])[-1]

@@ -152,6 +152,10 @@ class Plan:
             self.world.commitments.append(Commitment(slot, said, later, final))
         return True
 
+    def made(self) -> bool:
+        """Tell whether there is a commitment in a sentence before."""
+        return bool(self.world.commitments)
+
     def _last(self, unit: int) -> Commitment | None:
         """Return the last commitment, where it stands in the same sentence."""
         last = self.world.commitments[-1] if self.world.commitments else None
