@@ -72,7 +72,12 @@ class Binder(ClauseFacts):
         elif kind == "user":
             self._user(index, hit, flags)
         elif kind == "ego":
-            if not self.busy and (self.near is None or not self._attributed(index)):
+            following = self._after(index)
+            acts = following.kind == "verb" and following.form == "s"
+            opens = acts and following.first == hit.stop  # to stay clear the VUT steers
+            if opens or (
+                not self.busy and (self.near is None or not self._attributed(index))
+            ):
                 self.subject, self.near = EGO, None
         elif kind == "pronoun":
             self._pronoun(index, hit)
@@ -156,6 +161,8 @@ class Binder(ClauseFacts):
         if hit.value == "but" and around == ([","], [","]):
             return
         after = self._after(self._at)
+        if self.words[hit.first] == "therefore" and self.subject is EGO and after.form == "s":
+            return  # the VUT therefore brakes
         if hit.value == "while" and after.form == "ing":
             return  # braking while turning
         if hit.value == "but" and self.planned:

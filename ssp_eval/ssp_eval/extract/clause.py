@@ -325,7 +325,7 @@ class ClauseFacts:
     def _goals(self, index: int) -> list[Hit]:
         """Return the places and directions that belong to a verb."""
         found = []
-        for hit in self._back(index, 3):
+        for hit in self._back(index, 5):
             if hit.kind == "from":
                 found.append(hit)
             elif hit.kind in ("verb", "ego") or (hit.kind == "cue" and hit.value != "is"):

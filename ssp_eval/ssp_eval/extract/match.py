@@ -117,6 +117,8 @@ class Hit(NamedTuple):
 
 _OPENING = frozenset({"\n", ".", ";", "|", "-"})  # before a heading
 _COUNTED = frozenset({"two", "three", "four", "five", "few"})  # the two vans
+_NOBODY = frozenset({"none", "nobody", "nil"})
+_ONE = frozenset({"the", "a", "this", "that", "lead", "leading", "another"})  # the bus stops
 _RIDERS = frozenset({"rider", "riders", "somebody", "someone", "one"})
 NOTHING = Hit("", "", "", -1, -1)  # before a sentence and behind it
 
@@ -178,7 +180,8 @@ class _Reader:
         # Keep speed low, not moving into ours; a pedestrian crossing from the left.
         low = entry.value in ("keep_speed", "stationary") and words[stop] in _LOW
         crosses = entry.kind == "skip" and words[at : at + 2] == ["pedestrian", "crossing"]
-        if low or (crosses and words[stop] in _CROSSED):
+        halts = entry.kind == "skip" and words[stop - 1] == "stops" and words[at - 1] in _ONE
+        if low or halts or (crosses and words[stop] in _CROSSED):
             entry, stop = self.known.longest(words[: at + 1], at)
         if entry is None or entry.kind == "skip":
             return stop
@@ -355,6 +358,10 @@ class _Reader:
             return at
         if slot == "position" and words[at] in _PLACES and words[at + 1] in MARKS:
             return self._put("place", _PLACES[words[at]], "value", at, at + 1)
+        if slot == "objects" and words[at] in _NOBODY and words[at + 1 : at + 2] and (
+            words[at + 1] in MARKS
+        ):
+            return self._put("nobody", "", "", at, at + 1)
         if slot not in _LEVELS:
             return at
         if _is_number(words[at : at + 1]) and float(words[at]) == 0.0 and slot != "conflict":

@@ -41,8 +41,13 @@ def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[s
         return {"recede": "receding", "with": "same_direction"}.get(kind, kind)
     if kind == "leave":
         return None if people else "cutting_out"
-    if kind == "cross" and {"line", "into_ours"} & names and not light:
-        kind = "intrude"
+    over = any(
+        goal.value == "line" or (goal.value == "into_ours" and words[goal.first] != "in")
+        for goal in goals
+        if goal.kind == "goal"
+    )
+    if kind == "cross" and over and not light:
+        kind = "intrude"  # but crossing in front of us
     if kind == "cross":
         side = side or OTHER_SIDE.get(end, "")
         return f"crossing_from_{side}" if side else CROSSING
