@@ -27,7 +27,6 @@ _MAYBE = Scope.POSSIBLE | Scope.FUTURE | Scope.LATER | Scope.IMAGINED | Scope.IN
 _REAR = frozenset({"behind", "rear", "bumper", "tail", "heels"})
 _BEGINS = ("start", "begin", "began", "continu", "commenc")
 _US = frozenset({"us", "me"})
-_PLACES = 3  # of a road user, before its verb
 _PACES = frozenset({"speed", "pace", "tempo"})
 _OTHER_SEX = {"he": "she", "she": "he"}
 # What may say of somebody absent that only an act, or one at a place, is meant.
@@ -75,9 +74,7 @@ class Binder(ClauseFacts):
             following = self._after(index)
             acts = following.kind == "verb" and following.form == "s"
             opens = acts and following.first == hit.stop  # to stay clear the VUT steers
-            if opens or (
-                not self.busy and (self.near is None or not self._attributed(index))
-            ):
+            if opens or (not self.busy and (self.near is None or not self._attributed(index))):
                 self.subject, self.near = EGO, None
         elif kind == "pronoun":
             self._pronoun(index, hit)
@@ -111,8 +108,10 @@ class Binder(ClauseFacts):
             actor = self._owner()
             sides = {"left", "right"} & set(self.words[hit.first : hit.stop])
             named = self.near is not None and self._adjoins(index)
-            if sides and actor is not None and (
-                named or (not self.planned and self.subject is not EGO)
+            if (
+                sides
+                and actor is not None
+                and (named or (not self.planned and self.subject is not EGO))
             ):
                 self._place(index, hit._replace(kind="place", value=sides.pop()), flags)
                 return  # a van in the right lane
@@ -142,11 +141,8 @@ class Binder(ClauseFacts):
             return
         self.busy = self.void = False
         self.clause = index + 1
-        after = self._after(index)
-        opened = self.hits[self.start]
-        if opened.kind == "cue" and opened.value == "because" and after.kind == "verb":
-            if after.form == "base" and after.first == hit.stop and not self.planned:
-                self.subject = self.near = None  # because two boys may step out, brake
+        if self._orders_behind_reason(index):
+            self.subject = self.near = None  # because two boys may step out, brake
         if self.pending and hit.value == "," and self._holds_more(index):
             self.pending = []  # roadworks ahead, flagman waving
         if hit.value in (";", ":", "|", "{", ">") and (
@@ -216,27 +212,6 @@ class Binder(ClauseFacts):
 
     # --- road users
 
-    def _is_ego(self, index: int, hit: Hit, known: Actor | None) -> bool:
-        """Tell whether "the car" is the VUT: no other is named, or the text tells it what to do."""
-        if hit.form != "the" or self.words[hit.first : hit.stop] not in (["car"], ["vehicle"]):
-            return False
-        article, before = self.words[hit.first - 1], self.words[hit.first - 2]
-        if article != "the" or before in self.known.sets["prepositions_before_us"]:
-            return False
-        after = self.words[hit.stop] if hit.stop < len(self.words) else "."
-        if after in self.known.sets["openers_of_attributes"] or after.endswith("ing"):
-            return False
-        following = self._after(index)
-        if following.value == "must":
-            return True
-        beyond = self._after(index, 2)
-        if following.value == "is":
-            told = beyond.kind in ("place", "towards", "state", "conflict", "affects", "critical")
-            moves = beyond.kind == "verb" and beyond.value not in ("go", "say")
-            if told or (moves and not self.known.verbs[beyond.value].ego):
-                return False
-        return known is None or known.parked
-
     def _user(self, index: int, hit: Hit, flags: Scope) -> None:
         if self._is_ego(index, hit, self._known(hit)):
             # What the VUT is doing is no plan.
@@ -265,7 +240,7 @@ class Binder(ClauseFacts):
         self.void = False
         adjoining = self._before(index).kind == "user"
         self.near = self.last = actor
-        if self._opens_clause(index, hit):
+        if self._opens_clause(index):
             self.subject, self.busy = actor, False
         elif not self.busy and self.subject is not EGO and not adjoining:
             self.subject = actor
@@ -297,31 +272,6 @@ class Binder(ClauseFacts):
         self.denied.add(hit.value)
         if "car" in self.denied and len(self.denied) > 1:
             self.world.nobody.append(self._said("", hit))
-
-    def _opens_clause(self, index: int, hit: Hit) -> bool:
-        """Tell whether a road user opens a clause of its own behind one of the VUT.
-
-        It may have no conjunction: I notice a cyclist is crossing.
-        """
-        if self.subject is not EGO:
-            return False
-        places = 0
-        while self._after(index, 1 + places).kind in ("place", "braked_in_lane") and places < _PLACES:
-            places += 1
-        last = self.hits[index + places]
-        after, beyond = self._after(index, 1 + places), self._after(index, 2 + places)
-        if after.value != "is" or after.first != last.stop:
-            return False
-        return beyond.kind != "user" and self._before(index).kind not in ("place", "user")
-
-    def _reacted_to(self, index: int) -> bool:
-        """Tell whether a commitment of the VUT stands right before: yield to the cyclist."""
-        for hit in self._back(index, 3):
-            if hit in self.planned:
-                return self.hits[index].first - hit.stop < 7
-            if hit.kind not in ("place", "state", "braked_in_lane", "reacts", "noun"):
-                return False
-        return False
 
     def _pronoun(self, index: int, hit: Hit) -> None:
         last = self.last
@@ -463,14 +413,9 @@ class Binder(ClauseFacts):
             ):
                 self.world.loose.append(self._said("potential", hit))
                 return
-        if self._resumes(index, hit) and self.last is not None:
-            self._move(self.last, index, hit, flags)
-            self.busy = True
-            return
-        if self._of_other(index, hit):
-            owner = self._mover(index, hit)
-            if hit.value == "trail" and owner is not None and not flags and is_behind(owner, []):
-                owner.motions.append(self._said("same_direction", hit))
+        resumed = self.last if self._resumes(index, hit) else None
+        if resumed is not None or self._of_other(index, hit):
+            owner = resumed or self._mover(index, hit)
             if owner is not None:
                 self._move(owner, index, hit, flags)
             self.busy = self.busy or hit.form != "ing" or isinstance(self.subject, Actor)
@@ -563,6 +508,8 @@ class Binder(ClauseFacts):
         if flags & ~(Scope.REJECTED | Scope.LATER) or over:
             return
         value = motion_of(actor, kind, goals, hit, self.words)
+        if hit.value == "trail" and not flags and is_behind(actor, []):
+            value = "same_direction"
         if value is None:
             return
         stop = max([hit.stop, *(goal.stop for goal in goals)]) if "_from_" in value else hit.stop

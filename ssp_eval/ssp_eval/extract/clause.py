@@ -24,6 +24,7 @@ _OWN = frozenset({"our", "my", "us", "me", "ego", "the", "your", "bonnet", "bump
 _OWNERS = frozenset({"our", "my"})
 _INTO = frozenset({"into", "onto"})
 _BARE = 2  # words of an order that is a sentence
+_PLACES = 3  # of a road user, before its verb
 _ENDS_PLACES = MARKS | {"and", "so", "on", "at", "in", "while", "but", "is", "as", "because"}
 _GOALS = frozenset({"goal", "from", "across", "towards", "place"})
 PEOPLE = frozenset({"pedestrian"})
@@ -229,6 +230,61 @@ class ClauseFacts:
         opens = index == self.start or self._before(index).value == ";"
         idle = not self.world.commitments and self.subject is None and self.near is None
         return opens and idle and hit.form == "ing" and not self.known.verbs[hit.value].ego
+
+    def _is_ego(self, index: int, hit: Hit, known: Actor | None) -> bool:
+        """Tell whether "the car" is the VUT: no other is named, or the text tells it what to do."""
+        if hit.form != "the" or self.words[hit.first : hit.stop] not in (["car"], ["vehicle"]):
+            return False
+        article, before = self.words[hit.first - 1], self.words[hit.first - 2]
+        if article != "the" or before in self.known.sets["prepositions_before_us"]:
+            return False
+        after = self.words[hit.stop] if hit.stop < len(self.words) else "."
+        if after in self.known.sets["openers_of_attributes"] or after.endswith("ing"):
+            return False
+        following = self._after(index)
+        if following.value == "must":
+            return True
+        beyond = self._after(index, 2)
+        if following.value == "is":
+            told = beyond.kind in ("place", "towards", "state", "conflict", "affects", "critical")
+            moves = beyond.kind == "verb" and beyond.value not in ("go", "say")
+            if told or (moves and not self.known.verbs[beyond.value].ego):
+                return False
+        return known is None or known.parked
+
+    def _opens_clause(self, index: int) -> bool:
+        """Tell whether a road user opens a clause of its own behind one of the VUT.
+
+        It may have no conjunction: I notice a cyclist is crossing.
+        """
+        if self.subject is not EGO:
+            return False
+        places = 0
+        while (
+            self._after(index, 1 + places).kind in ("place", "braked_in_lane") and places < _PLACES
+        ):
+            places += 1
+        last = self.hits[index + places]
+        after, beyond = self._after(index, 1 + places), self._after(index, 2 + places)
+        if after.value != "is" or after.first != last.stop:
+            return False
+        return beyond.kind != "user" and self._before(index).kind not in ("place", "user")
+
+    def _reacted_to(self, index: int) -> bool:
+        """Tell whether a commitment of the VUT stands right before: yield to the cyclist."""
+        for hit in self._back(index, 3):
+            if hit in self.planned:
+                return self.hits[index].first - hit.stop < 7
+            if hit.kind not in ("place", "state", "braked_in_lane", "reacts", "noun"):
+                return False
+        return False
+
+    def _orders_behind_reason(self, index: int) -> bool:
+        """Tell whether an order stands behind the sentence's mark, and a reason opens it."""
+        opened, after = self.hits[self.start], self._after(index)
+        orders = after.kind == "verb" and after.form == "base"
+        reason = opened.kind == "cue" and opened.value == "because"
+        return reason and orders and after.first == self.hits[index].stop and not self.planned
 
     def _blocks(self, hit: Hit) -> bool:
         """Tell whether somebody is said to block a lane or road, not only a view."""

@@ -217,7 +217,11 @@ def _complete(value: str, actor: Actor) -> str | None:
         enters = any(said.value.startswith(CUTTING_IN) for said in actor.motions)
         return value.replace(COMING, CUTTING_IN if enters else CROSSING)
     if value == BLOCKING:
-        return "stationary" if actor.motions == [one for one in actor.motions if one.value == BLOCKING] else None
+        return (
+            "stationary"
+            if actor.motions == [one for one in actor.motions if one.value == BLOCKING]
+            else None
+        )
     if value == CUTTING_IN:
         sides = {side for side in ("left", "right") if side in place}
         return f"cutting_in_from_{sides.pop()}" if len(sides) == 1 else None

@@ -67,7 +67,9 @@ _NOT_RELEVANT = frozenset({"no", "none", "low", "irrelevant", "not", "background
 _LOW = frozenset({"low", "down", "safe", "appropriate", "into", "moderate"})
 _BEFORE_NAMES = frozenset({"the", "our", "ego", "its", "now", "and", "3", "2", "1", "4"})
 _OPEN = frozenset({"none", "keep", "hold", "same"})  # of speed, or of the lane
-_MOTOR = frozenset({"motorbike", "motorcycle", "moped", "scooter", "dirt", "motorbikes", "motorcycles", "mopeds"})
+_MOTOR = frozenset(
+    {"motorbike", "motorcycle", "moped", "scooter", "dirt", "motorbikes", "motorcycles", "mopeds"}
+)
 _UNITS = frozenset({"km", "h", "kph", "mph", "kmh", "m", "s"})
 _LENGTHS = frozenset({"m", "o", "s", "metres", "meters", "metre", "meter", "seconds", "clock"})
 _SPEED_LABELS = frozenset({"speed", "velocity"})
@@ -358,8 +360,11 @@ class _Reader:
             return at
         if slot == "position" and words[at] in _PLACES and words[at + 1] in MARKS:
             return self._put("place", _PLACES[words[at]], "value", at, at + 1)
-        if slot == "objects" and words[at] in _NOBODY and words[at + 1 : at + 2] and (
-            words[at + 1] in MARKS
+        if (
+            slot == "objects"
+            and words[at] in _NOBODY
+            and words[at + 1 : at + 2]
+            and (words[at + 1] in MARKS)
         ):
             return self._put("nobody", "", "", at, at + 1)
         if slot not in _LEVELS:
