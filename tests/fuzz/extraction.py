@@ -63,9 +63,9 @@ def texts() -> Iterator[bytes]:
 
 def replies() -> Iterator[bytes]:
     """Texts with answers: good ones, a fenced one, a broken one."""
-    first = "A velomobile wobbles along up the road from us. We throttle the pace."
+    first = "A velocipede wobbles along up the road from us. We throttle the pace."
     good = {
-        "objects": [{"label": "cyclist", "quote": "velomobile"}],
+        "objects": [{"label": "cyclist", "quote": "velocipede"}],
         "position": {"label": "front", "quote": "up the road from us"},
         "motion": {"label": "same_direction", "quote": "wobbles along"},
         "conflict": None,

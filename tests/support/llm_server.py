@@ -14,7 +14,7 @@ from typing import Any
 from ssp_core.chat import OpenAIChat, Policy
 from ssp_eval.extract.combined.extractor import Extractor
 
-TEXT = "A velomobile wobbles along up the road from us. We take the pace out."
+TEXT = "A velocipede wobbles along up the road from us. We take the pace out."
 KEY = "sk-not-to-be-seen-anywhere"
 
 
@@ -23,7 +23,7 @@ def one(label: str, quote: str) -> dict[str, str]:
 
 
 GOOD = {
-    "objects": [one("cyclist", "velomobile")],
+    "objects": [one("cyclist", "velocipede")],
     "motion": one("same_direction", "wobbles along"),
     "position": one("front", "up the road from us"),
     "conflict": None,

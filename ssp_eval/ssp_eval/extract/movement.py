@@ -15,6 +15,7 @@ _LIES = frozenset({"lie", "lies", "lay"})
 _PERFECT = frozenset({"has", "have", "just"})
 _ONTO = frozenset({"onto", "on", "into", "out", "off", "from"})
 _MERGES = ("merg", "join", "intrud", "encroach", "filter")
+_INTO = frozenset({"into", "onto", "over", "across"})
 _OVER = frozenset({"over", "across"})
 _NAMES = frozenset({"user", "pronoun", "relative"})
 
@@ -42,9 +43,9 @@ def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[s
     if kind == "leave":
         return None if people else "cutting_out"
     over = any(
-        goal.value == "line" or (goal.value == "into_ours" and words[goal.first] != "in")
+        goal.value == "line"
+        or (goal.value == "into_ours" and _INTO.intersection(words[goal.first : goal.stop]))
         for goal in goals
-        if goal.kind == "goal"
     )
     if kind == "cross" and over and not light:
         kind = "intrude"  # but crossing in front of us

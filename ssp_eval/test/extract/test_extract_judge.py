@@ -90,7 +90,7 @@ from support.llm_server import GOOD
         ("The sky is grey and a truck is here.", "position", "rear", "sky is grey", False),
         ("A truck is here, with two lanes.", "motion", "receding", "two lanes", False),
         ("Not a soul is about.", "objects", "nobody", "Not a soul", True),
-        ("If a velomobile appeared, we would see it.", "objects", "cyclist", "velomobile", False),
+        ("If a velocipede appeared, we would see it.", "objects", "cyclist", "velocipede", False),
         ("We accelerate gently.", "lon_action", "decelerate", "accelerate gently", False),
         ("We throttle the pace.", "lat_action", "left", "throttle the pace", False),
         ("We shimmy leftwards.", "lat_action", "left", "shimmy leftwards", True),
@@ -104,7 +104,7 @@ from support.llm_server import GOOD
             "wheezing across",
             True,
         ),
-        ("A velomobile is here.", "objects", "cyclist", "velomobile", True),
+        ("A velocipede is here.", "objects", "cyclist", "velocipede", True),
     ],
 )
 def test_scope_and_binding_hold_for_quotes(
@@ -120,9 +120,9 @@ def test_scope_and_binding_hold_for_quotes(
 
 
 def test_several_objects_and_a_second_answer() -> None:
-    text = "A velomobile and a rickshaw puller are here, rolling side by side."
+    text = "A velocipede and a rickshaw puller are here, rolling side by side."
     proposals = [
-        Proposal("objects", "cyclist", "velomobile"),
+        Proposal("objects", "cyclist", "velocipede"),
         Proposal("objects", "pedestrian", "rickshaw puller"),
     ]
     judged = judge(text, Slots(), proposals)
