@@ -28,8 +28,8 @@ CORPUS = Path(__file__).parents[1] / "corpus"
 DEVELOPMENT, TEST = (load_corpus(CORPUS / f"{name}.jsonl") for name in ("development", "test"))
 # A little under what was measured (docs/text-extraction.md), so that a loss is seen.
 FLOORS = {
-    "development": (DEVELOPMENT, 0.96, 0.80),
-    "test": (TEST, 0.96, 0.80),
+    "development": (DEVELOPMENT, 0.96, 0.845),
+    "test": (TEST, 0.962, 0.845),
 }
 
 
@@ -102,7 +102,7 @@ def test_the_checks_keep_true_proposals_and_let_few_wrong_ones_through() -> None
                 kept[true] += name in judged.slots and (
                     not true or labelled(judged.slots[name]) == wanted
                 )
-    assert proposed[True] >= 120  # the rules fill by themselves what the others were for
+    assert proposed[True] >= 110  # the rules fill by themselves what the others were for
     assert kept[True] / proposed[True] >= 0.88, (kept, proposed)
     assert kept[False] / kept.total() <= 0.05, (kept, proposed)
 
