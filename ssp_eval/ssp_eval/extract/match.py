@@ -305,8 +305,9 @@ class _Reader:
     def _slot(self, label: list[str]) -> str | None:
         while label and (label[-1].isdigit() or label[-1] in _ORDINALS):
             label = label[:-1]
-        if " ".join(label) in self.known.fields:
-            return self.known.fields[" ".join(label)]
+        whole: str | None = self.known.fields.get(" ".join(label))
+        if whole is not None:
+            return whole
         while label and label[0] in _BEFORE_NAMES:
             label = label[1:]
         return self.known.fields.get(" ".join(label))
