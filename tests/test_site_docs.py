@@ -15,6 +15,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.geometry import point_in_polygon
 from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look
+from ssp_core.run_file.quantities import NUMBER, QUANTITIES
 from ssp_core.run_file.values import ObjectId, SiteDatum
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.maps.site import (
@@ -50,6 +51,12 @@ def shown(field: FieldInfo) -> set[str]:
     if field.default in (None, []):
         return {"none", "two steps of the run"}
     return {str(field.default)}
+
+
+def test_the_ranges_of_all_units_stand_in_their_table() -> None:
+    rows = re.findall(r"^\| `?(\w+)`? \| (-\d+) \| (\d+) \|$", TEXT, re.M)
+    known = {**QUANTITIES, "none": NUMBER}
+    assert rows == [(end, f"{-one.most:.0f}", f"{one.most:.0f}") for end, one in known.items()]
 
 
 @pytest.mark.parametrize("title", SECTIONS)

@@ -302,7 +302,7 @@ def slot(name):
 coordinates = st.lists(finite, max_size=4).map(tuple)
 records = st.builds(
     BehaviourRecord,
-    t_s=finite,
+    t_s=st.floats(-86_400, 86_400),
     text=any_text,
     slots=st.builds(Slots, **{name: slot(name) for name in VOCABULARIES}),
     trajectory=st.none() | st.builds(Trajectory, coordinates, coordinates, coordinates),

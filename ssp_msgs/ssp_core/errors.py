@@ -12,7 +12,7 @@ SspError into one message and exit code 1; anything else is a traceback and a bu
 from __future__ import annotations
 
 import errno
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 _MOST_TOLD = 50
@@ -76,26 +76,40 @@ class InputError(SspError):
         self.field = field
         self.value = value
         self.remedy = remedy
+        self.parts: tuple[InputError, ...] = ()
         super().__init__(self._message())
 
     @classmethod
-    def of_all(cls, errors: Sequence[InputError], file: str | Path | None) -> InputError:
+    def of_all(
+        cls, errors: Sequence[InputError], file: str | Path | None, line: int | None = None
+    ) -> InputError:
         """Make one error that names all of these, each with its field, value and remedy.
 
         Args:
             errors: at least one; each names its own file where that is another one.
             file: that all of them are about where they name none; None: no file.
+            line: of the file, that all of them stand in.
         """
         if len(errors) == 1:
-            return errors[0].in_file(file)
+            alone = errors[0].in_file(file)
+            return alone if line is None else alone.in_line(line)
         here = (None, None if file is None else str(file))
         told = [error.in_file(None) if error.file in here else error for error in errors]
         lines = "".join(f"\n  {one}" for one in told[:_MOST_TOLD])
         more = len(told) - _MOST_TOLD
-        return cls(
+        whole = cls(
             f"has {len(told)} errors:{lines}" + (f"\n  and {more} more" if more > 0 else ""),
             file=file,
+            line=line,
         )
+        whole.parts = tuple(told)
+        return whole
+
+    def each(self, change: Callable[[InputError], InputError]) -> InputError:
+        """Return the error with each of those that it was made of changed; or itself, alone."""
+        if not self.parts:
+            return change(self)
+        return InputError.of_all([change(one) for one in self.parts], self.file, self.line)
 
     def in_file(self, file: str | Path | None) -> InputError:
         """Return the same error, which stands in that file."""
@@ -103,6 +117,19 @@ class InputError(SspError):
             self.problem,
             file=file,
             line=self.line,
+            field=self.field,
+            value=self.value,
+            remedy=self.remedy,
+        )
+
+    def in_line(self, line: int) -> InputError:
+        """Return the same error, which stands in that line of its file."""
+        if self.parts:
+            return InputError.of_all(self.parts, self.file, line)
+        return InputError(
+            self.problem,
+            file=self.file,
+            line=line,
             field=self.field,
             value=self.value,
             remedy=self.remedy,

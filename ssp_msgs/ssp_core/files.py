@@ -11,7 +11,7 @@ import shutil
 import stat
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import islice
@@ -22,7 +22,8 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from ssp_core.errors import SYSTEM_REMEDIES, HostError, InputError, not_written
-from ssp_core.yaml_core import CoreLoader, number_remedy
+from ssp_core.model_errors import failures
+from ssp_core.yaml_core import CoreLoader
 
 
 class KeyTwiceError(ValueError):
@@ -109,6 +110,15 @@ _SURROGATE = re.compile(r"\\[uU]0*[dD][89a-fA-F]")
 Model = TypeVar("Model", bound=BaseModel)
 
 
+_READ_REMEDIES = {
+    errno.ENOENT: "name a file that is there",
+    errno.ENOTDIR: "name a file that is there",
+    errno.EISDIR: "name a file",
+    errno.EACCES: "get permission, or name another file",
+    errno.ENAMETOOLONG: "name a file that is there",
+}
+
+
 def refuse_named_pipe(path: str | Path) -> None:
     """Refuse a named pipe, which may never be written to, and a link to one.
 
@@ -140,7 +150,8 @@ def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
             blocks = iter(partial(stream.read, _BLOCK_BYTES), b"")
             data = b"".join(islice(blocks, most_bytes // _BLOCK_BYTES + 1))
     except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=path) from error
+        remedy = _READ_REMEDIES.get(error.errno or 0)
+        raise InputError(f"can't be read: {error.strerror}", file=path, remedy=remedy) from error
     except ValueError as error:  # a name with a NUL byte
         raise InputError(f"can't be read: {error}", file=path) from error
     return _text(data, path, most_bytes)
@@ -201,6 +212,25 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
     return _mapping(read_text(path), path)
 
 
+def read_json_mapping(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> dict[str, Any]:
+    """Return the mapping at the top of a JSON file that a program of ours wrote.
+
+    Args:
+        path: of the file.
+        most_bytes: where it may be larger than 8 MiB.
+
+    Raises:
+        InputError: the file can't be read, is no JSON or has a NaN, or its top is no mapping.
+    """
+    try:
+        value = parse_strict(read_text(path, most_bytes))
+    except ValueError as error:
+        raise InputError(f"is not valid JSON: {error}", file=path) from error
+    if not isinstance(value, dict):
+        raise InputError("must hold a mapping at its top", file=path, value=value)
+    return value
+
+
 def parse_mapping(data: bytes, file: str | Path) -> dict[str, Any]:
     """Read a mapping as read_mapping does, from data in a bag or an archive.
 
@@ -247,82 +277,16 @@ def parse_value(text: str, file: str | Path) -> Any:
     return value
 
 
-_NOT_GIVEN = object()
-
-
-def field_path(
-    location: Iterable[str | int], value: Any = _NOT_GIVEN, *, missing: bool = True
-) -> str:
-    """Name the field at the location of a pydantic error, such as ``labels[3].position``.
-
-    Args:
-        location: keys and indexes from the top of the value on.
-        value: what was validated. Where pydantic names the chosen kind of a union, which is no
-            key of the file, the part is left out.
-        missing: whether the last part may be a key that isn't there. pydantic says by the
-            error's type whether it is one.
-    """
-    text = ""
-    parts = tuple(location)
-    for index, part in enumerate(parts):
-        absent = missing and index == len(parts) - 1 and isinstance(value, dict)
-        named = isinstance(part, int) or (isinstance(value, dict) and part in value)
-        if not named and not absent and value is not _NOT_GIVEN:
-            continue
-        if value is not _NOT_GIVEN:
-            try:
-                value = value[part]
-            except (TypeError, LookupError):
-                value = None
-        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
-    return text
-
-
 def parse_model(model: type[Model], value: Any, file: str | Path) -> Model:
     """Validate a mapping against a pydantic model.
 
     Raises:
-        InputError: the first failure with its field path, and how many more there are.
+        InputError: all failures, each with its field path, value and remedy.
     """
     try:
         return model.model_validate(value)
     except ValidationError as error:
-        first, *others = _failures(error, value)
-        more = f" ({len(others)} more)" if others else ""
-        raise InputError(
-            first.problem + more,
-            file=file,
-            field=first.field,
-            value=first.value,
-            remedy=first.remedy,
-        ) from error
-
-
-def parse_whole_model(model: type[Model], value: Any, file: str | Path) -> Model:
-    """Parse as parse_model, but name all failures.
-
-    This is for files that people write by hand, field by field.
-    """
-    try:
-        return model.model_validate(value)
-    except ValidationError as error:
-        raise InputError.of_all(_failures(error, value), file) from error
-
-
-_NO_NUMBER = ("float_type", "float_parsing", "int_type", "int_parsing", "int_from_float")
-
-
-def _failures(error: ValidationError, value: Any) -> list[InputError]:
-    """List the failures, each with its field and value."""
-    found = []
-    for failure in error.errors():
-        is_missing = failure["type"] == "missing"
-        field = field_path(failure["loc"], value, missing=is_missing)
-        given = None if is_missing else failure.get("input")
-        problem = failure["msg"].removeprefix("Value error, ")
-        remedy = number_remedy(given) if failure["type"] in _NO_NUMBER else None
-        found.append(InputError(problem, field=field, value=given, remedy=remedy))
-    return found
+        raise InputError.of_all(failures(error, value, model), file) from error
 
 
 def load_model(model: type[Model], path: str | Path) -> Model:

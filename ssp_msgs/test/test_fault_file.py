@@ -73,7 +73,7 @@ disturbances:
         ("{kind: link_cut, target: ot1, at_s: 20.0}", "faults[0].at_s", "before 20 s"),
         ("{kind: kill, target: monitor, at_s: 25.0}", "faults[0].at_s", "before 20 s"),
         ("{kind: link_cutt, target: ot1}", "faults[0].kind", "'link_cut'"),
-        ("{kind: link_cut, target: ot1, at: 3}", "faults[0].at", "not permitted"),
+        ("{kind: link_cut, target: ot1, at: 3}", "faults[0].at", "did you mean at_s"),
     ],
 )
 def test_a_fault_that_strikes_nothing_is_refused(

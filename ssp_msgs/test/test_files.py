@@ -21,12 +21,12 @@ from ssp_core.errors import HostError, InputError
 from ssp_core.files import (
     MAX_TEXT_BYTES,
     TAKEN_FILE,
-    field_path,
     load_model,
     new_folder,
     parse_mapping,
     parse_model,
     put_in_place,
+    read_json_mapping,
     read_mapping,
     read_text,
     scratch_beside,
@@ -34,6 +34,8 @@ from ssp_core.files import (
     write_bytes,
     write_json,
 )
+from ssp_core.model_errors import field_path
+from ssp_core.run_file.faults import FaultFile
 from ssp_core.run_file.values import Finite, Strict
 
 FILE_PER_TEST = settings(
@@ -248,6 +250,17 @@ def test_json_without_nan(tmp_path: Path) -> None:
         assert caught.value.field == "x"
 
 
+def test_a_json_file_of_ours_has_no_nan_and_is_a_mapping(tmp_path: Path) -> None:
+    for text, says in (
+        ('{"x": NaN}', "is not valid JSON: NaN is no number"),
+        ("x: 1", "is not valid JSON"),
+        ("[1]", "must hold a mapping at its top"),
+    ):
+        with pytest.raises(InputError, match=says) as caught:
+            read_json_mapping(put(tmp_path, text))
+        assert caught.value.file == str(tmp_path / "file.yaml")
+
+
 json_values = st.recursive(
     st.none()
     | st.booleans()
@@ -317,9 +330,26 @@ def test_a_failure_names_the_path_in_the_file(
     assert caught.value.value == shown
 
 
-def test_several_failures_are_counted() -> None:
-    with pytest.raises(InputError, match=r"\(2 more\)"):
-        parse_model(Table, {"a": 1, "b": 2}, "t.yaml")
+def test_all_failures_are_named_each_with_its_remedy() -> None:
+    with pytest.raises(InputError) as caught:
+        parse_model(Table, {"a": 1, "row": 2}, "t.yaml")
+    assert str(caught.value) == (
+        "t.yaml: has 3 errors:\n"
+        "  rows: Field required; add it\n"
+        "  a: is not a known key (got 1); known are rows\n"
+        "  row: is not a known key (got 2); did you mean rows? known are rows"
+    )
+    in_line = caught.value.in_line(3)
+    assert str(in_line).startswith("t.yaml:3: has 3 errors:\n  rows: Field required; add it\n")
+    assert [one.field for one in in_line.parts] == ["rows", "a", "row"]
+
+
+def test_of_another_schema_that_alone_is_named() -> None:
+    with pytest.raises(InputError) as caught:
+        parse_model(FaultFile, {"schema": "ssp.faults/9", "fault": []}, "f.yaml")
+    assert str(caught.value).startswith("f.yaml: schema: Input should be 'ssp.faults/1'")
+    with pytest.raises(InputError, match="has 2 errors"):
+        parse_model(FaultFile, {"fault": [], "faults": 1}, "f.yaml")
 
 
 def test_field_path() -> None:

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, RootMod
 from ssp_core.errors import InputError
 from ssp_core.files import parse_model, parse_value, read_text
 from ssp_core.hashing import sha256_json
+from ssp_core.run_file.quantities import quantity_of
 from ssp_core.vocabulary import (
     CONFLICTS,
     DOMAINS,
@@ -56,6 +57,8 @@ def _position_of(value: Any) -> Any:
 Text = Annotated[str, Strict()]
 Flag = Annotated[bool, Strict()]
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+# Within a day of a clip's start.
+ClipTime = Annotated[Number, AfterValidator(quantity_of("t_s").within)]
 Name = Annotated[Text, Field(pattern=r"\S")]
 CLOSED = ConfigDict(extra="forbid")
 
@@ -76,7 +79,7 @@ class PhasePosition:
     """
 
     phase: Annotated[str, one_of(PHASES)]
-    value: Number
+    value: ClipTime
 
     def __str__(self) -> str:
         return f"{self.phase} {_PHASE_VARIABLES[self.phase]}={self.value:.4g}"
@@ -183,7 +186,7 @@ class Label:
         at: its place in the plan; None for labels on a clock grid.
     """
 
-    t_s: Number
+    t_s: ClipTime
     phase: Annotated[str, one_of(PHASES)]
     risk_visible: Flag
     objects: Annotated[tuple[Annotated[str, one_of(OBJECTS)], ...], AfterValidator(once)] | None
@@ -223,7 +226,7 @@ class Labels:
     scenario: Name
     domain: Annotated[str, one_of(DOMAINS)]
     event_version: Name
-    risk_time_s: Number | None
+    risk_time_s: ClipTime | None
     first_frame_dynamics: Flag
     labels: Annotated[tuple[Label, ...], Field(min_length=1)]
     plan: Annotated[str, one_of((BY_PHASE, BY_CLOCK))] = BY_CLOCK

@@ -23,7 +23,7 @@ from ssp_core.names import CAMERA_RENDERER, SESSION_STATE, WORLD_PLANT, absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participation import CAMERA, Participation, Standing, stands_in
 from ssp_core.run_file.road import Road
-from ssp_core.run_file.values import Finite, NonNegative, ObjectId, Strict
+from ssp_core.run_file.values import NonNegative, ObjectId, Strict
 from ssp_core.run_file.verdict import VERDICT_FILE, RecordedVerdict, read_verdict
 from ssp_core.vocabulary import DomainWord, ObjectWord, SessionPhase, Verdict
 from ssp_eval.data.drawn import Redrawing, read_drawn
@@ -89,7 +89,9 @@ class ImportedStates(Strict):
     objects: Annotated[dict[ObjectId, ObjectWord], Field(min_length=1, max_length=64)] = Field(
         description="class of every object target"
     )
-    time_offset_s: Finite = Field(0.0, description="added to the source's times")
+    time_offset_s: Annotated[float, Field(ge=-1e10, le=1e10)] = Field(
+        0.0, description="added to the source's times, which may count from 1970"
+    )
     notes: list[Words] = Field([], description="gaps, what was derived, frames and time bases")
 
 

@@ -29,7 +29,7 @@ from ssp_core.vocabulary import (
     ObjectWord,
     PositionWord,
 )
-from ssp_eval.data.labels import CLOSED, Flag, Number, Text, once
+from ssp_eval.data.labels import CLOSED, ClipTime, Flag, Text, once
 from ssp_vla_bridge.trajectory import INVALID_REASONS, Trajectory
 
 SCHEMA: Literal["ssp.record/1"] = "ssp.record/1"
@@ -140,7 +140,7 @@ class _Adapter(TypedDict):
 @with_config(CLOSED)
 class _Content(TypedDict):
     schema: Literal["ssp.record/1"]
-    t_s: Number
+    t_s: ClipTime
     text: Text
     slots: SlotsLine
     trajectory: _Trajectory | None
@@ -266,9 +266,8 @@ def parse_line(
     try:
         return parse_model(model, json.loads(whole), file)
     except InputError as told:  # in the words of all files that are read
-        raise InputError(
-            told.problem, file=file, line=number, field=told.field, value=told.value
-        ) from told
+        first, *_ = told.parts or (told,)
+        raise first.in_file(file).in_line(number) from told
 
 
 def record_to_json(record: BehaviourRecord) -> str:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator, model_validator
 
+from ssp_core.run_file.quantities import of_unit
 from ssp_core.run_file.values import Finite, NonNegative, Positive, Strict
 from ssp_core.vocabulary import DomainWord
 
@@ -28,6 +29,11 @@ class Limit(Strict):
         description="name and date of who read the source; null: nobody did"
     )
 
+    @model_validator(mode="after")
+    def _is_within_its_unit(self) -> Limit:
+        of_unit(self.unit).within(self.limit)
+        return self
+
 
 class ResponseLimits(Strict):
     """The limits within which two responses are alike.
@@ -40,6 +46,13 @@ class ResponseLimits(Strict):
     ttc_at_braking: Limit
     remaining_distance: Limit
     impact_speed: Limit
+
+    @field_validator("rating")
+    @classmethod
+    def _is_a_share(cls, rating: Limit) -> Limit:
+        if rating.limit > 1.0:
+            raise ValueError("a rating is from 0 to 1")
+        return rating
 
 
 class RatingEntry(Strict):

@@ -138,14 +138,19 @@ def load_thresholds(path: Path | None) -> Thresholds:
     try:
         found = load_model(ThresholdsFile, path)
     except InputError as error:
-        if error.field is None or error.field in ("schema", *KEYS):
-            raise
-        remedy = f"known are {', '.join(KEYS)}"
-        if error.field.startswith(WEIGHTS):
-            remedy = "the weights of IVCS are METHOD 6.10's; `ssp report --tables` tries others"
-        raise InputError("is no threshold", file=path, field=error.field, remedy=remedy) from error
+        raise error.each(_of_thresholds) from error
     given = found.model_dump(exclude_none=True, exclude={"schema_"})
     return replace(DEFAULT, **given)
+
+
+def _of_thresholds(error: InputError) -> InputError:
+    """Return the refusal of a thresholds file, of a key that is none in its own words."""
+    if error.field is None or error.field in ("schema", *KEYS):
+        return error
+    remedy = error.remedy
+    if error.field.startswith(WEIGHTS):
+        remedy = "the weights of IVCS are METHOD 6.10's; `ssp report --tables` tries others"
+    return InputError("is no threshold", file=error.file, field=error.field, remedy=remedy)
 
 
 def thresholds_of(values: Any, file: str | Path) -> Thresholds:

@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -520,6 +521,17 @@ def _lines(path: Path, tell: Callable[[str], None]) -> Iterator[_Read]:
         raise InputError("is empty", file=path, line=1, remedy=remedy)
 
 
+def _of_row(path: Path, error: InputError) -> InputError:
+    return InputError(
+        error.problem,
+        file=path,
+        field=error.field,
+        value=None if isinstance(error.value, dict) else error.value,
+        remedy="scores are shares from 0 to 1 with a decimal point; null is an empty field or a "
+        "dash",
+    )
+
+
 def _read(fields: Mapping[str, str], path: Path, number: int) -> _Read:
     given: dict[str, Any] = {key: text for key, text in fields.items() if text not in _NULLS}
     if not set(_OF_CELLS) & fields.keys():
@@ -528,15 +540,7 @@ def _read(fields: Mapping[str, str], path: Path, number: int) -> _Read:
         _check_numbers(given)
         line = parse_model(_Line, given, path)
     except InputError as error:
-        raise InputError(
-            error.problem,
-            file=path,
-            line=number,
-            field=error.field,
-            value=None if isinstance(error.value, dict) else error.value,
-            remedy="scores are shares from 0 to 1 with a decimal point; null is an empty field or "
-            "a dash",
-        ) from error
+        raise error.each(partial(_of_row, path)).in_line(number) from error
     named = "control" in line.model_fields_set
     if line.ivcs is None:
         return _Read(number, line.row(), None, named)

@@ -10,6 +10,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ssp_core.geodesy import Datum, Place
 from ssp_core.geometry import Pose2, outline_problem
+from ssp_core.run_file.quantities import LENGTH, NUMBER, Quantity, quantity_of
 
 
 def _finite(value: float) -> float:
@@ -62,7 +63,8 @@ def _roll_in_radians(value: float) -> float:
 Yaw = Annotated[float, AfterValidator(_yaw_in_radians)]
 Pitch = Annotated[float, AfterValidator(_pitch_in_radians)]
 Roll = Annotated[float, AfterValidator(_roll_in_radians)]
-Point = tuple[Finite, Finite]
+_Coordinate = Annotated[Finite, AfterValidator(LENGTH.within)]
+Point = tuple[_Coordinate, _Coordinate]
 
 
 def _legal(points: list[Point]) -> list[Point]:
@@ -84,19 +86,39 @@ def _whole(value: Any) -> Any:
     return value
 
 
-def _numbers_as_such(schema: Any) -> Any:
-    """Return a core schema in which neither a text nor a boolean is a number."""
+def _of_files(schema: Any, quantity: Quantity = NUMBER) -> Any:
+    """Return a core schema in which a number is one, and within the range of its quantity.
+
+    Neither a text nor a boolean is a number. The quantity of a field is that of its name's unit.
+
+    Args:
+        schema: of a model, or of a part of one.
+        quantity: of its numbers.
+    """
     if isinstance(schema, list | tuple):
-        return type(schema)(_numbers_as_such(item) for item in schema)
+        return type(schema)(_of_files(item, quantity) for item in schema)
     if not isinstance(schema, dict) or schema.get("type") == "model":
         return schema  # a model within has its own
+    if schema.get("type") == "model-fields":
+        fields = {
+            name: _of_files(field, quantity_of(name)) for name, field in schema["fields"].items()
+        }
+        return {**schema, "fields": fields}
+    number = schema
+    while number.get("type") == "function-after":
+        number = number["schema"]
+    if number.get("type") == "float":
+        number.setdefault("strict", True)
+        check = quantity.within_positive if number.get("gt") == 0 else quantity.within
+        is_bounded = number.keys() & {"ge", "gt"} and number.keys() & {"le", "lt"}
+        if is_bounded and number.get("gt") != 0:
+            return schema
+        return core_schema.no_info_after_validator_function(check, schema)
     found = {
         # Keys of JSON and YAML are texts.
-        key: value if key in ("keys_schema", "metadata") else _numbers_as_such(value)
+        key: value if key in ("keys_schema", "metadata") else _of_files(value, quantity)
         for key, value in schema.items()
     }
-    if found.get("type") == "float":
-        found.setdefault("strict", True)
     if found.get("type") == "int" and not found.get("strict"):
         return core_schema.no_info_before_validator_function(_whole, found)
     return found
@@ -106,6 +128,7 @@ class Strict(BaseModel):
     """Base of all file models: unknown keys are errors, values can't be changed.
 
     Neither a text nor a boolean stands for a number: ``on`` is no second, ``"0150"`` no metre.
+    A number is within the range of the unit that its field's name ends with.
     The validator of a model is made when it is first used: a node reads few of the files whose
     models it imports.
     """
@@ -118,7 +141,7 @@ class Strict(BaseModel):
         model: Any = handler.resolve_ref_schema(schema)
         while model["type"] != "model":  # validators of the whole stand around it
             model = model["schema"]
-        model["schema"] = _numbers_as_such(model["schema"])
+        model["schema"] = _of_files(model["schema"])
         return schema
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_whole_model, read_mapping, write_text
+from ssp_core.files import parse_model, read_mapping, write_text
 from ssp_core.hashing import sha256_json
 from ssp_scenario_manager.event_spec.fields import (
     ROAD_FIELD,
@@ -64,7 +64,7 @@ def load_event(name_or_path: str) -> tuple[Event, str]:
         InputError: there is no such event or the file is not valid; every failure with its field.
     """
     value, path = read_event_file(name_or_path)
-    event = parse_whole_model(Event, value, path)
+    event = parse_model(Event, value, path)
     return event, event_version(event)
 
 

@@ -189,9 +189,7 @@ def parse_log(text: str, file: str | Path) -> list[Record]:
         try:
             records.append(parse_model(Record, value, file))
         except InputError as error:
-            raise InputError(
-                error.problem, file=file, line=number, field=error.field, value=error.value
-            ) from error
+            raise error.in_line(number) from error
     return records
 
 

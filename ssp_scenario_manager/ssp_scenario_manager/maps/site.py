@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, SerializerFunctionWrapHandler, Tag, model_serializer
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_whole_model, read_mapping
+from ssp_core.files import parse_model, read_mapping
 from ssp_core.geometry import outline_problem
 from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import DEFAULT_SIZES
@@ -21,7 +21,6 @@ from ssp_core.run_file.participants import TrafficSpec
 from ssp_core.run_file.road import CurvePiece, Lane, Scenery
 from ssp_core.run_file.values import (
     Finite,
-    NonNegative,
     ObjectId,
     Point,
     Positive,
@@ -86,18 +85,46 @@ Region = Annotated[
 ]
 
 
+# What a site may be; what is derived from these lies within the ranges of all files.
+Width = Annotated[float, Field(gt=0, le=100)]
+SidewalkWidth = Annotated[float, Field(ge=0, le=100)]
+Northing = Annotated[float, Field(ge=-1e7, le=1e7)]
+
+
+class SiteOrigin(Start):
+    """The start of a site's reference line; UTM coordinates are within its range."""
+
+    x_m: Northing
+    y_m: Northing
+
+
+class SitePiece(CurvePiece):
+    """A piece of a site's reference line."""
+
+    length_m: Annotated[float, Field(gt=0, le=20_000)]
+
+
+class SiteLane(Lane):
+    """A lane of a site's block."""
+
+    y_m: Annotated[float, Field(ge=-1000, le=1000)] = Field(
+        description="lateral position of the centre line"
+    )
+    width_m: Width
+
+
 class SiteBlock(Strict):
     """One stretch of road of the site."""
 
     id: ObjectId
-    origin: Start = Field(description="pose of the reference line's start, frame map")
-    pieces: Annotated[list[CurvePiece], Field(min_length=1)]
-    lanes: Annotated[list[Lane], Field(min_length=1)]
+    origin: SiteOrigin = Field(description="pose of the reference line's start, frame map")
+    pieces: Annotated[list[SitePiece], Field(min_length=1, max_length=1000)]
+    lanes: Annotated[list[SiteLane], Field(min_length=1, max_length=64)]
     road_type: Literal["urban", "rural", "motorway", "proving_ground"]
     left_boundary: Literal["kerb", "sidewalk", "shoulder", "verge"]
     right_boundary: Literal["kerb", "sidewalk", "shoulder", "verge"]
-    sidewalk_left_m: NonNegative = 0.0
-    sidewalk_right_m: NonNegative = 0.0
+    sidewalk_left_m: SidewalkWidth = 0.0
+    sidewalk_right_m: SidewalkWidth = 0.0
     permitted: Annotated[
         list[Literal["keep_lane", "lane_change_left", "lane_change_right", "crossing", "stop"]],
         Field(min_length=1),
@@ -144,7 +171,7 @@ def load_site(name_or_path: str) -> tuple[Site, str]:
         InputError: there is no such site, or the file is not valid; all that is wrong with it.
     """
     path = find_shipped(name_or_path, "site")
-    site = parse_whole_model(Site, read_mapping(path), path)
+    site = parse_model(Site, read_mapping(path), path)
     return site, site_version(site)
 
 
@@ -171,7 +198,8 @@ def find_shipped(name_or_path: str, kind: Literal["site", "event"]) -> Path:
             return path
         if shipped.is_file():
             return shipped
-        if path.name != name_or_path or path.exists():
+        # An empty name is that of the folder here.
+        if path.name != name_or_path or (name_or_path and path.exists()):
             return path
     known = ", ".join(sorted(p.name.split(".")[0] for p in (LIBRARY / f"{kind}s").glob("*.yaml")))
     raise InputError(

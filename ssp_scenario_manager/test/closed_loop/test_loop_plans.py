@@ -34,6 +34,7 @@ def refusal_of(tmp_path: Path, changes: dict[str, Any], *options: str) -> InputE
     [
         ({"events": ["cut_in", "nothing"]}, "events[1]", "no such event"),
         ({"events": ["."]}, "events[0]", "is no compiled folder"),
+        ({"events": ["y" * 10_000]}, "events[0]", "no such event"),
         ({"site": "nowhere"}, "site", "no such site"),
         ({"models": "nothing.yaml"}, "models", "can't be read"),
         ({"drivers": [{"driver": "nobody"}]}, "drivers[0]", "is no driver"),

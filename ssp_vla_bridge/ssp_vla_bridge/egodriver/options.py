@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+from functools import partial
 from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
@@ -56,15 +57,21 @@ def read_options(given: dict[str, Any], name: str) -> EgodriverOptions:
     try:
         options = parse_model(EgodriverOptions, given, "")
     except InputError as error:
-        known = {key: info.description for key, info in EgodriverOptions.model_fields.items()}
-        last = (error.field or "").rpartition(".")[2]
-        remedy = f"give {known[last]}" if last in known else f"known are {', '.join(known)}"
-        raise InputError(
-            error.problem, field=f"driver {name}.{error.field}", value=error.value, remedy=remedy
-        ) from error
+        raise error.each(partial(_of_driver, name)) from error
     target_of(options.url)
     _check_open(options)
     return options
+
+
+def _of_driver(name: str, error: InputError) -> InputError:
+    """Return the refusal of an option with the driver's name, and a remedy by its description."""
+    info = EgodriverOptions.model_fields.get((error.field or "").rpartition(".")[2])
+    return InputError(
+        error.problem,
+        field=f"driver {name}.{error.field}",
+        value=error.value,
+        remedy=error.remedy if info is None else f"give {info.description}",
+    )
 
 
 def target_of(url: str) -> tuple[str, int]:

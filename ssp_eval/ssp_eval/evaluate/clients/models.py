@@ -276,7 +276,7 @@ def load_models(path: Path) -> list[ModelSpec]:
     try:
         file = parse_model(ModelsFile, value, path)
     except InputError as error:
-        raise _with_remedy(error) from error
+        raise error.each(_with_remedy) from error
     specs = [_spec(name, entry) for name, entry in file.models.items()]
     for spec in specs:
         check_model(spec, str(path), f"models.{spec.name}")
@@ -328,7 +328,7 @@ def entry_spec(name: str, value: dict[str, Any]) -> ModelSpec:
     try:
         file = parse_model(ModelsFile, {"schema": SCHEMA, "models": {name: value}}, "")
     except InputError as error:
-        raise _with_remedy(error) from error
+        raise error.each(_with_remedy) from error
     spec = _spec(name, file.models[name])
     check_model(spec, None, name)
     return spec
@@ -358,7 +358,7 @@ def _with_remedy(error: InputError) -> InputError:
         file=error.file or None,
         field=field,
         value=error.value,
-        remedy=f"give {known[last]}" if known.get(last) else f"known are {', '.join(known)}",
+        remedy=f"give {known[last]}" if known.get(last) else error.remedy,
     )
 
 

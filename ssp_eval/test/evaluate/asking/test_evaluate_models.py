@@ -90,7 +90,7 @@ def test_the_file_in_the_documents_is_one(tmp_path: Path) -> None:
     [
         ({"schema": "ssp.models/2"}, "schema", "Input should be", "give ssp.models/1"),
         ({"models": {}}, "models", "at least 1 item", "give at least one model by name"),
-        ({"more": 1}, "more", "Extra inputs", "known are schema, models"),
+        ({"more": 1}, "more", "is not a known key", "known are schema, models"),
         ({"models": [1]}, "models", "valid dictionary", "give at least one model by name"),
     ],
     ids=["schema", "none", "key", "list"],

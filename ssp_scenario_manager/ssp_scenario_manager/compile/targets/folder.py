@@ -220,7 +220,7 @@ def check_event(what: str) -> None:
     Raises:
         InputError: there is none, or its K* is not valid.
     """
-    if Path(what).is_dir():
+    if os.path.isdir(what):
         _has_task(what)
     else:
         load_event(what)
@@ -261,7 +261,7 @@ def prepare_run(
     Raises:
         InputError: the event or the site is not valid, or they don't fit.
     """
-    if Path(what).is_dir():
+    if os.path.isdir(what):
         _has_task(what)
     if is_compiled(what):
         run = _take_over(Path(what), Path(what) / RUN_FILE, folder)

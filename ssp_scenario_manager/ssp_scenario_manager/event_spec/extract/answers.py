@@ -11,8 +11,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from ssp_core.answer_text import split_answer
 from ssp_core.chat import BrokenOff, NoCompletion, read_completion
 from ssp_core.errors import PeerError
-from ssp_core.files import field_path, parse_strict
+from ssp_core.files import parse_strict
 from ssp_core.hashing import canonical_json
+from ssp_core.model_errors import field_path
 from ssp_core.names import VUT_ID
 from ssp_scenario_manager.event_spec.extract.questions import (
     CELL_PHASES,
