@@ -52,11 +52,12 @@ from ssp_eval.report.cli import report
 from ssp_eval.statistics.rows import CellRow
 from ssp_eval.statistics.table import texts
 from ssp_scenario_manager.closed_loop.campaigns.bags import bag_folder
+from ssp_scenario_manager.closed_loop.campaigns.cards import CARDS_SCHEMA
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES
 from ssp_scenario_manager.closed_loop.campaigns.seal import STARTS_SCHEMA, Draw
 from ssp_scenario_manager.closed_loop.outcomes.rates import RunRow, rates_of
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
-from tests.support.runs import cut_in_run
+from tests.support.runs import START_FACTS, cut_in_run
 
 LATENCIES = (Latency(0.0), Latency(0.5))
 MINE = "mine"
@@ -208,6 +209,11 @@ def card(driver: str, **changes: Any) -> dict[str, Any]:
         "privileged": driver in ("aeb", "oracle", "careful", "built_in"),
         "cameras": [],
         "route_m": 80.0,
+        "history_s": 1.7,
+        "starts": 4,
+        "repeats": 1,
+        "seed": 1,
+        "versions": {},
         "step_s": 0.02,
         "frame_period_s": 0.1,
         "latencies": [
@@ -240,7 +246,14 @@ def folder(tmp_path: Path) -> Path:
     }
     (place / "plan.json").write_text(json.dumps({"version": "0.1", "sources": {}, "plan": plan}))
     starts = [
-        {"event": "cut_in", "kind": "critical", "seed": k, "hash": f"s{k}", "run": cut_in_run()}
+        {
+            **START_FACTS,
+            "event": "cut_in",
+            "kind": "critical",
+            "seed": k,
+            "hash": f"s{k}",
+            "run": cut_in_run(),
+        }
         for k in range(4)
     ]
     drawn = asdict(Draw("cut_in", 0, 4, 2, 1, 1, ["traffic"]))
@@ -248,7 +261,7 @@ def folder(tmp_path: Path) -> Path:
     sealed = {**kept, "schema": STARTS_SCHEMA, "hash": sha256_json(kept)}
     (place / "starts.json").write_text(json.dumps(sealed))
     cards = [card(name) for name in (*BASELINES, MINE)]
-    (place / "cards.json").write_text(json.dumps({"cards": cards}))
+    (place / "cards.json").write_text(json.dumps({"schema": CARDS_SCHEMA, "cards": cards}))
     each = itertools.product(range(4), (*BASELINES, MINE), LATENCIES)
     rows = [_row(k, driver, latency).cells for k, driver, latency in each]
     stream = io.StringIO()
@@ -305,7 +318,7 @@ def test_unlike_cards_never_share_a_column(folder: Path) -> None:
     cards = [
         card(name, **({"route_m": None} if name == MINE else {})) for name in (*BASELINES, MINE)
     ]
-    (folder / "cards.json").write_text(json.dumps({"cards": cards}))
+    (folder / "cards.json").write_text(json.dumps({"schema": CARDS_SCHEMA, "cards": cards}))
     groups = list(load_loop(folder).groups.values())
     assert [MINE] in groups
     page = render(load_loop(folder))
@@ -324,7 +337,7 @@ def test_a_group_keeps_its_number_while_drivers_of_others_have_no_runs(folder: P
     cards = [
         card(name, **({"route_m": None} if name == MINE else {})) for name in (*BASELINES, MINE)
     ]
-    (folder / "cards.json").write_text(json.dumps({"cards": cards}))
+    (folder / "cards.json").write_text(json.dumps({"schema": CARDS_SCHEMA, "cards": cards}))
     campaign = load_loop(folder)
     begun = replace(campaign, runs=tuple(r for r in campaign.runs if r.row.driver != MINE))
     assert set(campaign.groups) == {1, 2, 3}
@@ -537,7 +550,7 @@ def test_words_of_drivers_with_unlike_cards_stand_in_tables_of_their_own(folder:
     cards = [
         card(name, **({"route_m": None} if name == MINE else {})) for name in (*BASELINES, MINE)
     ]
-    (folder / "cards.json").write_text(json.dumps({"cards": cards}))
+    (folder / "cards.json").write_text(json.dumps({"schema": CARDS_SCHEMA, "cards": cards}))
     campaign = load_loop(folder)
     groups = campaign.groups.values()
     rows = {run.row.driver: run.number for run in campaign.runs}
@@ -637,9 +650,14 @@ def test_the_command_makes_the_page_of_either_kind_of_campaign(
         ("cards.json", '"d_max_mps2": 7.0', '"d_max_mps2": 9.0', "was changed after it was"),
         ("runs.csv", "outcome,", "result,", "has other columns"),
         ("runs.csv", ",fixed:0.5,", ",fast,", "is no row of a campaign"),
+        ("runs.csv", ",critical,", ",severe,", "kind: is not a known word"),
+        ("starts.json", '"hand_over_s": 8.0', '"hand_over_s": NaN', "NaN is no number"),
+        ("starts.json", '"hand_over_s"', '"handover_s"', "did you mean hand_over_s"),
+        ("starts.json", '"event"', '"events"', "did you mean event"),
+        ("cards.json", '"given": "zero"', '"given": 3', r"latencies\[0\].given: is no latency"),
         ("plan.json", '"plan": {', '"plan": "sha256:1", "old": {', "plan.json"),
-        ("plan.json", '"version"', "version", "can't be read"),
-        ("starts.json", '{"starts"', '[{"starts"', "can't be read"),
+        ("plan.json", '"version"', "version", "is not valid JSON"),
+        ("starts.json", '{"starts"', '[{"starts"', "is not valid JSON"),
     ],
 )
 def test_a_folder_that_was_changed_is_refused(

@@ -80,3 +80,19 @@ def cut_in_run() -> dict[str, Any]:
     # Tests move objects at will: what is no jump, and no frozen position, is wide here.
     made["limits"] |= {"jump_m": 100.0, "frozen_s": 60.0}
     return made
+
+
+# Of a campaign's sealed start, beside its run, hash, kind and seed.
+START_FACTS: dict[str, Any] = {
+    "values": {"driver.cruise_mps": 9.3},
+    "hand_over_s": 8.0,
+    "first_request_s": 6.3,
+    "observable_s": 10.5,
+    "end_s": 18.0,
+    "frame_period_s": 0.1,
+    "contact_s": 13.0,
+    "v_r_mps": 9.5,
+    "triggers_s": [10.0],
+    "left_out": ["traffic"],
+    "camera": None,
+}

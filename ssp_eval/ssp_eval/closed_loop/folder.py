@@ -138,5 +138,6 @@ def _run(path: Path, number: int, row: Sequence[str]) -> Run:
             f"is no row of a campaign: {error}",
             file=path,
             line=number + 1,
+            field=error.field if isinstance(error, InputError) else None,
             remedy="let `ssp loop` go on: it drives what was cut off again",
         ) from error

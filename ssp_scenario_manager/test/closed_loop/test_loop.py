@@ -35,6 +35,7 @@ from ssp_scenario_manager.cli.loop import loop
 from ssp_scenario_manager.closed_loop.campaigns import campaign, runs, seal
 from ssp_scenario_manager.closed_loop.campaigns.bags import write_bags
 from ssp_scenario_manager.closed_loop.campaigns.campaign import run_campaign
+from ssp_scenario_manager.closed_loop.campaigns.cards import CARDS_SCHEMA
 from ssp_scenario_manager.closed_loop.campaigns.groups import headings_of
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import (
     BASELINES,
@@ -50,6 +51,7 @@ from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, read_r
 from ssp_scenario_manager.run.ordered_map import Engine, cluster, ordered_map
 from tests.support.full_disk import largest_file
 from tests.support.killed_campaigns import Moment, RecordedRows, kill_campaign
+from tests.support.runs import START_FACTS
 
 PLAN = {
     "schema": "ssp.loop/1",
@@ -210,7 +212,7 @@ def test_starts_that_were_changed_after_their_seal_are_refused(done: Path, tmp_p
     """A start that a driver lost must not become a harmless one, or vanish."""
     folder = shutil.copytree(done, tmp_path / "changed")
     text = (folder / "starts.json").read_text()
-    (folder / "starts.json").write_text(text.replace('"critical"', '"harmless"'))
+    (folder / "starts.json").write_text(text.replace('"kind": "critical"', '"kind": "harmless"'))
     with pytest.raises(InputError, match="was changed after it was sealed"):
         run(plan_of(), folder)
 
@@ -265,7 +267,7 @@ def test_each_driver_has_a_card_that_binds_it(done: Path, tmp_path: Path) -> Non
         one["hardware"]["cores"] = 4096
         assert one["compiled_core"] is None
         one["compiled_core"] = 64 * "a"
-    (folder / "cards.json").write_text(json.dumps({"cards": cards}))
+    (folder / "cards.json").write_text(json.dumps({"schema": CARDS_SCHEMA, "cards": cards}))
     run(plan_of(), folder)
 
 
@@ -342,7 +344,8 @@ def test_each_call_tells_what_was_drawn_and_the_seal_binds_it(
     kinds = ("off_spec", "harmless", "harmless", "critical", "unavoidable", "critical")
 
     def judge(*arguments: Any) -> tuple[str, dict[str, Any]]:
-        return kinds[arguments[-1] - 1], {"seed": arguments[-1]}
+        seed = arguments[-1]
+        return kinds[seed - 1], {**START_FACTS, "seed": seed, "hash": f"s{seed}", "run": {}}
 
     @contextmanager
     def in_order(*_: object) -> Iterator[Any]:

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import check_folder, load_model, parse_model, read_mapping, read_text
-from ssp_core.run_file.values import Finite
+from ssp_core.files import check_folder, parse_model, read_json_mapping, read_text
+from ssp_core.run_file.values import Finite, Strict
 from ssp_eval.data.audit import Audit, load_audit
 from ssp_eval.data.labels import Labels, counts_text, load_labels, phase_counts
 from ssp_eval.data.records import (
@@ -47,20 +47,28 @@ Count = Annotated[int, Field(ge=0)]
 UNKNOWN = "unknown"
 
 
-class _Part(BaseModel):
+class _Part(Strict):
     """No value is made to fit: ``"false"`` is no boolean and 5 is no text."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
 
 
-class AdmissionFacts(_Part):
+class _Facts(_Part):
+    """A part of cell.json, all of whose keys are known."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class AdmissionFacts(_Facts):
     """The audit's judgement of the recording; cells of an earlier version have none."""
 
     status: Literal["admitted", "refused", "unpaired", "unaudited"] = "unaudited"
     audit_sha256: str | None = None
+    reasons: list[str] = []
+    crop: dict[str, Any] | None = None
 
 
-class GeometryFacts(_Part):
+class GeometryFacts(_Facts):
     """The forward camera: px, m and rad; height and pitch are null where they are unknown."""
 
     fx_px: Finite
@@ -73,7 +81,7 @@ class GeometryFacts(_Part):
     pitch_down_rad: Finite | None = None
 
 
-class ClipFacts(_Part):
+class ClipFacts(_Facts):
     """The recording that was shown; its path is from the campaign's folder."""
 
     origin: str
@@ -101,7 +109,7 @@ class ClipFacts(_Part):
     mount_roll_right_rad: Finite = 0.0
 
 
-class IgnoredFacts(_Part):
+class IgnoredFacts(_Facts):
     """Answers that came and weren't used."""
 
     late: Count
@@ -109,7 +117,7 @@ class IgnoredFacts(_Part):
     unknown: Count
 
 
-class AnswerFacts(_Part):
+class AnswerFacts(_Facts):
     """The questions and the answers."""
 
     sent: Count
@@ -121,16 +129,18 @@ class AnswerFacts(_Part):
     ignored: IgnoredFacts
 
 
-class PreprocessingFacts(_Part):
+class PreprocessingFacts(_Facts):
     """The frames and the ego history in a request."""
 
     frames: Count
     frame_spacing_s: Finite
+    frame_span_s: Finite = 1.0
     history_s: Finite = 2.0
     history_spacing_s: Finite = 0.1
+    state_age_s: Finite = 0.3
 
 
-class ModelFactsRead(_Part):
+class ModelFactsRead(_Facts):
     """The models file's facts about a model; none of them is scored."""
 
     total_b: Finite | None = None
@@ -138,7 +148,7 @@ class ModelFactsRead(_Part):
     architecture: str = ""
 
 
-class TwinFacts(_Part):
+class TwinFacts(_Facts):
     """The twin that a model was asked about in the recording's place."""
 
     name: str
@@ -147,7 +157,7 @@ class TwinFacts(_Part):
     path: str | None = None
 
 
-class CellFacts(_Part):
+class CellFacts(_Facts):
     """cell.json (``ssp.cell/1``): scenario × domain × model."""
 
     schema_: Literal["ssp.cell/1"] = Field(alias="schema")
@@ -163,6 +173,8 @@ class CellFacts(_Part):
     clip: ClipFacts
     labels_source: str
     labels_proposed: bool
+    labels_plan: str = ""
+    labels_per_phase: dict[str, Count] = {}
     answers: AnswerFacts
     backend_options: dict[str, Any]
     decoding: list[dict[str, Any]]
@@ -172,11 +184,14 @@ class CellFacts(_Part):
     interface: str = ""
     # A blinded or disordered ask of a model, and a bridge that checks the harness.
     condition: str = ""
+    condition_seed: int | None = None
     control: bool = False
     twin: TwinFacts | None = None
     task_version: str | None = None
     model_facts: ModelFactsRead = ModelFactsRead()
     adapter: str
+    extraction: dict[str, Any] = {}
+    software: str = ""
     # Null where a recording has no such part: an imported video has no verdict.
     hashes: dict[str, str | None]
     # All of the scorer's; cells of an earlier version say only their hash.
@@ -214,7 +229,7 @@ def load_facts(file: Path) -> CellFacts:
     Raises:
         InputError: it is no JSON, or a field is missing or wrong; with its path.
     """
-    return load_model(CellFacts, file)
+    return parse_model(CellFacts, read_json_mapping(file), file)
 
 
 @dataclass(frozen=True)
@@ -409,7 +424,7 @@ def _read_cell(file: Path, audits: KeptAudits) -> CellData:
     """One cell without its score; refused where it isn't as `ssp evaluate` left it."""
     folder = file.parent
     try:
-        value = read_mapping(file)
+        value = read_json_mapping(file)
         facts = parse_model(CellFacts, value, file)
     except InputError as error:
         return _refused(folder, _unreadable(folder), f"{CELL_FILE} can't be read: {error}")
@@ -473,7 +488,7 @@ def _scored(cell: CellData, score: CellScore) -> CellData:
     """Return a cell with its score and what a reader must know of it."""
     facts, records, folder = cell.facts, cell.records, cell.folder
     notes = []
-    stored = read_mapping(folder / SCORE_FILE)
+    stored = read_json_mapping(folder / SCORE_FILE)
     if stored != score.to_json():
         notes.append(
             "The stored score differs from what its records and labels give now; this page shows "

@@ -8,7 +8,6 @@ onto the card when all runs are done.
 from __future__ import annotations
 
 import importlib
-import json
 import os
 import platform
 import sys
@@ -28,6 +27,7 @@ from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import GivenAnswer, model_facts, sees_frames
 from ssp_scenario_manager.closed_loop.answers import load_answers, row_file
+from ssp_scenario_manager.closed_loop.campaigns.forms import SealedCards, check_form, read_sealed
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver, LoopPlan
 from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL, CAREFUL_DRIVER
 from ssp_scenario_manager.closed_loop.outcomes.outcome import figures_of
@@ -84,14 +84,18 @@ def load_cards(path: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: they were changed, or the file can't be read.
     """
-    try:
-        cards = json.loads(path.read_text())["cards"]
-        sound = all(one["hash"] == _hash(one) for one in cards)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"can't be read: {error}", file=path) from error
-    if not sound:
-        raise InputError("was changed after it was sealed", file=path)
-    return list(cards)
+    there = read_sealed(path)
+    check_form(SealedCards, there, path)
+    cards = list(there["cards"])
+    for i, one in enumerate(cards):
+        if one["hash"] != _hash(one):
+            raise InputError(
+                "was changed after it was sealed",
+                file=path,
+                field=f"cards[{i}]",
+                remedy="name a new folder with --out",
+            )
+    return cards
 
 
 def _card(

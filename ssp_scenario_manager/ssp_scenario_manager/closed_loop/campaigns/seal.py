@@ -18,8 +18,10 @@ from ssp_core.files import make_folder, parse_model, write_json
 from ssp_core.hashing import sha256_json, sha256_sources
 from ssp_core.run_file.latency import ZERO_LATENCY
 from ssp_core.run_file.model import RunSpec
+from ssp_scenario_manager.closed_loop.campaigns.forms import SealedStarts, check_form, read_sealed
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver, LoopPlan
 from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start
+from ssp_scenario_manager.closed_loop.outcomes.rates import KINDS
 from ssp_scenario_manager.closed_loop.single_run.single import MOST_SEEDS
 from ssp_scenario_manager.closed_loop.starts.start import OffSpec, left_out_of, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
@@ -42,7 +44,6 @@ _OTHER = {
     "sources": "is of other sources of this software, under the same version",
     "plan": "is of another campaign",
 }
-KINDS = ("critical", "harmless", "unavoidable")
 _DRAWN = (*KINDS, "off_spec")
 
 
@@ -145,7 +146,7 @@ def sealed_draws(folder: Path) -> list[Draw]:
 
 def _sealed_starts(folder: Path) -> dict[str, Any]:
     path = folder / STARTS_FILE
-    there = _sealed(path)
+    there = read_sealed(path)
     if there.get("schema") != STARTS_SCHEMA:
         raise InputError(
             f"must be {STARTS_SCHEMA}",
@@ -155,7 +156,8 @@ def _sealed_starts(folder: Path) -> dict[str, Any]:
             remedy="use the version of this software that drew these starts, or drive the campaign "
             "anew",
         )
-    kept = {name: there.get(name) for name in ("starts", "drawn")}
+    kept: dict[str, Any] = {name: there[name] for name in ("starts", "drawn") if name in there}
+    check_form(SealedStarts, kept, path)
     if there.get("hash") != sha256_json(kept):
         raise InputError(
             "was changed after it was sealed", file=path, remedy="name a new folder with --out"
@@ -170,7 +172,7 @@ def sealed_plan(folder: Path) -> tuple[LoopPlan, str]:
         InputError: it is no campaign's folder.
     """
     path = folder / PLAN_FILE
-    there = _sealed(path)
+    there = read_sealed(path)
     return parse_model(LoopPlan, there.get("plan"), path), str(there.get("version", ""))
 
 
@@ -181,7 +183,7 @@ def check_sources(folder: Path) -> None:
         InputError: it is one, or no campaign's folder.
     """
     path = folder / PLAN_FILE
-    there, ours = _sealed(path), software()
+    there, ours = read_sealed(path), software()
     for name, value in ours.items():
         if there.get(name) != value:
             raise InputError(
@@ -195,19 +197,6 @@ def check_sources(folder: Path) -> None:
 def software() -> dict[str, Any]:
     """Return what decides how a run goes: the version, and the hashes of the sources."""
     return {"version": __version__, "sources": _sources()}
-
-
-def _sealed(path: Path) -> dict[str, Any]:
-    try:
-        there = json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        why = error.strerror if isinstance(error, OSError) else error
-        raise InputError(
-            f"can't be read: {why}", file=path, remedy="name a folder that `ssp loop` wrote"
-        ) from error
-    if not isinstance(there, dict):
-        raise InputError("holds no campaign", file=path, remedy="name a new folder with --out")
-    return there
 
 
 def _sources() -> dict[str, str]:
@@ -228,7 +217,7 @@ def _claim(folder: Path, sealed: Mapping[str, Any]) -> None:
     """
     path = folder / PLAN_FILE
     if path.is_file():
-        there = _sealed(path)
+        there = read_sealed(path)
         changed = [name for name in sealed if there.get(name) != sealed[name]]
         if changed:
             raise InputError(_OTHER[changed[0]], file=path, remedy="name a new folder with --out")

@@ -15,6 +15,8 @@ from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS, OUTCOMES
 from ssp_scenario_manager.closed_loop.values import LIMITS
 
 CRITICAL = "critical"
+# Of starts.
+KINDS = (CRITICAL, "harmless", "unavoidable")
 
 
 @dataclass(frozen=True, slots=True)

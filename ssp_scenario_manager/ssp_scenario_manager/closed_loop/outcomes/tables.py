@@ -8,9 +8,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 
+from ssp_core.errors import InputError
 from ssp_core.run_file.latency import parse_latency
+from ssp_core.run_file.quantities import NUMBER
 from ssp_scenario_manager.closed_loop.outcomes.outcome import CHAIN, HARNESS, OUTCOMES
-from ssp_scenario_manager.closed_loop.outcomes.rates import Rates, RunRow
+from ssp_scenario_manager.closed_loop.outcomes.rates import KINDS, Rates, RunRow
 from ssp_scenario_manager.closed_loop.outcomes.severity import Severity
 from ssp_scenario_manager.closed_loop.values import LIMITS
 from ssp_scenario_manager.run.result import rounded
@@ -27,6 +29,14 @@ RUN_COLUMNS = [
     "states_sha256",
     *(field.name for field in fields(Severity)),
 ]
+_WORDS = {"kind": KINDS, "outcome": OUTCOMES, "starved": ("true", "false")}
+_WHOLE = ("seed", "repeat")
+_NUMBERS = frozenset(
+    {
+        *("outcome_s", "v_i_mps", "v_r_mps", "severity", *CHAIN),
+        *("unled_s", "latency_p50_s", "latency_p99_s", *(field.name for field in fields(Severity))),
+    }
+)
 RATE_COLUMNS = [
     *("event", "group", "driver", "privileged", "latency", "planned", "driven"),
     *("headline", "low", "high", "worst", "within_sd", "between_sd"),
@@ -72,10 +82,12 @@ def read_row(row: Row) -> RunRow:
     """Return the part of a run's row that rates are made of.
 
     Raises:
-        InputError: its latency is none.
+        InputError: a cell is no word or number of its column.
         ValueError: it has other columns.
     """
     one = dict(zip(RUN_COLUMNS, row, strict=True))
+    for column, text in one.items():
+        _check_cell(column, text)
     return RunRow(
         one["event"],
         one["start"],
@@ -86,6 +98,22 @@ def read_row(row: Row) -> RunRow:
         one["needless"],
         one["starved"] == "true",
     )
+
+
+def _check_cell(column: str, text: str) -> None:
+    """Refuse a word that a column doesn't have, and what is no number in one of numbers."""
+    if column in _WORDS and text not in _WORDS[column]:
+        remedy = f"known are {', '.join(_WORDS[column])}"
+        raise InputError("is not a known word", field=column, value=text, remedy=remedy)
+    try:
+        if column in _WHOLE and not 0 <= int(text) < 2**63:
+            raise ValueError
+        if column in _NUMBERS and text:
+            NUMBER.within(float(text))
+    except ValueError as error:
+        raise InputError(
+            "is no number of a run", field=column, value=text, remedy="drive the run again"
+        ) from error
 
 
 def off_the_twin(runs: Iterable[Mapping[str, str]]) -> list[str]:
