@@ -475,7 +475,7 @@ def test_a_baseline_that_is_not_as_its_twin_is_named(campaign: LoopCampaign) -> 
 
     assert named("7.04") == []
     assert named("7.12") == [
-        "Isn't as no_response: constant_velocity on cut_in: v_i differs from v_r by up to "
+        "Differs from no_response: constant_velocity on cut_in: v_i differs from v_r by up to "
         "0.12 m/s, by more than 0.05 m/s in 8 of 8 runs."
     ]
 

@@ -121,7 +121,7 @@ def test_good_runs_are_admitted(event: str, recordings: Recordings, tmp_path: Pa
     assert {found.event_version, *(r.event_version for r in found.recordings)} == {version}
     synthetic, *driven = (recording.pictures for recording in found.recordings)
     assert synthetic is not None
-    assert synthetic.note == "there are no states to hold the pictures against"
+    assert synthetic.note == "there are no states to compare the pictures with"
     for held in driven:
         assert held is not None
         names = {check.name for check in held.checks if check.state == "holds"}

@@ -50,7 +50,7 @@ def version_findings(
     # One cause, however many of its signs there are.
     other = []
     if version is None:
-        found.append(Finding("not_compiled", "there is no K* to hold the recording against"))
+        found.append(Finding("not_compiled", "there is no K* to compare the recording with"))
     elif facts.event_version is None:
         other.append("the recording names no K* version")
     elif facts.event_version != version:
@@ -379,7 +379,7 @@ def phase_findings(phases: Phases, closest: str) -> list[Finding]:
         )
         missing = ["trigger", "conflict", "resolution"]
     elif phases.conflict_s is None:
-        text = f"after the trigger at {phases.trigger_s:.2f} s {closest or 'nobody saw one'}"
+        text = f"after the trigger at {phases.trigger_s:.2f} s {closest or 'none was observed'}"
         findings.append(Finding("conflict_missing", text, never))
         missing = ["conflict", "resolution"]
     elif phases.resolution_s is None:

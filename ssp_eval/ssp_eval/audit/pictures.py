@@ -49,9 +49,9 @@ def examine_pictures(one: Subject) -> PicturesExamined:
     if not recording.frames_s:
         return _nothing("there are no pictures")
     if who is None or not recording.series:
-        return _nothing("there are no states to hold the pictures against")
+        return _nothing("there are no states to compare the pictures with")
     if optics is None or recording.provenance.camera == "assumed":
-        what = "is somebody's guess" if optics is not None else "is not recorded"
+        what = "is a guess" if optics is not None else "is not recorded"
         return _nothing(f"the camera's geometry {what}")
     repeated = _repeated(one, who.vut)
     plan = plan_pairs(one.moments, optics, who.vut, who.targets, repeated)

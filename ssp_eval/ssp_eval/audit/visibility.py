@@ -58,7 +58,7 @@ def examine_coverage(one: Subject) -> tuple[CoverageEntry, list[Finding]]:
     why = "there are no states"
     if measured is not None:
         guessed = recording.optics is not None
-        why = "the camera's geometry is " + ("somebody's guess" if guessed else "not recorded")
+        why = "the camera's geometry is " + ("a guess" if guessed else "not recorded")
     detail = f"{why}, and nobody wrote down what he saw"
     return CoverageEntry(source="none"), [Finding("coverage_unknown", detail, math.inf)]
 
@@ -85,7 +85,7 @@ def label_sizes(one: Subject) -> tuple[list[LabelSize], str]:
         return [], ""
     sizes = [LabelSize(t_s=x.t_s, phase=x.phase, height_px=None) for x in labels.labels]
     if optics is None or recording.provenance.camera == "assumed":
-        guessed = "is somebody's guess" if optics is not None else "is not recorded"
+        guessed = "is a guess" if optics is not None else "is not recorded"
         return sizes, f"not known: the camera's geometry {guessed}"
     if measured is None or who is None:
         return sizes, "not known: there are no states"

@@ -41,7 +41,7 @@ class Word(Enum):
     PICTURES = "uses the pictures, not the object"
     IGNORES = "ignores the object"
     UNSTEADY = "moved by anything"
-    OPEN = "not told"
+    OPEN = "undetermined"
 
 
 @dataclass(frozen=True)
@@ -140,8 +140,8 @@ def finding(model: str, effects: Sequence[Effect]) -> Finding:
     if any(_is(e, Verdict.SEEN) for e in effects):
         n = max(e.recordings for e in effects)
         sentences.append(
-            f"{counted(n, 'recording')} can't carry a test: what differs was seen in these, where "
-            "control and repeated question changed nothing, and may be otherwise in others."
+            f"{counted(n, 'recording')} can't support a test: the differences were seen in these, "
+            "where the control and the repeated question changed nothing; others may differ."
         )
     tested = _is_tested(effects)
     return Finding(model, word, tested, (*sentences, *why))
@@ -182,7 +182,7 @@ def _noise(effects: Sequence[Effect]) -> tuple[str, ...]:
     tried = [e for e in effects if e.cause.family == TWIN]
     if _is_tested(effects) or not tried or all(e.quiet for e in tried):
         return ()
-    few = f"Of {counted(max(e.recordings for e in tried), 'recording')} nothing is told"
+    few = f"{counted(max(e.recordings for e in tried), 'recording')} can't show anything"
     if any(e.changed_by_repeat is None for e in tried):
         return (f"{few}: the factual question wasn't asked again at the end.",)
     if not any(e.control for e in tried):
@@ -208,14 +208,14 @@ def _word(
     if _is_unsteady(of_object):
         return Word.UNSTEADY, (
             "The irrelevant change, or the same question asked again, alters these answers as "
-            "well: none of it can be put down to the object.",
+            "well: no effect can be attributed to the object.",
         )
     if not _unmoved(of_object):
-        text = "An effect of the object is neither shown nor excluded: more recordings would tell."
+        text = "An effect of the object is neither shown nor excluded: it needs more recordings."
         return Word.OPEN, (text,)
     if _moved(of_pictures):
         return Word.PICTURES, ()
-    text = "What it says may come from habit, or from what no twin changed."
+    text = "Its answers may come from habit, or from something that no twin changed."
     return Word.IGNORES, (text,)
 
 
@@ -232,12 +232,14 @@ def _by_the_object(
 ) -> tuple[Word, tuple[str, ...]]:
     """Return the word for a model moved by the object, by whether its text is the reason."""
     if _moved(by_text):
-        text = "Its own text with a fact turned moves its trajectory: the text is a reason of it."
+        text = (
+            "Its own text with one fact turned moves its trajectory: the text is a reason for it."
+        )
         return Word.OBJECT, (text,)
     if _unmoved(by_text) or _is_minor(by_text, of_object):
         return Word.EXPLAINS_LATER, (
-            "Its own text with a fact turned doesn't move its trajectory: the text isn't the "
-            "reason of it.",
+            "Its own text with one fact turned doesn't move its trajectory: the text isn't the "
+            "reason for it.",
         )
     text_part, path_part = _of(of_object, False), _of(of_object, True)
     for moved, other, first, second in (
@@ -246,12 +248,12 @@ def _by_the_object(
     ):
         if _moved(moved) and _unmoved(other):
             return Word.EXPLAINS_LATER, (
-                f"The object moves its {first} and not its {second}: the text isn't the reason of "
-                "the trajectory.",
+                f"The object moves its {first} and not its {second}: the text isn't the reason "
+                "for the trajectory.",
             )
     return Word.OBJECT, (
-        "Whether its text is the reason of its trajectory can't be told: its own text wasn't, "
-        "or couldn't be, given back with a fact turned.",
+        "Whether its text is the reason for its trajectory is unknown: its own text wasn't, "
+        "or couldn't be, given back with one fact turned.",
     )
 
 
@@ -287,7 +289,7 @@ def _said(effect: Effect) -> str:
     is_tested = effect.verdict is Verdict.MOVED and low is not None and high is not None
     span = f" [{show(low or 0.0)}, {show(high or 0.0)}]" if is_tested else ""
     name = effect.output.replace("_", " ")
-    where = "of label times more" if effect.output != TRAJECTORY else "further"
+    where = "more of the label times" if effect.output != TRAJECTORY else "further"
     p = "untested" if effect.verdict is Verdict.SEEN else f"Holm p {effect.p_holm:.2g}"
-    noise = "by the repeated question" if effect.above_repeat else "by the control"
+    noise = "with the repeated question" if effect.above_repeat else "with the control"
     return f"{name} {show(size)}{span} {where} than {noise} ({effect.cause.words}, {p})"

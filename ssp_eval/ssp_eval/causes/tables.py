@@ -17,16 +17,16 @@ FINDINGS, SLOTS, PATHS, AGREEMENT = (
     "moved_agreement",
 )
 _LEFT_OUT = (
-    "The unit is the recording: label times of one are averaged, since neighbouring answers are "
+    "The unit is the recording: its label times are averaged, since neighbouring answers are "
     "alike. Label times with a missing answer are left out."
 )
 _TESTED = (
-    "more, fewer: recordings in which the cause does more than the control (or the repeated "
-    "question), and less. Holm: over all tests of a model in which anything differs. A test can "
-    "reject from some ten recordings on; of fewer, what differs is shown, if control and repeated "
-    "question are silent, and not tested."
+    "more, fewer: recordings in which the cause changes more than the control (or the repeated "
+    "question) does, and less. Holm: over all tests of a model in which anything differs. A test "
+    "can reject from about ten recordings on; with fewer, differences are shown untested, "
+    "provided that the control and the repeated question change nothing."
 )
-_MEANING = ("What such an effect may be taken for, and what not, stands in docs/twins.md.",)
+_MEANING = ("docs/twins.md says what such an effect shows, and what it doesn't.",)
 
 
 def moved_tables(moved: Moved) -> list[Table]:
@@ -110,9 +110,9 @@ def slots_table(effects: Iterable[Effect]) -> Table:
         if e.output != TRAJECTORY and e.verdict is not Verdict.NOT_GIVEN
     ]
     notes = (
-        "differs: share of label times at which the slot is another one than in the factual "
-        "answer; by the control: the same under an irrelevant change; asked again: the same when "
-        "the factual question is repeated. The effect is the first less the larger of the other "
+        "differs: share of label times at which the slot differs from the factual answer; by the "
+        "control: that share under an irrelevant change; asked again: that share when the "
+        "factual question is repeated. The effect is the first minus the larger of the other "
         "two, with Newcombe's interval of paired shares; without a control it is the "
         "share itself, with Wilson's. Slots that a model never gives are left out.",
         _LEFT_OUT,

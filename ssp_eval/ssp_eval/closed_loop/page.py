@@ -225,7 +225,7 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
     plan, rates = campaign.plan, campaign.rates
     found = [
         (
-            "An outcome is of these events, places and starts. Objects don't react to the VUT. "
+            "Outcomes hold for these events, places and starts. Objects don't react to the VUT. "
             "No headline says that a model may drive a vehicle.",
             True,
         )
@@ -238,13 +238,13 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
         (f"Gets better with latency: {text}.", True) for text in rising(rates, campaign.drivers)
     ]
     off = off_the_twin(one.cells for one in campaign.runs)
-    found += [(f"Isn't as no_response: {text}.", True) for text in off]
+    found += [(f"Differs from no_response: {text}.", True) for text in off]
     for one in rates:
         if one.headline is None:
             lost = one.planned - one.driven
             found.append(
                 (
-                    f"{one.driver} on {one.event} at {one.latency.words} has no rate: our side "
+                    f"{one.driver} on {one.event} at {one.latency.words} has no rate: SSP "
                     f"failed in {lost} of {one.planned} runs.",
                     True,
                 )
@@ -253,8 +253,8 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
             found.append(
                 (
                     f"{one.driver} on {one.event} at {one.latency.words} is starved in "
-                    f"{one.starved} of {one.planned} runs: its plans end before the next can be "
-                    "effective. It is shown, not ranked.",
+                    f"{one.starved} of {one.planned} runs: its plans end before the next one can "
+                    "take effect. It is shown, not ranked.",
                     False,
                 )
             )
@@ -264,7 +264,7 @@ def notices_of(campaign: LoopCampaign) -> list[tuple[str, bool]]:
         found.append((f"Intervals are wide: {starts} per event.", False))
     if len(plan.events) < LEAST_EVENTS:
         found.append(
-            (f"{counted(len(plan.events), 'event')}: no interval says anything of others.", False)
+            (f"{counted(len(plan.events), 'event')}: no interval covers other events.", False)
         )
     return found
 
@@ -283,8 +283,8 @@ def _early(campaign: LoopCampaign) -> list[str]:
             successes.setdefault(cell, []).append(response_s < effective_s)
     return [
         f"{driver} on {event} at {latency.words}: in {sum(early)} of {len(early)} successes the "
-        "VUT was off its twin's speed or lane before a frame after T_obs was answered. What "
-        "avoids the contact there needn't be a response to the event."
+        "VUT was off its twin's speed or lane before a frame after T_obs was answered. There, "
+        "avoiding the contact needn't be a response to the event."
         for (event, driver, latency), early in successes.items()
         if any(early)
     ]

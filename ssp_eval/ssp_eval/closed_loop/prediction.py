@@ -17,7 +17,7 @@ from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES
 # METHOD 8.9: fewer drivers have no correlation.
 LEAST_DRIVERS = 10
 IVCS = "ivcs"
-_NOBODY = "No model with a score bears the name of a driver of this campaign: give one a label."
+_NOBODY = "No model with a score has the name of a driver of this campaign: give one a label."
 
 
 @dataclass(frozen=True)
@@ -153,8 +153,8 @@ def prediction_table(campaign: LoopCampaign, rows: Sequence[CellRow]) -> Table:
         notes=(
             "The unit is the driver; its score is that of the model of its name on the built-in "
             f"driver's recording of the event. Spearman's ρ from {LEAST_DRIVERS} drivers on, "
-            "baselines and starved drivers not counted, those with unlike cards in rows of their "
-            "own. Pairs are named where the intervals of their headlines don't "
+            "baselines and starved drivers not counted, those with unlike cards in separate "
+            "rows. Pairs are named where the intervals of their headlines don't "
             "overlap.",
             *([] if found else [_NOBODY]),
         ),

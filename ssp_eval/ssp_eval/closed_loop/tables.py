@@ -104,8 +104,8 @@ def other_starts_table(campaign: LoopCampaign, drivers: Sequence[str]) -> Table:
             for (event, kind, driver, latency), found in cells.items()
         ),
         notes=(
-            "They are in no headline. On a harmless start a VUT that doesn't respond has no "
-            "contact, and avoiding it is no answer; on an unavoidable one the oracle has one.",
+            "They enter no headline. On a harmless start a VUT that doesn't respond has no "
+            "contact, and avoiding it is no response; on an unavoidable one the oracle has one.",
         ),
     )
 
@@ -128,7 +128,7 @@ def severity_table(campaign: LoopCampaign, event: str, drivers: Sequence[str]) -
         tuple(rows),
         notes=(
             "Means of v_i and severity, medians of the others, over the runs that have a value; "
-            "their number stands behind it. The smallest TTC and distance, the largest needed "
+            "their number follows it. The smallest TTC and distance, the largest needed "
             "deceleration and jerk of each run lie between the hand-over and its deciding fact.",
         ),
     )
@@ -195,7 +195,7 @@ def unlike_pair_table(
     pairs = pairs_of(campaign.runs, drivers, others)
     table = _pairs("pairs_unlike", "under unlike conditions", campaign, pairs)
     note = (
-        "The cards of the two differ: a difference may come of what they get, not of what they do."
+        "The cards of the two differ: a difference may come from their inputs, not their behaviour."
     )
     return replace(table, notes=(note, *table.notes))
 
@@ -241,8 +241,8 @@ def _pairs(name: str, what: str, campaign: LoopCampaign, pairs: Sequence[Pair]) 
         ),
         notes=(
             "McNemar's exact test on the same (event, start, L), for these events: it says nothing "
-            "of others. First alone: starts on which the first driver succeeds and the second "
-            "doesn't. Least p: what no distribution of as many differing starts can pass under. "
+            "about others. First alone: starts on which the first driver succeeds and the second "
+            "doesn't. Least p: the smallest p that as many differing starts can give. "
             "Of many pairs some are below 0.05 by chance.",
         ),
     )

@@ -294,7 +294,7 @@ def _caption(cells: Sequence[CellRow], names: dict[str, str], scores: Scores) ->
         if runs
         else "",
         f"Runs without a score, which their cells leave out: {_reasons(lost)}." if lost else "",
-        scores.constant_text("The upright line on IVCS"),
+        scores.constant_text("The vertical line on IVCS"),
         UNITS,
         "ActAcc and ATC are diagnostic and not part of IVCS.",
         renamed(names),

@@ -109,7 +109,7 @@
     shown.replaceChildren(...found.slice(first, until).map(row));
     const out = { refused: 0, failed: 0 };
     for (const cell of found) if (cell.status in out) out[cell.status] += 1;
-    one("count").textContent = found.length === 0 ? "No cell fits these filters." :
+    one("count").textContent = found.length === 0 ? "No cell matches these filters." :
       `${found.length} of ${all()} cells` +
       (out.refused ? `, ${out.refused} refused` : "") + (out.failed ? `, ${out.failed} failed` : "");
     one("place").textContent = found.length ? `${first + 1} to ${until}` : "";

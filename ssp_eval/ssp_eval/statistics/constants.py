@@ -125,11 +125,11 @@ def constant_table(found: Sequence[OfScenario]) -> Table:
         tuple(rows),
         (
             "The one text and trajectory that score most when they are the answer at every label "
-            "time of every recording of the scenario; n counts recordings. They were chosen by the "
-            "labels, which no model knows, and look at nothing.",
-            f"A model that scores less is marked ({MARK}, {BELOW}): it could have said this "
-            "sentence all the time. What the constant gains from one domain to another comes from "
-            "the labels alone.",
+            "time of every recording of the scenario; n counts recordings. They were chosen using "
+            "the labels, which no model knows, and see nothing.",
+            f"A model that scores less is marked ({MARK}, {BELOW}): it would have scored more by "
+            "always giving this answer. What the constant gains from one domain to another comes "
+            "from the labels alone.",
         ),
     )
 

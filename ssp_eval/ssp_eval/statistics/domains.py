@@ -18,20 +18,20 @@ ALL = "all"
 NO_UNITS = "one recording each: no interval"
 # The same of means over scenarios that others published.
 NO_CELLS = "published means: no interval"
-NOT_OWED = "not owed to the model"
+NOT_OWED = "not attributable to the model"
 
 LABELS_ALONE = Column("labels_alone", "labels alone", "signed")
 FINDING = Column("finding", "finding", "text")
 # What a table that has these columns says of them.
 DOMAIN_NOTES = (
-    "Recordings are compared, one of each event and domain: which of all that they differ in causes"
-    " a difference isn't shown.",
+    "The comparison is between recordings, one of each event and domain: nothing here shows which "
+    "of their properties causes a difference.",
     "95 %: Student's interval of the mean over pairs, with the scenarios as clusters, since all "
-    "cells of a scenario rest on one recording in each domain; with one scenario there is none "
-    f"({NO_UNITS}). Scenarios chosen by hand are no random sample.",
-    f"labels alone: what the {CONSTANT} of each scenario, one text and one trajectory that look at "
-    "nothing, gains between the same recordings. Their labels ask for other things then. A "
-    f"difference that isn't larger, of either sign, is {NOT_OWED}.",
+    "cells of a scenario rest on one recording in each domain; with one scenario there is no "
+    f"interval ({NO_UNITS}). Scenarios chosen by hand are not a random sample.",
+    f"labels alone: what the {CONSTANT} of each scenario, one text and one trajectory given "
+    "without seeing anything, gains between the same recordings: there the labels differ in what "
+    f"they ask for. A difference that isn't larger, whatever its sign, is {NOT_OWED}.",
 )
 
 
@@ -95,11 +95,11 @@ def domain_differences(
             for first, second, scenario, places in parts
         ]
     said = (
-        "difference: of the means, domain less compared with; Δ: relative to |compared with|, from "
-        "unrounded values, – where that is 0. n counts pairs of cells, the same scenario and model "
-        "in both domains.",
+        "difference: mean of domain minus mean of compared with; Δ: relative to |compared with|, "
+        "from unrounded values, – where that is 0. n counts pairs of cells with the same scenario "
+        "and model in both domains.",
         *DOMAIN_NOTES,
-        "No domain is the true one: the difference is as much that of the one it is compared with.",
+        "No domain is the true one: a difference is as much a property of the one compared with.",
     )
     return Table(
         "domain_differences",

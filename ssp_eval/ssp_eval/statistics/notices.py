@@ -121,7 +121,7 @@ def _of_plan(rows: Sequence[CellRow], expected: Iterable[str]) -> Iterable[Notic
     if absent := sorted(set(expected) - {row.scenario for row in rows}):
         text = (
             f"Missing: no model was asked about {some(absent)}, which this campaign was planned "
-            "with. Every mean is over the other scenarios."
+            "with. All means are over the other scenarios."
         )
         yield Notice(LEFT_OUT, text, tuple(absent), everywhere=True)
 
@@ -135,7 +135,7 @@ def declared_texts(rows: Iterable[CellRow]) -> list[tuple[str, tuple[str, ...]]]
             where.add(f"{row.scenario} / {row.domain}")
     return [
         (
-            f"{domain.capitalize()} by the word of {who}: {some(sorted(names))}.",
+            f"{domain.capitalize()} as declared by {who}: {some(sorted(names))}.",
             tuple(sorted(names)),
         )
         for (domain, who), names in sorted(found.items())
@@ -161,8 +161,8 @@ def outage_text(rows: Iterable[CellRow]) -> tuple[str, tuple[str, ...]]:
     if count > 1:
         times = f"{count} label times, which count as missing outputs"
     return (
-        f"Outage: bridge, server or network gave no answer at {times}. Every mean that "
-        f"holds these cells measures them too: {some(names, '; ')}. Ask again with --retry-errors."
+        f"Outage: the bridge, server or network gave no answer at {times}. Means over these cells "
+        f"include the outage: {some(names, '; ')}. Ask again with --retry-errors."
     ), names
 
 
@@ -176,17 +176,19 @@ def lead(rows: Sequence[CellRow]) -> str:
     scenarios, domains = {row.scenario for row in rows}, {row.domain for row in rows}
     models = {row.model for row in rows if not row.control}
     events = "one event" if len(scenarios) == 1 else f"{len(scenarios)} events"
-    named = " and ".join(sorted(domains, key=domain_order))
+    *others, last = sorted(domains, key=domain_order)
+    named = f"the {', '.join(others)} and {last} domains" if others else f"the {last} domain"
     found = [
-        f"Recordings of {events} in {named}, shown to driving "
-        "vision–language–action models as forward video, and what their answers score."
+        "Scores of driving vision–language–action models that were shown forward video of "
+        f"{events}, recorded in {named}."
     ]
     if len(models) > 1:
-        found.append("A difference between two models holds for these recordings.")
+        found.append("A difference between two models holds for these recordings only.")
     if len(domains) > 1:
         found.append(
-            "A difference between two domains is one between their recordings, one of each event; "
-            "which of all that these differ in is its cause isn't shown."
+            "Each domain has one recording of each event, so a difference between two domains is "
+            "a difference between recordings; nothing here shows which of their properties causes "
+            "it."
         )
     return " ".join(found)
 
@@ -195,8 +197,8 @@ def _of_rows(rows: Sequence[CellRow]) -> Iterable[Notice]:
     if over := sorted(over_what(rows)):
         text = (
             f"Macro rows: each is a published mean over {' and '.join(f'{name}s' for name in over)}"
-            " and counts as one, however many cells are behind it. Which these are isn't known "
-            "here, so nothing can be said within them, and models may differ in them."
+            " and counts as one value, however many cells it is over. Those cells aren't known "
+            "here: they can't be analysed one by one, and may differ between models."
         )
         yield Notice(COMPARABILITY, text, (), everywhere=True)
     if names := stand_ins(rows):
@@ -237,11 +239,11 @@ def _of_thresholds(rows: Sequence[CellRow]) -> Iterable[Notice]:
     if not others:
         return
     which = "all cells" if all(row.thresholds for row in scored) else some(others, "; ")
-    text = f"Scored with other thresholds than METHOD's: {which}."
+    text = f"Scored with thresholds other than METHOD's: {which}."
     kept = one_scale(scored)
     if len(kept) < len(scored):
         text += (
-            f" Cells of different thresholds aren't averaged together: {len(scored) - len(kept)} "
+            f" Cells with different thresholds aren't averaged together: {len(scored) - len(kept)} "
             "of them enter no mean."
         )
     yield Notice(COMPARABILITY, text, tuple(others), everywhere=True)
@@ -272,8 +274,8 @@ def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
     models = sorted({row.model for row in rows if not row.control})
     if not set(controls) - {BEST_CONSTANT}:
         text = (
-            "These cells have no controls: nothing here shows that a score comes from seeing, and "
-            "that the harness gives 1 to perfect answers and 0 to none."
+            "These cells have no controls: nothing here shows that a score comes from seeing, or "
+            "that the harness scores perfect answers 1 and missing answers 0."
         )
         yield Notice(CONTROLS, text, (), everywhere=True)
         return
@@ -295,8 +297,8 @@ def _of_controls(rows: Sequence[CellRow]) -> Iterable[Notice]:
     ]
     if lacking:
         text = (
-            f"Not asked with black and with shuffled frames: {some(lacking)}. Nothing here shows "
-            "that such a score comes from seeing."
+            f"Not asked with black and shuffled frames: {some(lacking)}. Nothing here shows that "
+            "their scores come from seeing."
         )
         yield Notice(CONTROLS, text, tuple(lacking))
 
@@ -310,18 +312,19 @@ def _of_cells(cells: Sequence[CellData]) -> Iterable[Notice]:
     yield from _of_drivers(cells)
     for finding in sorted({name for cell in cells for name in cell.facts.clip.accepted}):
         names = _recordings(cell for cell in cells if finding in cell.facts.clip.accepted)
-        text = f"Accepted as it is at import: {finding} in {some(names)}."
+        text = f"Accepted unchanged at import: {finding} in {some(names)}."
         yield Notice(ACCEPTED, text, tuple(names), everywhere=True)
     if names := _recordings(cell for cell in cells if cell.facts.labels_proposed):
         text = (
-            "Labels stand as they were proposed from ground truth; no person has reviewed them: "
+            "The labels are as proposed from ground truth; no person has reviewed them: "
             f"{'all recordings' if names == every else some(names)}."
         )
         yield Notice(LABELS, text, tuple(names))
     if names := sorted({c.model for c in cells if any(NOT_READ in note for note in c.notes)}):
         text = (
-            f"Texts {NOT_READ}, which is English: {some(names)}. Their semantics and actions count "
-            "as missing, so that they compare with nobody's; their cells say how many texts it is."
+            f"Texts {NOT_READ} (they read English): {some(names)}. Their semantics and actions "
+            "count as missing, so these scores aren't comparable with others; the notes of each "
+            "cell give the number of texts."
         )
         yield Notice(LANGUAGE, text, tuple(names), everywhere=True)
     for what, names in _assumed(cells).items():
@@ -353,19 +356,19 @@ def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterab
             mixed.setdefault(tuple(names), []).append(what)
     for about, kinds in mixed.items():
         text = (
-            f"Not comparable: the cells of {some(about)} are of {' and '.join(kinds)}. Evaluate "
-            "all models again with the same ones."
+            f"Not comparable: the cells of {some(about)} use {' and '.join(kinds)}. Evaluate all "
+            "models again with the same ones."
         )
         yield Notice(COMPARABILITY, text, about, everywhere=True)
     if names := _several((run, cell.scenario, cell.facts.event_version) for run, cell in runs):
-        text = f"Not comparable: the cells of {some(names)} are of different versions of K*."
+        text = f"Not comparable: the cells of {some(names)} use different versions of K*."
         yield Notice(COMPARABILITY, text, tuple(names), everywhere=True)
     extractors = {cell.facts.hashes.get("extractor") for _, cell in runs}
     if len(extractors) > 1:
         text = (
             f"Not comparable: the texts of these cells were read by {len(extractors)} different "
-            "extractors (of another version, or with and without reader or LLM). Evaluate all "
-            "models again in the same way; stored answers are not asked for again."
+            "extractors (different versions, or with and without a reader or LLM). Evaluate all "
+            "models again in the same way; stored answers are reused."
         )
         yield Notice(COMPARABILITY, text, (), everywhere=True)
 
@@ -394,9 +397,9 @@ def _outside(cells: Sequence[CellData]) -> Iterable[Notice]:
             f"Unpaired: the transfer audit refused a partner of {some(names)}."
             if status == "unpaired"
             else f"Unaudited: no transfer audit was given for {some(names)}, so nothing shows that "
-            "they hold the same event."
+            "they show the same event."
         )
-        text = f"{why} They are scored and stay out of domain means."
+        text = f"{why} They are scored but left out of domain means."
         yield Notice(LEFT_OUT, text, tuple(names), everywhere=True)
 
 
@@ -420,9 +423,9 @@ def _label_plans(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable
             yield Notice(LABELS, text, (scenario,))
             continue
         text = (
-            f"Not comparable: the labels of {scenario} lie at other places of the phases in each "
-            f"domain ({order}: {found.text}). Its recordings are scored and stay out of domain "
-            "means; `ssp labels new SYN SIM PHY` plans their labels together."
+            f"Not comparable: the labels of {scenario} lie at different places within the phases "
+            f"of each domain ({order}: {found.text}). Its recordings are scored but left out of "
+            "domain means; `ssp labels new SYN SIM PHY` plans their labels together."
         )
         yield Notice(COMPARABILITY, text, (scenario,), everywhere=True)
 
@@ -437,8 +440,8 @@ def _of_renderers(cells: Sequence[CellData]) -> Iterable[Notice]:
         if len(domains) > 1:
             text = (
                 f"{renderer[0].upper()}{renderer[1:]} drew the pictures of {len(domains)} domains: "
-                f"{', '.join(name for name in DOMAINS if name in domains)}. No difference between "
-                "these says how pictures of a camera, or of another renderer, are read."
+                f"{', '.join(name for name in DOMAINS if name in domains)}. Differences between "
+                "these domains say nothing about pictures from a camera or another renderer."
             )
             yield Notice(RENDERER, text, tuple(sorted(domains)), everywhere=True)
 
@@ -463,8 +466,8 @@ def _of_drivers(cells: Sequence[CellData]) -> Iterable[Notice]:
             found.setdefault(driver, set()).add(f"{cell.scenario} / {cell.domain}")
     for driver, names in sorted(found.items()):
         text = (
-            f"{some(sorted(names))}: driven by {driver}, which led the VUT. Others are asked about "
-            "what it met, and the recording belongs to no domain."
+            f"{some(sorted(names))}: {driver} drove the VUT. Other models are asked about the "
+            "situations that it met, and the recording belongs to no domain."
         )
         yield Notice(DRIVEN, text, tuple(sorted(names)), everywhere=True)
 
@@ -480,7 +483,7 @@ def _of_rules(cells: Sequence[CellData]) -> Iterable[Notice]:
         every = "all cells" if len(earlier) == len(cells) else some(earlier, "; ")
         text = f"Scored by the rules of an earlier version: {every}."
         if len(earlier) < len(cells):
-            text += " Beside the others they compare with nobody's."
+            text += " They aren't comparable with the other cells."
         yield Notice(RULES, f"{text} {_UPDATING}", tuple(earlier), everywhere=True)
     imports = _recordings(
         cell
@@ -492,7 +495,7 @@ def _of_rules(cells: Sequence[CellData]) -> Iterable[Notice]:
         yield Notice(RULES, text, tuple(imports), everywhere=True)
 
 
-_UPDATING = "What to make anew stands in docs/updating.md."
+_UPDATING = "docs/updating.md says what to make again."
 
 
 def _recordings(cells: Iterable[CellData]) -> list[str]:

@@ -33,7 +33,7 @@ OK = "ok"
 # Scenario or domain of a row that is a published mean over scenarios or domains: a macro row.
 MACRO = "macro"
 # Why an ok row stays out of domain means, where it isn't the audit that says so (METHOD 5.2b).
-OTHER_LABELS = "not comparable: labels at other places of the phases in other domains"
+OTHER_LABELS = "not comparable: labels at different places within the phases across domains"
 
 
 # The metrics that a row is made of; IVCS follows from the others.

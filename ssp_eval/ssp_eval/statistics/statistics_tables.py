@@ -40,7 +40,7 @@ STAGE_NAMES = dict(
 NONE = "none"
 _COUNTS = (*(Column(key, name, "count") for key, name in STAGE_NAMES.items()),)
 _NOTES = (
-    "Counts of label times: of each, the first stage of the chain that fails; none: it passes all.",
+    "Counts of label times by the first stage of the chain that fails; none: all stages pass.",
 )
 
 
@@ -87,8 +87,8 @@ def _counts(cell: CellData) -> tuple[int, ...]:
 # Below this many items an interval says little; the tables point it out.
 FEW = 6
 METRICS_NOTE = (
-    "All scores lie between 0 and 1, and more is better. ivcs: their weighted sum; jovr: share of "
-    "labels with a valid text and trajectory; sem_acc_eff: what the text says of the scene is "
+    "All scores lie between 0 and 1; higher is better. ivcs: their weighted sum; jovr: share of "
+    "labels with a valid text and trajectory; sem_acc_eff: what the text says about the scene is "
     "right; cia_eff: object, position and motion of the critical object are all right; tqsr: the "
     "trajectory is feasible and its action allowed; rsr: the model responds to the risk."
 )
@@ -106,11 +106,11 @@ _INTERVAL = (
     _N,
 )
 _ENDS_NOTE = (
-    "95 %: percentile interval of the resamples, expanded for how few units were drawn from; BCa: "
+    "95 %: percentile interval of the resamples, expanded for the small number of units; BCa: "
     "the same, corrected for bias and skewness."
 )
 _FEW_NOTE = (
-    f"With fewer than {FEW} units an interval depends on very little; take it as a description."
+    f"With fewer than {FEW} units an interval rests on very little data; read it as a description."
 )
 
 
@@ -162,7 +162,7 @@ def cells_over_records(
             _ENDS_NOTE,
             "A label keeps the response that begins with it. A cell without a response has none "
             "in any resample, so its interval for rsr is a point and says nothing.",
-            "bias: mean of the resamples less the value. null: share of the resamples without a "
+            "bias: mean of the resamples minus the value. null: share of the resamples without a "
             "denominator.",
             METRICS_NOTE,
             *_few(estimates["ivcs"].n for estimates in cells.values()),
@@ -225,11 +225,11 @@ def over_cells(groups: Mapping[Group, Mapping[Group, Sequence[Estimate]]], resam
             f"How far a mean depends on which cells there are: {resamples} resamples of the cells "
             "of a group, or of its scenarios with all their cells; n counts what is drawn.",
             "Cells of one scenario show the same event and are not independent, so the interval "
-            "over scenarios is the one to read where it is wider. Both take what is drawn for a "
-            "random sample, which scenarios chosen by hand are not.",
+            "over scenarios is the one to read where it is wider. Both treat the units drawn as "
+            "a random sample, which scenarios chosen by hand are not.",
             _ENDS_NOTE,
-            "Student: over the same units, taken for normal; it may reach beyond 0 to 1. With few "
-            "units read this one: resamples of two never leave the range between them.",
+            "Student: over the same units, assumed normal; it may extend beyond 0 to 1. With few "
+            "units read this one: resamples of two units never leave the range between them.",
             *_few(one.n for found in groups.values() for ones in found.values() for one in ones),
         ),
     )
@@ -267,9 +267,9 @@ def runs_table(found: Stability) -> Table:
         Column("bootstrap_high", "bootstrap high"),
     )
     notes = [
-        "How far repetitions of the same cells differ; drawn are runs. K: how many there are; sd: "
-        "standard deviation between them (K − 1). 95 %: Student's interval of the mean over runs, "
-        "which may reach beyond 0 to 1; bootstrap: expanded percentile interval over the runs.",
+        "How far repetitions of the same cells differ; the units drawn are runs. K: their number; "
+        "sd: their standard deviation (K − 1). 95 %: Student's interval of the mean over runs, "
+        "which may extend beyond 0 to 1; bootstrap: expanded percentile interval over the runs.",
         f"Macro means and ranks are of the {len(found.runs)} runs that have the same cells.",
         *_few(spread.k for spread in found.cells),
     ]
@@ -346,24 +346,24 @@ def comparison_table(comparisons: Iterable[Comparison]) -> Table:
     )
     notes = [
         "Pairs: cells of the same scenario and model for two domains, of the same scenario and "
-        "domain for two models. difference: mean of first less second over the pairs, with "
+        "domain for two models. difference: mean of first minus second over the pairs, with "
         "Student's interval over the pairs of two models; ahead: share of pairs in which the first "
-        "leads, equal ones half.",
+        "leads, ties counted half.",
         *(DOMAIN_NOTES if any(c.subject == "domain" for c in listed) else ()),
         "p (scenarios): two-sided, from flipping the signs of ivcs of all pairs of a scenario "
-        "together at random. It comes first, since it alone keeps its size where scenarios matter, "
-        "and speaks of other scenarios too; beside it corrected after Holm.",
-        "p: the same, from flipping the sign of each pair alone. Pairs of a scenario share its "
-        "event: p takes them for independent, and speaks of these recordings alone. p (Holm) holds "
-        "for all comparisons of domains together, and for all of models together. "
-        f"{_families(listed)} Components are described and not tested. No p with fewer than two "
-        "pairs. least p: what p would be, were all differences of one sign.",
+        "together at random. It comes first, since it alone keeps its size where scenarios matter "
+        "and applies to other scenarios too; the Holm-corrected value stands beside it.",
+        "p: the same, from flipping the sign of each pair on its own. Pairs of a scenario share "
+        "its event, but p treats them as independent and applies to these recordings only. p "
+        "(Holm) is corrected over all comparisons of domains together, and over all of models "
+        f"together. {_families(listed)} Components are described but not tested. There is no p "
+        "with fewer than two pairs. least p: what p would be if all differences had the same sign.",
         *_over_labels(listed),
         METRICS_NOTE,
         *_powerless(listed),
     ]
     if any(c.p is not None and not c.exact for c in listed):
-        notes.append(f"With many pairs {FLIPS} patterns of signs were drawn instead of all.")
+        notes.append(f"With many pairs, {FLIPS} sign patterns were drawn at random instead of all.")
     return Table(
         "comparisons",
         "Paired comparisons",
@@ -386,8 +386,8 @@ def _over_labels(comparisons: Iterable[Comparison]) -> list[str]:
         return []
     return [
         "labels: 95 % interval of two models' difference over the labels of the clips that both "
-        "have, drawn alike for both, in blocks of neighbours. It says how far the difference "
-        "depends on which moments were labelled, also where there is one clip, and nothing of "
+        "have, the same ones drawn for both, in blocks of neighbours. It says how far the "
+        "difference depends on which moments were labelled, even with one clip, and nothing about "
         "other clips."
     ]
 
@@ -408,7 +408,7 @@ def _powerless(comparisons: Iterable[Comparison]) -> list[str]:
         if all((c.p_least or 0.0) * c.family > 0.05 for c in tested):
             found.append(
                 f"No comparison of {subject}s can have p (Holm) below 0.05 with so few pairs, "
-                "however clear the difference: a large p there is no sign of equality."
+                "however clear the difference: a large p is no evidence of equality."
             )
     return found
 
@@ -427,7 +427,7 @@ def _weights(found: WeightSamples) -> list[Table]:
     weights = ", ".join(f"{weight:.2f} {name}" for name, weight in ivcs_weights().items())
     drawn = (
         f"IVCS is a weighted sum ({weights}). Here {found.samples} other sets of weights were "
-        "tried, drawn evenly from all that are ≥ 0 and sum to 1."
+        "tried, drawn uniformly from all that are ≥ 0 and sum to 1."
     )
     return [
         Table(
@@ -437,8 +437,8 @@ def _weights(found: WeightSamples) -> list[Table]:
             pairs,
             (
                 drawn,
-                "ahead and behind: as with the defined weights; tied: equal under them, and the "
-                "share is that of weights that leave them equal.",
+                "ahead and behind: as with the defined weights; tied: equal under the defined "
+                "weights, and the share is that of weights under which they stay equal.",
                 tau,
             ),
         ),
@@ -447,7 +447,7 @@ def _weights(found: WeightSamples) -> list[Table]:
             f"Which {found.subject} leads under other weights of IVCS?",
             (*words(found.subject), Column("share", "leads (share)")),
             firsts,
-            (drawn, "Where several are equal in front, each of them leads."),
+            (drawn, "Where several tie for first, each of them leads."),
         ),
     ]
 

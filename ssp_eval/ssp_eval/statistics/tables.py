@@ -312,7 +312,7 @@ def seeing_table(rows: Sequence[CellRow], asked: Iterable[str]) -> Table:
                 Column(f"{key}_spoilt", f"{METRIC_LABELS[key]}, spoilt"),
             )
         ),
-        Column(DIFFERENCE, "IVCS owed to seeing", "signed"),
+        Column(DIFFERENCE, "IVCS due to seeing", "signed"),
         Column(FINDING, "finding", "text"),
     )
     return Table(
@@ -323,9 +323,9 @@ def seeing_table(rows: Sequence[CellRow], asked: Iterable[str]) -> Table:
         (
             "Means over the recordings that were scored with both; n counts them. black: all "
             "frames black; shuffled: frames of other times; blind: no pictures, and a prompt that "
-            "says so. Everything else in a question stays.",
-            "A model that scores as much with spoilt frames is not scored for what it sees: its "
-            "answers come from its ego history, its prompt or its habits.",
+            "says so. Everything else in the question stays the same.",
+            "The score of a model that scores as much with spoilt frames doesn't come from what it "
+            "sees: its answers come from its ego history, its prompt or its habits.",
         ),
     )
 
@@ -363,9 +363,9 @@ def answerers_table(rows: Sequence[CellRow]) -> Table:
         (
             "Unweighted means over cells; n counts cells. perfect answers with the labels and "
             "should score 1, silent says nothing and should score 0; constant_velocity and "
-            "copy_history see no frame, nor does a model that is called blind (NAME+blind). "
-            "best_constant is the one answer of each scenario that scores most when it is given "
-            "always; it knows the labels and sees nothing.",
+            "copy_history see no frame, nor does a model marked as blind (NAME+blind). "
+            "best_constant is the one answer of each scenario that scores most when it is always "
+            "given; it was chosen using the labels and sees nothing.",
         ),
     )
 
@@ -439,8 +439,8 @@ def run_notes(rows: Sequence[CellRow]) -> tuple[str, ...]:
         notes.append(f"{_cells(len(cells))} without a score left out; see the matrix for reasons.")
     if runs:
         notes.append(
-            f"{counted(runs, 'run')} without a score left out of cells that have others; see the "
-            "matrix for reasons."
+            f"{counted(runs, 'run')} without a score left out of cells that have other runs; see "
+            "the matrix for reasons."
         )
     if nulls:
         notes.append(f"In {_cells(len(nulls))} a component has no denominator: 0 in IVCS.")
@@ -483,7 +483,7 @@ def _left_out(cells: Sequence[Cell], by: Sequence[str]) -> list[str]:
         return []
     return [
         f"{_cells(count)} left out: the transfer audit did not admit the recording, or there was "
-        "none, or its labels don't compare with those of other domains."
+        "none, or its labels aren't comparable with those of other domains."
     ]
 
 
@@ -506,7 +506,7 @@ def uneven(cells: Sequence[Cell], subject: str) -> list[str]:
         return []
     return [
         f"The {subject}s were not scored on the same cells (of {len(every)}: "
-        f"{some(lacking)}): a difference between two of them, or in rank, may be one between "
+        f"{some(lacking)}): a difference between two of them, or in rank, may come from the "
         "cells."
     ]
 

@@ -68,7 +68,7 @@ def test_without_its_text_given_back_nobody_can_tell_an_explanation_from_a_reaso
         moved(ANSWERERS[name]).findings[0] for name in ("uses_the_object", "decides_first")
     )
     assert (first.word, first.text) == (later.word, later.text)
-    assert "can't be told" in first.text
+    assert "is the reason for its trajectory is unknown" in first.text
     # Where one part of the answer moves and the other doesn't, that tells it.
     assert moved(ANSWERERS["only_talks"]).findings[0].word is Word.EXPLAINS_LATER
 
@@ -142,7 +142,7 @@ def test_a_few_recordings_are_shown_and_not_tested() -> None:
     assert not one.decidable
     assert one.interval.low is None
     assert not found.findings[0].tested
-    assert "3 recordings can't carry a test" in found.findings[0].text
+    assert "3 recordings can't support a test" in found.findings[0].text
 
 
 def test_without_a_control_an_effect_is_described_and_not_tested() -> None:

@@ -63,7 +63,7 @@ def test_report_shows_what_moved_the_answers(campaign: Path, tmp_path: Path) -> 
     assert main(["report", str(campaign), "--tables", str(tables), "--format", "csv"]) == 0
     page = (campaign / "index.html").read_text()
     assert '<section id="moved">' in page
-    assert "1 recording can&#39;t carry a test" in page
+    assert "1 recording can&#39;t support a test" in page
     assert (tables / "moved_findings.csv").is_file()
 
 

@@ -76,7 +76,7 @@ def test_an_admitted_recording_enters_domain_means(make_bag: BagMaker, tmp_path:
     assert domain_rows(out) == (1, 1)
     page = write_report(out).read_text()
     assert "left out: the transfer audit" not in page
-    assert "stay out of domain means" not in page
+    assert "left out of domain means" not in page
 
 
 def test_a_refused_recording_is_not_evaluated(make_bag: BagMaker, tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_what_is_not_admitted_is_scored_and_stays_out_of_domain_means(
     assert result.score is not None
     assert domain_rows(out) == (0, 1)
     page = write_report(out).read_text()
-    assert f"{mark} {word}: scored, and left out of domain means" in page
+    assert f"{mark} {word}: scored, but left out of domain means" in page
     assert f"constant_velocity {mark}" in page or f"(control) {mark}" in page
     assert "1 cell left out: the transfer audit did not admit the recording" in page
 

@@ -88,7 +88,7 @@ def test_each_label_has_the_size_in_the_newest_frame_that_it_can_have_seen() -> 
     ("others", "why"),
     [
         ({"optics": None}, "the camera's geometry is not recorded"),
-        ({"camera": "assumed"}, "the camera's geometry is somebody's guess"),
+        ({"camera": "assumed"}, "the camera's geometry is a guess"),
     ],
 )
 def test_without_a_camera_the_size_is_not_known_and_said_so(

@@ -62,7 +62,7 @@ def test_others_are_asked_about_a_driven_recording_and_the_page_says_who_drove(
     (row,) = rows_from_campaign(out)
     assert (row.admitted, row.reason) == (False, "driven by other_model")
     page = write_report(out).read_text()
-    assert "cut_in / simulation: driven by other_model, which led the VUT." in page
+    assert "cut_in / simulation: other_model drove the VUT." in page
 
 
 def test_a_whole_campaign_needs_none_of_it(campaign: Path) -> None:
@@ -76,7 +76,7 @@ def test_cells_of_different_recordings_are_named(campaign: Path) -> None:
     folder = campaign / "cells" / "cut_in__physical__opencv_baseline"
     resealed(folder, lambda facts: facts["hashes"].update(other))
     page = write_report(campaign).read_text()
-    assert "Not comparable: the cells of cut_in / physical are of different recordings" in page
+    assert "Not comparable: the cells of cut_in / physical use different recordings" in page
 
 
 @pytest.mark.parametrize("most", [None, 0])
@@ -131,7 +131,7 @@ def test_texts_in_another_language_are_said(bags: list[Path], tmp_path: Path) ->
     page = " ".join(write_report(tmp_path / "out").read_text().replace("&#39;", "'").split())
     told = "in a language that the rules don't read"
     assert f"9 of 9 texts are {told} (de 9)" in page
-    assert f"Texts {told}, which is English: {MODELS[0]}." in page
+    assert f"Texts {told} (they read English): {MODELS[0]}." in page
 
 
 def test_two_extractors_and_an_llm_that_is_away_are_said(campaign: Path, bags: list[Path]) -> None:
@@ -159,7 +159,7 @@ def test_cells_of_other_thresholds_are_scored_by_these_and_enter_no_mean(
     assert len(entering(rows)) == len(rows) - 1
     page = " ".join(write_report(campaign).read_text().replace("&#39;", "'").split())
     name = f"cut_in / physical / {MODELS[0]}"
-    assert f"Scored with other thresholds than METHOD's: {name}." in page
+    assert f"Scored with thresholds other than METHOD's: {name}." in page
     assert "1 cell scored with other thresholds left out." in page
     # The matrix holds it, and is read back as it is.
     path, _ = write_tables(tmp_path / "tables", [matrix_table(rows)], ["csv"])
@@ -169,7 +169,7 @@ def test_cells_of_other_thresholds_are_scored_by_these_and_enter_no_mean(
     again = rows_from_campaign(tmp_path)
     assert len(entering(again)) == len(again) == 2
     told = [one.text for one in notices(again) if one.everywhere]
-    assert "Scored with other thresholds than METHOD's: all cells." in told
+    assert "Scored with thresholds other than METHOD's: all cells." in told
 
 
 def test_domains_that_one_renderer_drew_are_told(campaign: Path) -> None:
@@ -182,7 +182,7 @@ def test_domains_that_one_renderer_drew_are_told(campaign: Path) -> None:
         resealed(folder, lambda facts: facts["clip"].update(accepted=["cut_pictures"]))
     page = " ".join(write_report(campaign).read_text().split())
     assert "drew the pictures" not in page
-    assert "Accepted as it is at import: cut_pictures in cut_in / physical." in page
+    assert "Accepted unchanged at import: cut_pictures in cut_in / physical." in page
 
 
 def test_who_drew_a_recording_is_known_of_ours_and_of_what_names_a_generator(
@@ -214,26 +214,27 @@ def test_nothing_above_the_matrix_says_what_a_difference_comes_from(campaign: Pa
     page = " ".join(write_report(campaign).read_text().replace("&#39;", "'").split())
     above = page[: page.index('<section id="matrix">')]
     assert not [words for words in CAUSES if words in above]
-    assert "which of all that these differ in is its cause isn't shown" in above
-    assert "No difference between these says how pictures of a camera" in above
-    assert "Whether the recordings hold the same event is judged" not in above  # nobody did
+    assert "nothing here shows which of their properties causes it" in above
+    assert "Differences between these domains say nothing about pictures from a camera" in above
+    assert "Whether the recordings show the same event is judged" not in above  # nobody did
     (told,) = {
         note
         for table in all_tables(rows_from_campaign(campaign))
         for note in table.notes
         if table.name == "domain_differences" and "cause" in note
     }
-    assert "which of all that they differ in causes a difference isn't shown" in told
+    assert "nothing here shows which of their properties causes a difference" in told
 
 
 def test_what_the_lead_says_follows_from_the_cells() -> None:
     one = lead([row(domain="simulation")])
-    assert one.startswith("Recordings of one event in simulation, shown")
+    assert one.startswith("Scores of driving")
+    assert "forward video of one event, recorded in the simulation domain." in one
     assert "difference" not in one
     more = lead([row(domain="physical"), row(domain="simulation", model="other")])
-    assert "in simulation and physical" in more
-    assert "between two models holds for these recordings" in more
-    assert "between two domains is one between their recordings" in more
+    assert "in the simulation and physical domains" in more
+    assert "between two models holds for these recordings only" in more
+    assert "between two domains is a difference between recordings" in more
 
 
 def test_by_whose_word_a_recording_is_of_its_domain_is_told(campaign: Path) -> None:
@@ -241,7 +242,7 @@ def test_by_whose_word_a_recording_is_of_its_domain_is_told(campaign: Path) -> N
     word = "A. Engineer, 2026-03-01, north track"
     for folder in campaign.glob("cells/cut_in__physical__*"):
         resealed(folder, lambda facts: facts["clip"].update(declared_by=word))
-    told = f"Physical by the word of {word}: cut_in / physical."
+    told = f"Physical as declared by {word}: cut_in / physical."
     rows = rows_from_campaign(campaign)
     assert told in domain_text(rows)
     assert told in " ".join(write_report(campaign).read_text().split())
@@ -252,8 +253,10 @@ def test_cells_and_imports_of_before_an_update_are_told(campaign: Path) -> None:
     assert "rules of an earlier version" not in write_report(campaign).read_text()
     folder = campaign / "cells" / f"cut_in__physical__{MODELS[0]}"
     resealed(folder, lambda facts: facts.pop("rules_version"))
-    page = " ".join(write_report(campaign).read_text().split())
-    told = f"Scored by the rules of an earlier version: cut_in / physical / {MODELS[0]}. Beside"
+    page = " ".join(write_report(campaign).read_text().replace("&#39;", "'").split())
+    told = (
+        f"Scored by the rules of an earlier version: cut_in / physical / {MODELS[0]}. They aren't"
+    )
     assert told in page
     assert "docs/updating.md" in page
     for cell in campaign.glob("cells/*"):

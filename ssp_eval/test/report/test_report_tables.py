@@ -274,7 +274,7 @@ def test_cells_without_controls_or_on_different_recordings_say_so() -> None:
     rows.append(row("cut_in", "simulation", "a+black", 0.1, control=True))
     told = [notice.text for notice in notices(rows)]
     assert not any("have no controls" in text for text in told)
-    assert any("Not asked with black and with shuffled frames: a, b." in text for text in told)
+    assert any("Not asked with black and shuffled frames: a, b." in text for text in told)
 
 
 def test_many_names_are_counted() -> None:

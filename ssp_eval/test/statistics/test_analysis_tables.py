@@ -133,7 +133,7 @@ def test_a_lost_run_is_no_lost_cell():
         row("t", "physical", "a", 0.2, cia_eff=None),
     ]
     notes = tables(rows)["by_model"].notes
-    assert "1 run without a score left out of cells that have others; see the matrix for" in (
+    assert "1 run without a score left out of cells that have other runs; see the" in (
         " ".join(notes)
     )
     assert not any("1 cell without a score" in note for note in notes)
