@@ -185,9 +185,8 @@ def test_a_question_holds_motion_and_lane_and_no_truth() -> None:
     assert question.route_m[0] == pytest.approx((0.0, 0.0))
     assert question.route_m[-1] == pytest.approx((80.0, 0.0))
     known = {"number", "stamp_ns", "history", "route_m", "privileged", "frames", "camera"}
-    # For interfaces with a map frame, with sampling and with names of sessions; no model is shown
-    # pose and run as they are.
-    assert set(type(question).__slots__) == known | {"pose", "seed", "run"}
+    # For interfaces with a map frame and with sampling; no model is shown the pose as it is.
+    assert set(type(question).__slots__) == known | {"pose", "seed"}
 
 
 def test_a_route_is_the_lane_wherever_the_vut_avoids_to() -> None:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssp_core.geometry import FloatArray, Pose2, wrap_angle
+from ssp_core.run_file.quantities import LEAST
 from ssp_core.run_file.road import CurvePiece, JunctionRoad, Road
 from ssp_core.run_file.values import Point
 
@@ -482,13 +483,13 @@ class ReferenceLine:
         if not from_s_m < to_s_m:
             raise ValueError(f"a section needs from < to, got {from_s_m:g} to {to_s_m:g}")
         parts = []
-        if from_s_m < 0.0:
+        if from_s_m <= -LEAST:
             parts.append(CurvePiece(length_m=min(0.0, to_s_m) - from_s_m))
         begin = 0.0
         for piece in self.pieces:
             low = max(from_s_m - begin, 0.0)
             high = min(to_s_m - begin, piece.length_m)
-            if low < high:
+            if high - low >= LEAST:
                 k0 = piece.start_curvature_1pm
                 rate = (piece.end_curvature_1pm - k0) / piece.length_m
                 whole = high == piece.length_m
