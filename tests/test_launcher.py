@@ -70,6 +70,14 @@ def test_the_library_of_another_python_is_left_out(tmp_path: Path, name: str) ->
     assert f"unset {name}" in done.stderr
 
 
+def test_compiled_sources_are_kept_where_the_environment_forbids_it(tmp_path: Path) -> None:
+    forbidden = {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONPYCACHEPREFIX": str(tmp_path)}
+    done = launch(forbidden, "--help")
+    assert done.returncode == 0, done.stderr
+    assert any(file.match("ssp_core/cycles.*.pyc") for file in tmp_path.rglob("*.pyc"))
+    assert " PYTHONDONTWRITEBYTECODE\n" in launch(forbidden, "env").stdout
+
+
 def test_a_middleware_that_is_not_there_is_left_out() -> None:
     done = launch({"RMW_IMPLEMENTATION": "rmw_of_nobody"}, "--help")
     assert done.returncode == 0, done.stderr

@@ -108,8 +108,7 @@ def _run_all(
         checks: name and command of each.
         nothing: further statuses that are no failure: pytest ends with 5 where nothing is chosen.
     """
-    # Compiled tests are kept: to rewrite their asserts takes each process half a minute.
-    environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    environment = dict(os.environ)
     # As many processes as processors: a small matrix isn't worth waiting for each other's threads.
     environment.setdefault("OPENBLAS_NUM_THREADS", "1")
     environment[MODEL_VARIABLE] = str(root / MODEL_FOLDER)
