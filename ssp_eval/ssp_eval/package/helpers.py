@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import multiprocessing
+from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from contextlib import suppress
+from threading import Lock
 from types import TracebackType
 from typing import Any, Generic, TypeVar
 
@@ -16,17 +18,22 @@ from ssp_core.host.terminal import ignore_stop_signals
 Result = TypeVar("Result")
 
 
-@dataclass(frozen=True)
 class Call(Generic[Result]):
-    """A call that a helper may have begun.
+    """A call that a helper may begin.
 
     Args:
-        here: does it in this process.
-        there: its future in a helper; None: there is no helper.
+        helpers: that may begin it.
+        function: of a module.
+        arguments: which can be pickled, as its result can.
     """
 
-    here: Callable[[], Result]
-    there: Future[Result] | None
+    def __init__(
+        self, helpers: Helpers, function: Callable[..., Result], arguments: tuple[Any, ...]
+    ) -> None:
+        self.function, self.arguments = function, arguments
+        # Of the helper that has begun it; None: none has.
+        self.there: Future[Result] | None = None
+        self._helpers = helpers
 
     def result(self) -> Result:
         """Do it here where no helper has begun it, and wait for the helper otherwise.
@@ -34,8 +41,8 @@ class Call(Generic[Result]):
         Raises:
             HostError: the helper was killed.
         """
-        if self.there is None or self.there.cancel():
-            return self.here()
+        if self._helpers.take_back(self) or self.there is None:
+            return self.function(*self.arguments)
         try:
             return self.there.result()
         except BrokenProcessPool as error:
@@ -44,6 +51,9 @@ class Call(Generic[Result]):
 
 class Helpers:
     """Processes beside this one, for a block; they end at once when it is left early.
+
+    A helper is given a call when it has nothing else to do: a pool would take one more for each
+    process, which then waits there while this process has nothing to do.
 
     Args:
         count: how many; none does all calls here.
@@ -54,6 +64,9 @@ class Helpers:
         context = multiprocessing.get_context("spawn")
         self._before = multiprocessing.active_children()
         self._pool = ProcessPoolExecutor(count, context, ignore_stop_signals) if count else None
+        self._lock = Lock()
+        self._waiting = deque[Call[Any]]()
+        self._idle = count
 
     def __enter__(self) -> Helpers:
         return self
@@ -66,6 +79,8 @@ class Helpers:
     ) -> None:
         if self._pool is None:
             return
+        with self._lock:
+            self._waiting.clear()
         if kind is not None:
             for process in multiprocessing.active_children():
                 if process not in self._before:
@@ -79,12 +94,40 @@ class Helpers:
             function: of a module.
             arguments: which can be pickled, as its result can.
         """
+        call = Call(self, function, arguments)
+        with self._lock:
+            self._waiting.append(call)
+        self._hand_out()
+        return call
 
-        def here() -> Result:
-            return function(*arguments)
+    def take_back(self, call: Call[Any]) -> bool:
+        """Take a call from the helpers that none has begun; tell whether there was one."""
+        with self._lock, suppress(ValueError):
+            self._waiting.remove(call)
+            return True
+        return False
 
-        there = None if self._pool is None else self._pool.submit(function, *arguments)
-        return Call(here, there)
+    def _hand_out(self) -> None:
+        """Give waiting calls to idle helpers."""
+        with self._lock:
+            given = []
+            while self._pool is not None and self._waiting and self._idle:
+                call = self._waiting[0]
+                try:
+                    call.there = self._pool.submit(call.function, *call.arguments)
+                except BrokenProcessPool:
+                    break  # the call whose helper was killed says so
+                self._waiting.popleft()
+                self._idle -= 1
+                given.append(call.there)
+        # Outside of the lock: what is done already calls at once.
+        for future in given:
+            future.add_done_callback(self._on_done)
+
+    def _on_done(self, _: Future[Any]) -> None:
+        with self._lock:
+            self._idle += 1
+        self._hand_out()
 
 
 def results(calls: Sequence[Call[Result]]) -> list[Result]:

@@ -39,6 +39,17 @@ def test_this_process_and_a_helper_work_at_the_same_time_and_the_order_is_kept(
     assert third == os.getpid()
 
 
+def test_a_helper_takes_no_call_before_it_has_done_the_one_that_it_has(tmp_path: Path) -> None:
+    one, other = tmp_path / "one", tmp_path / "other"
+    with Helpers(1) as helpers:
+        held = helpers.begin(meet, one, other)
+        further = [helpers.begin(os.getpid) for _ in range(3)]
+        until(one.exists)  # the helper has begun the first
+        assert results(further) == [os.getpid()] * 3
+        other.touch()
+        assert held.result() != os.getpid()
+
+
 def test_a_helper_ends_at_once_when_its_block_is_left_early(tmp_path: Path) -> None:
     began = tmp_path / "began"
 
