@@ -81,7 +81,7 @@ _MEANT: dict[SafetyCode, tuple[str, str]] = {
     SafetyCode.POSITION_JUMP: ("m", "A position is too far from where the previous state led."),
     SafetyCode.STATE_FROZEN: (
         "s",
-        "New states arrive, but their position stays the same while the object moves.",
+        "New states arrive with the same position while the stated or commanded speed isn't zero.",
     ),
     SafetyCode.STOPPING_ROOM: (
         "m",
