@@ -57,7 +57,7 @@ RUN: dict[str, Any] = {
     **cut_in_run(),
     "mode": "realtime",
     "geofence": [(-20.0, -8.0), (400.0, -8.0), (400.0, 12.0), (-20.0, 12.0)],
-    "end": {"at_latest_s": 1e6},
+    "end": {"at_latest_s": 86_400.0},
 }
 RUN["limits"] |= {"heartbeat_s": 60.0, "ack_s": 60.0, "duration_s": 86400.0}
 STEP_NS = 20_000_000
