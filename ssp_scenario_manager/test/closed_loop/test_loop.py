@@ -14,7 +14,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from click.testing import CliRunner
 
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder
+from ssp_core.hashing import sha256_file
 from ssp_core.host.ray_cluster import ADDRESS, import_ray
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import load_run
@@ -385,9 +387,35 @@ def test_the_command_prints_the_table_of_what_is_there(done: Path, tmp_path: Pat
     assert (said.exception, said.return_value) == (None, 0)
 
 
-@pytest.mark.parametrize("name", ["runs.csv", "starts.json", "cards.json"])
+def overwrite(path: Path, text: str) -> None:
+    path.write_text(text.replace("collision", "avoided").replace("critical", "harmless") + " ")
+
+
+def overwrite_in_place(path: Path, text: str) -> None:
+    """Keep length and stated time of the last write."""
+    before = path.stat()
+    path.write_text(text.swapcase())
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+def cut(path: Path, text: str) -> None:
+    os.truncate(path, len(text.encode()) // 2)
+
+
+def replace_file(path: Path, text: str) -> None:
+    other = path.with_name(".other")
+    other.write_text(text.swapcase())
+    other.replace(path)
+
+
+@pytest.mark.parametrize("spoil", [overwrite, overwrite_in_place, cut, replace_file, Path.unlink])
+@pytest.mark.parametrize("name", ["runs.csv", "plan.json", "starts.json", "cards.json"])
 def test_files_that_something_else_changes_while_a_campaign_runs_end_it(
-    done: Path, tmp_path: Path, name: str
+    done: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    spoil: Callable[..., None],
 ) -> None:
     """A driver that runs as the user who runs the campaign can write into its folder."""
     folder = tmp_path / "campaign"
@@ -395,14 +423,34 @@ def test_files_that_something_else_changes_while_a_campaign_runs_end_it(
     rows = (folder / "runs.csv").read_text().splitlines(keepends=True)
     (folder / "runs.csv").write_text("".join(rows[:-4]))
 
-    def spoil(count: int, total: int) -> None:
-        if count < total:
+    def spoil_once(count: int, _: int) -> None:
+        if count == len(rows) - 3:
             path = folder / name
-            path.write_text(path.read_text().replace("collision", "avoided") + " ")
+            spoil(*(path,) if spoil is Path.unlink else (path, path.read_text()))
 
+    monkeypatch.setattr(campaign, "rows_of", RecordedRows(rows_there(done / "runs.csv")))
     with pytest.raises(InputError, match="was changed while the campaign ran") as raised:
-        run_campaign(plan_of(), folder, 1, spoil, lambda _: None)
+        run_campaign(plan_of(), folder, 1, spoil_once, lambda _: None)
     assert raised.value.file == str(folder / name)
+
+
+def test_the_check_of_a_campaigns_files_reads_each_of_them_twice_however_many_rows_come(
+    done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: Counter[str] = Counter()
+
+    def sha256_counted(path: Path) -> str:
+        read[path.name] += path.stat().st_size
+        return sha256_file(path)
+
+    for file in ("plan.json", "starts.json"):
+        shutil.copy(done / file, tmp_path / file)
+    monkeypatch.setattr(campaign, "rows_of", RecordedRows(rows_there(done / "runs.csv")))
+    monkeypatch.setattr(campaign, "sha256_file", sha256_counted)
+    run(plan_of(), tmp_path)
+    sizes = {name: (tmp_path / name).stat().st_size for name in FILES if name != "table.csv"}
+    sealed = {name: 2 * size for name, size in sizes.items() if name != "runs.csv"}
+    assert read == sealed | {"runs.csv": sizes["runs.csv"]}
 
 
 @pytest.mark.parametrize(
