@@ -34,6 +34,7 @@ from ssp_eval.labels.truth import TruthFile
 from ssp_eval.observations.model import Observation
 from ssp_eval.package.model import Package
 from ssp_eval.response.compare import load_limits
+from ssp_eval.score.score_file import ScoreFile
 from ssp_eval.score.thresholds import ThresholdsFile
 from ssp_eval.twins.files import TwinSet
 from ssp_ot_controller.bodies.iso22133.probe_report import ProbeReport
@@ -62,6 +63,7 @@ KINDS = {
     "package": Package,
     "response limits": ResponseLimits,
     "run": RunSpec,
+    "score": ScoreFile,
     "shortlist": Shortlist,
     "site": Site,
     "starts": SealedStarts,

@@ -33,6 +33,7 @@ from ssp_eval.observations.model import Observation
 from ssp_eval.package.contents import Index, Problem, Recording, nearest
 from ssp_eval.package.model import Chain, FileEntry, Kind, LineRef, Link, Role, SentFrame
 from ssp_eval.score.cell import score_cell
+from ssp_eval.score.score_file import check_score
 from ssp_eval.score.thresholds import DEFAULT, thresholds_of
 from ssp_scenario_manager.compile.task import EVENT_FILE, SITE_FILE, TASK_FILE, TASK_FOLDER, Task
 from ssp_scenario_manager.event_spec.log import LOG_FILE, parse_log
@@ -429,12 +430,13 @@ class Chains:
     ) -> list[int | None]:
         """Index of each label's record; the stored score is compared with what these give."""
         stored = self._file(cell, SCORE_FILE)
+        told = check_score(self._contents.mapping(stored), stored.path)
         given = facts.get("thresholds")
         thresholds = DEFAULT if given is None else thresholds_of(given, cell)
         score = score_cell(labels, records, thresholds)
         if facts["hashes"].get("thresholds") != thresholds.sha256:
             self.notes.append(f"{stored.path}: made with other thresholds, not scored again")
-        elif self._contents.mapping(stored) != score.to_json():
+        elif told != score.to_json():
             self._problem(stored, "", "is not what its records and labels give")
         return [judgement.record for judgement in score.details.judgements]
 

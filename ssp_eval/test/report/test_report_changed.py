@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -168,6 +169,51 @@ def test_a_cell_that_cannot_be_read_is_listed_and_the_report_is_made(
     assert cells[OTHER].score is not None
     facts = cells[CELL].facts
     assert f"{facts.scenario}__{facts.domain}__{facts.model}" == CELL
+
+
+def replaced_number(text: str, key: str, new: str) -> str:
+    found = re.sub(rf'("{key}": )[^,\n]+', rf"\g<1>{new}", text)
+    assert found != text
+    return found
+
+
+NOT_WHOLE = "is not valid JSON: Unterminated string"
+SCORES = [
+    ("NaN", lambda t: replaced_number(t, "ivcs", "NaN"), "NaN is no number"),
+    ("infinity", lambda t: replaced_number(t, "rl_s", "Infinity"), "Infinity is no number"),
+    ("huge", lambda t: replaced_number(t, "ivcs", "1e300"), r"ivcs: must be .* \(got 1e\+300\); "),
+    ("share", lambda t: replaced_number(t, "tqsr", "1.5"), r"tqsr: .*equal to 1 \(got 1.5\); "),
+    ("late", lambda t: replaced_number(t, "rl_s", "1e9"), r"rl_s: must be .* 86400 s, .*\(got "),
+    ("negative", lambda t: replaced_number(t, "n", "-1"), r"n: .*equal to 0 \(got -1\); "),
+    ("text", lambda t: replaced_number(t, "jovr", '"1"'), r"jovr: .*number \(got '1'\); "),
+    ("boolean", lambda t: replaced_number(t, "rsr", "true"), r"rsr: .*integer \(got True\); "),
+    ("missing", lambda t: re.sub(r'"stfr": [^,]+,', "", t), "stfr: Field required; add it"),
+    ("twice", lambda t: t.replace('"stfr"', '"cia_eff"', 1), "key 'cia_eff' stands twice"),
+    ("unknown", lambda t: t.replace("{", '{"ivs": 1,', 1), "ivs: .*did you mean ivcs"),
+    ("inner", lambda t: t.replace('"cia": ', '"cai": 1, "cia": '), "denominators.cai: .*mean cia"),
+    ("schema", lambda t: t.replace("{", '{"schema": "ssp.score/2",', 1), "schema: .*known are n, "),
+    ("cut", lambda t: t[: t.index("denominators")], NOT_WHOLE),
+    ("list", lambda t: f"[{t}]", "must hold a mapping at its top"),
+    ("none", lambda t: "null", "must hold a mapping at its top"),
+]
+
+
+@pytest.mark.parametrize(("spoil", "why"), [c[1:] for c in SCORES], ids=[c[0] for c in SCORES])
+def test_a_score_of_another_form_is_one_line_with_a_remedy(
+    spoil: Callable[[str], str], why: str, campaign: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The cell that names it is sealed as an evaluation would seal it."""
+    folder = campaign / "cells" / CELL
+    file = folder / "score.json"
+    file.write_text(spoil(file.read_text()))
+    resealed(folder)
+    assert main(["report", str(campaign)]) == 1
+    (line,) = (one for one in capfd.readouterr().err.splitlines() if CELL in one)
+    begins = f"error: {folder}: refused: score.json can't be read: {file}: "
+    assert line.startswith(begins)
+    assert re.search(why, line), line
+    assert "; " in line
+    assert "score.json can" in (campaign / "index.html").read_text()
 
 
 def test_a_report_goes_on_without_it_and_says_so_in_page_tables_and_exit_status(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -48,6 +49,7 @@ from ssp_scenario_manager.closed_loop.single_run.single import Drive, parse_driv
 from ssp_scenario_manager.closed_loop.single_run.top_view import top_view
 from ssp_scenario_manager.closed_loop.starts.start import Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FILE, TASK_FOLDER
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import (
     InProcessResult,
@@ -156,8 +158,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def start(tmp_path_factory: pytest.TempPathFactory) -> Start:
     """A critical start of the shipped cut-in, with a camera of few pixels."""
-    made = tmp_path_factory.mktemp("driven") / "cut_in"
-    compiled = prepare_run("cut_in", "boulevard", made, seed=SEED, mode="lockstep")
+    return start_in(tmp_path_factory.mktemp("driven") / "cut_in")
+
+
+def start_in(folder: Path) -> Start:
+    """Return the start of the shipped cut-in, whose task is compiled into a folder."""
+    compiled = prepare_run("cut_in", "boulevard", folder, seed=SEED, mode="lockstep")
     small = compiled.model_copy(update={"camera": SMALL})
     return make_start(small, load_event("cut_in")[0], SEED, latency_max_s=0.5)
 
@@ -431,9 +437,10 @@ def test_a_driver_that_can_not_be_is_refused_with_what_there_is(
 
 
 def test_a_start_leaves_no_time_for_a_longer_history_or_latency(
-    start: Start, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     """The start was made for 1.7 s of motion and a latency of 0.5 s."""
+    start = start_in(tmp_path)
     run = start.driven_by("oracle", {}, Latency(0.5))
     entry = {"backend": "http", "options": {"url": "http://127.0.0.1:1"}}
     fits = {**entry, "history_s": start.first_request_s}
@@ -441,16 +448,26 @@ def test_a_start_leaves_no_time_for_a_longer_history_or_latency(
 
     def driven_by(given: dict[str, Any], latency_s: float) -> RunSpec:
         asked = Drive("mine", driver_options("mine", {"model": given}), Latency(latency_s))
-        return single.driven_run(run, tmp_path / "event.yaml", asked, lambda _: None)
+        return single.driven_run(run, event_file, asked, lambda _: None)
 
-    (tmp_path / "task.json").write_text(
-        json.dumps({"run": run.model_dump(mode="json", by_alias=True)})
-    )
+    event_file = tmp_path / TASK_FOLDER / EVENT_FILE
     assert driven_by(fits, 0.5).driven is not None
     with pytest.raises(InputError, match=r"--drive mine: needs .* s of own motion.*name the event"):
         driven_by(longer, 0.5)
     with pytest.raises(InputError, match=r"--latency: is more than this start leaves time for"):
         driven_by(fits, 0.6)
+    task = event_file.with_name(TASK_FILE)
+    text = task.read_text()
+    for spoilt, said in (
+        (text[: len(text) // 2], "is not valid YAML or JSON"),
+        (re.sub(r'"length_m": [0-9.]+', '"length_m": NaN', text, count=1), "length_m: .*number"),
+        (text.replace("{", '{"sead": 1,', 1), r"sead: is not a known key .*did you mean seed"),
+        (text.replace('"seed": 1', '"seed": 2', 1), "version: was changed after it was compiled"),
+    ):
+        assert spoilt != text
+        task.write_text(spoilt)
+        with pytest.raises(InputError, match=rf"task\.json.*{said}"):
+            driven_by(fits, 0.5)
 
 
 @pytest.fixture

@@ -39,6 +39,7 @@ from ssp_eval.evaluate.store.requests import REQUESTS_FILE
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.score.aggregate import domain_order
 from ssp_eval.score.cell import CellScore, score_in_detail
+from ssp_eval.score.score_file import load_score
 from ssp_eval.score.thresholds import DEFAULT, Thresholds, thresholds_of
 from ssp_vla_bridge.backend import is_blind
 
@@ -488,7 +489,10 @@ def _scored(cell: CellData, score: CellScore) -> CellData:
     """Return a cell with its score and what a reader must know of it."""
     facts, records, folder = cell.facts, cell.records, cell.folder
     notes = []
-    stored = read_json_mapping(folder / SCORE_FILE)
+    try:
+        stored = load_score(folder / SCORE_FILE)
+    except InputError as error:
+        return _refused(folder, facts, f"{SCORE_FILE} can't be read: {error}")
     if stored != score.to_json():
         notes.append(
             "The stored score differs from what its records and labels give now; this page shows "

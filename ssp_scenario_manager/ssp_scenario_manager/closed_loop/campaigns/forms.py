@@ -17,6 +17,7 @@ from ssp_scenario_manager.closed_loop.outcomes.rates import KINDS
 _MOST_BYTES = 1 << 30
 _REMEDY = "name a folder that `ssp loop` wrote"
 Count = Annotated[int, Field(ge=0, lt=2**63)]
+Text = Annotated[str, Field(max_length=500)]
 
 
 class SealedDraw(Strict):
@@ -76,15 +77,24 @@ class CardLatency(_CardPart):
     given: LatencyField
     p50_s: NonNegative | None
     p99_s: NonNegative | None
-    contains: str
+    contains: Text
+
+
+class Hardware(Strict):
+    """The machine of a campaign, which its cards' hashes hold only where a latency is measured."""
+
+    machine: Text = ""
+    processor: Text = ""
+    system: Text = ""
+    cores: Count | None = None
 
 
 class Card(_CardPart):
     """A driver with the conditions that it drove under."""
 
-    driver: str
-    kind: str
-    hash: str
+    driver: Text
+    kind: Text
+    hash: Text
     privileged: bool
     options: dict[str, Any]
     latencies: Annotated[list[CardLatency], Field(min_length=1)]
@@ -96,7 +106,10 @@ class Card(_CardPart):
     starts: Count
     repeats: Count
     seed: Count
-    versions: dict[str, str]
+    versions: dict[Text, Text]
+    # Neither is under the card's hash; cards of an earlier version have no compiled core.
+    hardware: Hardware
+    compiled_core: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
 
 
 class SealedCards(_CardPart):

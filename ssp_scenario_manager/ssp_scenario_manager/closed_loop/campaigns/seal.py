@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -240,9 +239,7 @@ def _starts_of(
     engine: Engine,
 ) -> tuple[list[dict[str, Any]], Draw]:
     prepare_run(event, plan.site, make_folder(draft), seed=plan.seed, mode="lockstep")
-    run = parse_model(
-        RunSpec, json.loads((draft / TASK_FOLDER / "task.json").read_text())["run"], draft
-    )
+    run = load_task(draft / TASK_FOLDER).run
     event_file = str((draft / TASK_FOLDER / EVENT_FILE).resolve())
     room_s = plan.room_s, plan.history_s
     judge = partial(_drawn, run.model_dump_json(by_alias=True), event_file, room_s)

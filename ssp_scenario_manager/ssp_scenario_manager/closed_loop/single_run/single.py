@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, parse_strict
+from ssp_core.files import parse_strict
 from ssp_core.run_file.driven import BUILT_IN, Driven, is_driver_name
 from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import RunSpec
@@ -130,7 +130,7 @@ def driven_run(
 
     Raises:
         InputError: no seed gives a start, or the start leaves no time for the latency or for the
-            driver's history.
+            driver's history, or its task can't be read or was changed.
     """
     if drive is None:
         return run
@@ -210,8 +210,7 @@ def _with_driver(run: RunSpec, drive: Drive, task_file: Path) -> RunSpec:
     camera = None
     if sees_frames(drive.driver):
         # The start has a camera even where its first driver saw nothing.
-        task = parse_model(RunSpec, json.loads(task_file.read_text())["run"], task_file)
-        camera = task.camera if run.camera is None else run.camera
+        camera = load_task(task_file).run.camera if run.camera is None else run.camera
     return run.model_copy(update={"driven": driven.model_copy(update=changes), "camera": camera})
 
 
