@@ -37,6 +37,21 @@ def quiet_client(*, was_armed: bool) -> MagicMock:
     return client
 
 
+def replace_session(
+    monkeypatch: pytest.MonkeyPatch, client: MagicMock, typed: int, clock: MagicMock
+) -> None:
+    """Give the terminal that follows a session this client, what is typed there, and a clock."""
+    for name, value in (
+        ("RunClient", lambda *_, **__: client),
+        ("StartListener", MagicMock()),
+        ("TypedWords", lambda: TypedWords(typed)),
+        ("summary", lambda *_: ["who is connected"]),
+        ("connected", lambda *_: {}),
+        ("time", clock),
+    ):
+        monkeypatch.setattr(follow, name, value)
+
+
 @pytest.mark.parametrize("armed", [False, True])
 def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
     run: RunSpec, monkeypatch: pytest.MonkeyPatch, armed: bool
@@ -134,15 +149,7 @@ def test_what_is_typed_while_the_summary_appears_starts_nothing(
 
     client.spin.side_effect = spin
     clock = MagicMock(monotonic=lambda: now_s[0], monotonic_ns=lambda: round(now_s[0] * 1e9))
-    for name, value in (
-        ("RunClient", lambda *_, **__: client),
-        ("StartListener", MagicMock()),
-        ("TypedWords", lambda: TypedWords(read)),
-        ("summary", lambda *_: ["who is connected"]),
-        ("connected", lambda *_: {}),
-        ("time", clock),
-    ):
-        monkeypatch.setattr(follow, name, value)
+    replace_session(monkeypatch, client, read, clock)
     live = MagicMock(start_at_once=False, remappings=())
     try:
         outcome = follow.follow(
@@ -172,15 +179,7 @@ def test_a_word_starts_nothing_while_the_terminal_is_stopped_before_the_prompt(
 
     client.spin.side_effect = spin
     clock = MagicMock(monotonic=lambda: now_ns[0] / 1e9, monotonic_ns=lambda: now_ns[0])
-    for name, value in (
-        ("RunClient", lambda *_, **__: client),
-        ("StartListener", MagicMock()),
-        ("TypedWords", lambda: TypedWords(read)),
-        ("summary", lambda *_: ["who is connected"]),
-        ("connected", lambda *_: {}),
-        ("time", clock),
-    ):
-        monkeypatch.setattr(follow, name, value)
+    replace_session(monkeypatch, client, read, clock)
     live = MagicMock(start_at_once=False, remappings=())
 
     def mark() -> Callable[[], bool]:
