@@ -16,7 +16,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -29,12 +28,11 @@ from ssp_core.errors import HostError, InputError
 from ssp_core.files import make_folder
 from ssp_core.hashing import sha256_file
 from ssp_core.host.ray_cluster import ADDRESS, import_ray
-from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import load_run
 from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.cli.loop import loop
-from ssp_scenario_manager.closed_loop.campaigns import campaign, runs, seal
+from ssp_scenario_manager.closed_loop.campaigns import campaign, runs
 from ssp_scenario_manager.closed_loop.campaigns.bags import write_bags
 from ssp_scenario_manager.closed_loop.campaigns.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.campaigns.cards import CARDS_SCHEMA
@@ -43,17 +41,13 @@ from ssp_scenario_manager.closed_loop.campaigns.plan_file import (
     BASELINES,
     ZERO,
     LoopPlan,
-    load_plan,
 )
 from ssp_scenario_manager.closed_loop.campaigns.runs import jobs_of, rows_of
 from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts
-from ssp_scenario_manager.closed_loop.outcomes.outcome import OUTCOMES
-from ssp_scenario_manager.closed_loop.outcomes.rates import RunRow, rates_of, refused_for, rising
+from ssp_scenario_manager.closed_loop.outcomes.rates import rates_of, rising
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, read_row, rows_there
 from ssp_scenario_manager.run.ordered_map import Engine, cluster, ordered_map
-from tests.support.full_disk import largest_file
 from tests.support.killed_campaigns import Moment, RecordedRows, kill_campaign
-from tests.support.runs import START_FACTS
 
 PLAN = {
     "schema": "ssp.loop/1",
@@ -62,7 +56,6 @@ PLAN = {
     "starts": 1,
     "others": 0,
 }
-NUMBERS = itertools.count()
 FILES = ("plan.json", "starts.json", "cards.json", "runs.csv", "table.csv")
 
 
@@ -307,70 +300,6 @@ def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
     assert [entry.name for entry in tmp_path.iterdir()] == ["notes.txt"]
 
 
-def test_a_full_disk_keeps_nothing_of_a_campaign_without_starts(tmp_path: Path) -> None:
-    plan, out = tmp_path / "plan.yaml", tmp_path / "loop"
-    plan.write_text(yaml.safe_dump(PLAN))
-    with largest_file(10_000):
-        failed = CliRunner().invoke(loop, [str(plan), "--out", str(out)])
-    assert isinstance(failed.exception, HostError)
-    assert "tasks/0/task/event.yaml: can't be written: File too large" in str(failed.exception)
-    assert [entry.name for entry in tmp_path.iterdir()] == ["plan.yaml"]
-
-
-def test_seeds_are_tried_in_order_however_many_processes_share_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each third seed is critical here; both ways must find the same ones."""
-    drawn: dict[int, list[int]] = {}
-
-    def judge(*arguments: Any) -> tuple[str, dict[str, Any]]:
-        seed = arguments[-1]
-        return ("critical" if seed % 3 == 0 else "off_spec"), {"seed": seed}
-
-    @contextmanager
-    def in_order(_jobs: int, *_: object) -> Iterator[Any]:
-        yield map
-
-    monkeypatch.setattr(seal, "_drawn", judge)
-    monkeypatch.setattr(seal, "ordered_map", in_order)
-    for jobs in (1, 2, 5):
-        (tmp_path / str(jobs)).mkdir()
-        found = draw_starts(plan_of(starts=4), tmp_path / str(jobs), jobs, lambda _: None)
-        drawn[jobs] = [one["seed"] for one in found]
-    assert all(seeds == [3, 6, 9, 12] for seeds in drawn.values()), drawn
-
-
-def test_each_call_tells_what_was_drawn_and_the_seal_binds_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    kinds = ("off_spec", "harmless", "harmless", "critical", "unavoidable", "critical")
-
-    def judge(*arguments: Any) -> tuple[str, dict[str, Any]]:
-        seed = arguments[-1]
-        return kinds[seed - 1], {**START_FACTS, "seed": seed, "hash": f"s{seed}", "run": {}}
-
-    @contextmanager
-    def in_order(*_: object) -> Iterator[Any]:
-        yield map
-
-    monkeypatch.setattr(seal, "_drawn", judge)
-    monkeypatch.setattr(seal, "ordered_map", in_order)
-    said: list[list[str]] = [[], []]
-    for told in said:
-        draw_starts(plan_of(starts=2), tmp_path, 1, told.append)
-    shares = "2 critical (33 %), 2 harmless (33 %), 1 unavoidable (17 %), 1 off_spec (17 %)"
-    assert said[0] == [
-        f"starts of cut_in: {shares}, of 6 drawn by seed from 1 on",
-        "cut_in is driven without traffic and adaptation, which no driven session has",
-    ]
-    assert said[1] == said[0]
-    text = (tmp_path / "starts.json").read_text()
-    assert '"off_spec": 1' in text
-    (tmp_path / "starts.json").write_text(text.replace('"off_spec": 1', '"off_spec": 0'))
-    with pytest.raises(InputError, match="was changed after it was sealed"):
-        draw_starts(plan_of(starts=2), tmp_path, 1, lambda _: None)
-
-
 def test_a_label_hides_no_privilege() -> None:
     plan = plan_of(drivers=[{"driver": "aeb", "options": {"ttc_s": 1.2}, "label": "late_aeb"}])
     assert plan.everybody[-1].shown == "late_aeb"
@@ -597,104 +526,6 @@ def test_a_row_that_can_not_be_driven_again_is_refused(
     said = CliRunner().invoke(loop, [str(done), "--again", str(number), "--out", str(tmp_path)])
     assert isinstance(said.exception, InputError)
     assert why in str(said.exception)
-
-
-@pytest.mark.parametrize(
-    ("changes", "why"),
-    [
-        ({"drivers": [{"driver": "nobody"}]}, "is no driver"),
-        ({"drivers": [{"driver": "aeb", "options": {"ttc_s": 1.0}}]}, "name of a baseline"),
-        ({"drivers": [{"driver": "aeb", "options": {"ttc": 1.0}, "label": "a"}]}, "ttc"),
-        ({"latencies": ["fixed:0", "zero"]}, "zero stands twice"),
-        ({"latencies": ["measured:1", "measured"]}, "measured stands twice"),
-        ({"latencies": ["fast"]}, "is no latency"),
-        ({"events": ["cut_in", "cut_in"]}, "stands twice"),
-    ],
-)
-def test_a_plan_that_can_not_be_run_is_refused(
-    changes: dict[str, Any], why: str, tmp_path: Path
-) -> None:
-    plan = tmp_path / "plan.yaml"
-    plan.write_text(yaml.safe_dump({**PLAN, **changes}))
-    with pytest.raises(InputError, match=why):
-        load_plan(plan)
-
-
-def row(outcome: str = "avoided", needless: str = "", **changes: Any) -> RunRow:
-    values: dict[str, Any] = {
-        "event": "cut_in",
-        "start": f"start {next(NUMBERS)}",
-        "driver": "a",
-        "latency": Latency(0.0),
-        "kind": "critical",
-        "starved": False,
-    }
-    return RunRow(outcome=outcome, needless=needless, **{**values, **changes})
-
-
-def test_the_headline_is_avoided_without_needless_braking_and_has_wilsons_interval() -> None:
-    (one,) = rates_of([row(), row(), row(needless="brakes"), row("collision")])
-    assert (one.headline, one.worst, one.needless) == (0.5, 0.5, 1)
-    # Wilson's score interval of 2 of 4 with z = 1.96.
-    assert (one.low, one.high) == (pytest.approx(0.1500, abs=1e-3), pytest.approx(0.85, abs=1e-3))
-    assert dict(zip(OUTCOMES, one.outcomes, strict=True))["avoided"] == 3
-
-
-def test_repeats_of_one_start_are_one_unit_of_the_interval() -> None:
-    repeated = [row(start="s1")] * 20 + [row("collision", start="s2")] * 20
-    (one,) = rates_of(repeated)
-    (single,) = rates_of([row(start="s1"), row("collision", start="s2")])
-    assert (one.headline, one.low, one.high) == (single.headline, single.low, single.high)
-    assert (one.planned, one.headline) == (40, 0.5)
-
-
-def test_repeats_have_a_spread_within_and_between_starts() -> None:
-    (one,) = rates_of([row(start="s1"), row("died", start="s1"), *[row(start="s2")] * 2])
-    # Pooled variance within: (1/2 + 0) / 2; between: of 0.5 and 1.
-    assert (one.within_sd, one.between_sd) == (0.5, pytest.approx(0.125**0.5))
-    (one,) = rates_of([row(start="s1")])
-    assert (one.within_sd, one.between_sd) == (None, None)
-
-
-def test_too_many_runs_that_our_side_failed_leave_no_rate() -> None:
-    (one,) = rates_of([row(), *[row("harness")] * 2])
-    assert (one.headline, one.low, one.driven, one.worst) == (None, None, 1, pytest.approx(1 / 3))
-    (one,) = rates_of([row()] * 49 + [row("harness")])
-    assert (one.headline, one.worst) == (1.0, 0.98)
-    # The share is the driver's, over all of its starts, events and latencies.
-    harmless = [row("harness", kind="harmless")] * 5
-    (one,) = rates_of([*[row() for _ in range(10)], *harmless])
-    assert (one.planned, one.headline) == (10, None)
-    half = Latency(0.5)
-    rates = rates_of([row()] * 99 + [row("harness", latency=half), row(latency=half)])
-    assert [each.headline for each in rates] == [1.0, 1.0]
-    rates = rates_of([row()] * 9 + [row("harness", latency=half)])
-    assert [each.headline for each in rates] == [None, None]
-
-
-def test_harmless_and_unavoidable_starts_have_no_part_in_the_headline() -> None:
-    (one,) = rates_of([row(), row("collision", kind="unavoidable"), row(kind="harmless")])
-    assert (one.planned, one.headline) == (1, 1.0)
-
-
-def test_a_campaign_is_refused_where_braking_for_nothing_pays() -> None:
-    rates = rates_of([row(driver="stop_at_once"), row(driver="oracle")])
-    assert refused_for(rates, ZERO) == [
-        "stop_at_once has a headline of 1.00 on cut_in at L = 0 s, and must have 0"
-    ]
-
-
-def test_a_headline_that_rises_with_latency_is_told() -> None:
-    rates = rates_of(
-        [
-            row("collision", driver="aeb", latency=Latency(0.1)),
-            row(driver="aeb", latency=Latency(0.5)),
-            # A measured latency has no place in the order.
-            row("collision", driver="aeb", latency=Latency(0.0, measured=True)),
-        ]
-    )
-    assert rising(rates, ("aeb",)) == ["aeb on cut_in: 0.00 at L = 0.1 s, 1.00 at 0.5 s"]
-    assert rising(rates, ("oracle",)) == []
 
 
 def test_a_campaign_tells_of_any_driver_that_gets_better_with_latency(

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from ssp_core.errors import InputError
 from ssp_scenario_manager.cli.loop import loop
 from ssp_scenario_manager.closed_loop.campaigns import seal
-from ssp_scenario_manager.closed_loop.campaigns.plan_file import LoopPlan
+from ssp_scenario_manager.closed_loop.campaigns.plan_file import LoopPlan, load_plan
 
 PLAN = {"schema": "ssp.loop/1", "events": ["cut_in"], "starts": 1, "others": 0}
 HTTP = {"backend": "http", "url": "http://127.0.0.1:9"}
@@ -82,3 +82,24 @@ def test_events_without_starts_leave_a_folder_that_another_plan_may_take(
         with pytest.raises(InputError, match="has 0 critical starts among"):
             seal.draw_starts(plan, tmp_path, 1, lambda _: None)
         assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"drivers": [{"driver": "nobody"}]}, "is no driver"),
+        ({"drivers": [{"driver": "aeb", "options": {"ttc_s": 1.0}}]}, "name of a baseline"),
+        ({"drivers": [{"driver": "aeb", "options": {"ttc": 1.0}, "label": "a"}]}, "ttc"),
+        ({"latencies": ["fixed:0", "zero"]}, "zero stands twice"),
+        ({"latencies": ["measured:1", "measured"]}, "measured stands twice"),
+        ({"latencies": ["fast"]}, "is no latency"),
+        ({"events": ["cut_in", "cut_in"]}, "stands twice"),
+    ],
+)
+def test_a_plan_that_can_not_be_run_is_refused(
+    changes: dict[str, Any], why: str, tmp_path: Path
+) -> None:
+    plan = tmp_path / "plan.yaml"
+    plan.write_text(yaml.safe_dump({**PLAN, **changes}))
+    with pytest.raises(InputError, match=why):
+        load_plan(plan)

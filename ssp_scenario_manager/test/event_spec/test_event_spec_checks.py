@@ -13,7 +13,8 @@ from ssp_scenario_manager.event_spec.checks.check import PREDICATES, check_event
 from ssp_scenario_manager.event_spec.fields import split
 from ssp_scenario_manager.event_spec.load import read_event_file
 from ssp_scenario_manager.event_spec.model import Event
-from tests.support.event_faults import CASES, GONE
+from tests.support.event_faults import GONE, SCENE_CASES
+from tests.support.event_faults_conflict import CONFLICT_CASES
 
 
 @cache
@@ -36,6 +37,7 @@ def changed(name: str, **edits: Any) -> dict[str, Any]:
     return value
 
 
+CASES = [*SCENE_CASES, *CONFLICT_CASES]
 BY_NAME = {p.__name__: p for predicates in PREDICATES.values() for p in predicates}
 
 
