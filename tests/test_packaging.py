@@ -214,6 +214,7 @@ def test_folders_are_named_for_what_they_hold_and_files_can_be_read_at_once(pack
 # Records that mirror a file's form or a row of results, and have a field for each of its fields.
 WIDE_RECORDS = {
     "Actor",
+    "Card",
     "CellFacts",
     "ClipFacts",
     "ImportRecord",
@@ -222,6 +223,7 @@ WIDE_RECORDS = {
     "ModelEntry",
     "RecordingEntry",
     "RunSpec",
+    "ScoreFile",
     "SiteBlock",
     "Task",
 }
