@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from types import UnionType
 from typing import (
@@ -100,12 +101,21 @@ def failures(error: ValidationError, value: Any, model: type[BaseModel]) -> list
     if schema is not None and schema[0]["type"] != "missing":
         # Of another schema, or another version of it, no other field means anything.
         by_field = {"schema": schema}
-    fields = list(by_field)
+    fields = sorted(by_field)
     return [
         _failure(path, of_one, model)
         for path, of_one in by_field.items()
-        if not any(path and other.startswith((f"{path}.", f"{path}[")) for other in fields)
+        if not (path and _has_inner(path, fields))
     ]
+
+
+def _has_inner(path: str, fields: Sequence[str]) -> bool:
+    """Tell whether one of the sorted fields lies inside the field at a path."""
+    for opening in (f"{path}.", f"{path}["):
+        at = bisect_left(fields, opening)
+        if at < len(fields) and fields[at].startswith(opening):
+            return True
+    return False
 
 
 def _failure(path: str, of_one: list[ErrorDetails], model: type[BaseModel]) -> InputError:
