@@ -379,3 +379,18 @@ def test_everything_is_apache_licensed() -> None:
     assert "Apache License" in (ROOT / "LICENSE").read_text()
     for package in PYTHON_PACKAGES:
         assert 'license="Apache-2.0"' in (ROOT / package / "setup.py").read_text()
+
+
+def test_each_error_of_input_names_a_remedy() -> None:
+    """One that passes the whole message of another error on has it in there."""
+    without = []
+    for file in (file for package in PACKAGES for file in sources(package)):
+        for node in nodes(file):
+            if not isinstance(node, ast.Call) or ast.unparse(node.func) != "InputError":
+                continue
+            passes_on = not node.keywords and not isinstance(
+                node.args[0], ast.Constant | ast.JoinedStr
+            )
+            if not passes_on and "remedy" not in [keyword.arg for keyword in node.keywords]:
+                without.append(f"{file.relative_to(ROOT)}:{node.lineno}")
+    assert not without, "\n".join(without)

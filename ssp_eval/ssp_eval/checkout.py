@@ -151,7 +151,7 @@ def changed_files(root: Path, since: str | None) -> list[str]:
             that, the one before it.
     """
     if since is not None and since.startswith("-"):
-        raise InputError(f"--since {since} is no commit; give a branch, a tag or a hash")
+        raise InputError(f"--since {since} is no commit", remedy="give a branch, a tag or a hash")
     for commit in [since] if since else ["HEAD", "HEAD~1"]:
         found = _git(root, "diff", "--name-only", "-z", commit, "--")
         found += _git(root, "ls-files", "--others", "--exclude-standard", "-z")

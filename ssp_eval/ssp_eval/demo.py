@@ -139,7 +139,11 @@ def own_folder(out: Path, plan: str) -> Iterator[Progress]:
         finally:
             os.close(handle)
         return
-    raise InputError(f"and {_MOST - 1} folders beside it are in use", file=out)
+    raise InputError(
+        f"and {_MOST - 1} folders beside it are in use",
+        file=out,
+        remedy="name another folder, or wait until they have ended",
+    )
 
 
 def _lock_file(folder: Path) -> Path:

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ssp_core.errors import InputError
+from ssp_core.errors import InputError, not_read
 
 
 def number(value: float) -> str:
@@ -61,7 +61,7 @@ def data_uri(path: Path) -> str:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=path) from error
+        raise not_read(path, error) from error
     return jpeg_uri(data, path)
 
 
@@ -74,7 +74,7 @@ def jpeg_uri(data: bytes, place: str | Path, max_width_px: int = MAX_WIDTH_PX) -
     pixels = np.frombuffer(data, np.uint8)
     image = cv2.imdecode(pixels, cv2.IMREAD_COLOR) if pixels.size else None
     if image is None:
-        raise InputError("is no picture", file=place)
+        raise InputError("is no picture", file=place, remedy="put the picture back")
     height, width = image.shape[:2]
     if width > max_width_px:
         size = (max_width_px, max(1, round(height * max_width_px / width)))

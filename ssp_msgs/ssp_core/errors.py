@@ -27,6 +27,13 @@ SYSTEM_REMEDIES = {
     errno.EACCES: "get permission, or name another place",
     errno.EPERM: "get permission, or name another place",
 }
+_READ_REMEDIES = {
+    errno.ENOENT: "name a file that is there",
+    errno.ENOTDIR: "name a file that is there",
+    errno.EISDIR: "name a file",
+    errno.EACCES: "get permission, or name another file",
+    errno.ENAMETOOLONG: "name a file that is there",
+}
 
 
 class SspError(Exception):
@@ -149,3 +156,12 @@ class InputError(SspError):
         if self.remedy:
             text += f"; {self.remedy}"
         return text
+
+
+def not_read(path: str | Path | None, error: OSError) -> InputError:
+    """Make the error of a file that the system refuses to read, with the remedy."""
+    return InputError(
+        f"can't be read: {error.strerror or error}",
+        file=path,
+        remedy=_READ_REMEDIES.get(error.errno or 0, "give a copy that can be read"),
+    )

@@ -21,7 +21,7 @@ from typing import Any, Self, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from ssp_core.errors import SYSTEM_REMEDIES, HostError, InputError, not_written
+from ssp_core.errors import SYSTEM_REMEDIES, HostError, InputError, not_read, not_written
 from ssp_core.model_errors import failures
 from ssp_core.yaml_core import CoreLoader
 
@@ -81,7 +81,12 @@ def parse_json_line(line: str | bytes, file: str | Path, number: int) -> Any:
             remedy="keep one of the two",
         ) from error
     except (ValueError, RecursionError) as error:
-        raise InputError(f"is not valid JSON: {error}", file=file, line=number) from error
+        raise InputError(
+            f"is not valid JSON: {error}",
+            file=file,
+            line=number,
+            remedy="write one JSON value a line",
+        ) from error
 
 
 def _no_number(word: str) -> Any:
@@ -108,15 +113,6 @@ _BLOCK_BYTES = 1 << 16
 _SURROGATE = re.compile(r"\\[uU]0*[dD][89a-fA-F]")
 
 Model = TypeVar("Model", bound=BaseModel)
-
-
-_READ_REMEDIES = {
-    errno.ENOENT: "name a file that is there",
-    errno.ENOTDIR: "name a file that is there",
-    errno.EISDIR: "name a file",
-    errno.EACCES: "get permission, or name another file",
-    errno.ENAMETOOLONG: "name a file that is there",
-}
 
 
 def refuse_named_pipe(path: str | Path) -> None:
@@ -150,20 +146,25 @@ def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
             blocks = iter(partial(stream.read, _BLOCK_BYTES), b"")
             data = b"".join(islice(blocks, most_bytes // _BLOCK_BYTES + 1))
     except OSError as error:
-        remedy = _READ_REMEDIES.get(error.errno or 0)
-        raise InputError(f"can't be read: {error.strerror}", file=path, remedy=remedy) from error
+        raise not_read(path, error) from error
     except ValueError as error:  # a name with a NUL byte
-        raise InputError(f"can't be read: {error}", file=path) from error
+        raise InputError(
+            f"can't be read: {error}", file=path, remedy="name a file that is there"
+        ) from error
     return _text(data, path, most_bytes)
 
 
 def _text(data: bytes, file: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
     if len(data) > most_bytes:
-        raise InputError(f"is larger than {most_bytes >> 20} MiB", file=file)
+        raise InputError(
+            f"is larger than {most_bytes >> 20} MiB", file=file, remedy="give a smaller file"
+        )
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"is not UTF-8 (byte {error.start})", file=file) from error
+        raise InputError(
+            f"is not UTF-8 (byte {error.start})", file=file, remedy="save it as UTF-8"
+        ) from error
 
 
 # PyYAML's constructors raise whatever they stumble over in a scalar with a tag of its own.
@@ -225,9 +226,16 @@ def read_json_mapping(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> dic
     try:
         value = parse_strict(read_text(path, most_bytes))
     except ValueError as error:
-        raise InputError(f"is not valid JSON: {error}", file=path) from error
+        raise InputError(
+            f"is not valid JSON: {error}", file=path, remedy="mend it there, or put the file back"
+        ) from error
     if not isinstance(value, dict):
-        raise InputError("must hold a mapping at its top", file=path, value=value)
+        raise InputError(
+            "must hold a mapping at its top",
+            file=path,
+            value=value,
+            remedy="write names and values: `name: value`",
+        )
     return value
 
 
@@ -247,7 +255,12 @@ def parse_mapping(data: bytes, file: str | Path) -> dict[str, Any]:
 def _mapping(text: str, file: str | Path) -> dict[str, Any]:
     value = parse_value(text, file)
     if not isinstance(value, dict):
-        raise InputError("must hold a mapping at its top", file=file, value=value)
+        raise InputError(
+            "must hold a mapping at its top",
+            file=file,
+            value=value,
+            remedy="write names and values: `name: value`",
+        )
     return value
 
 
@@ -273,6 +286,7 @@ def parse_value(text: str, file: str | Path) -> Any:
             f"is not valid YAML or JSON: {problem}",
             file=file,
             line=mark.line + 1 if mark is not None else None,
+            remedy="mend it there",
         ) from error
     return value
 
@@ -376,7 +390,11 @@ def _created_alone(file: Path) -> int:
                 remedy=f"wait until that has ended, or name another folder ({file.name} says so)",
             ) from None
         except OSError as error:
-            raise InputError(f"can't be written to: {error.strerror}", file=file.parent) from error
+            raise InputError(
+                f"can't be written to: {error.strerror}",
+                file=file.parent,
+                remedy="get permission, or name another folder",
+            ) from error
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:  # somebody takes it for one that was left behind

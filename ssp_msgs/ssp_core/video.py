@@ -151,7 +151,11 @@ class Video(Closing):
             if place % keep == 0 if isinstance(keep, int) else place in keep:
                 decoded, image = self._capture.retrieve()
                 if not decoded:
-                    raise InputError(f"frame {number} can't be decoded", file=self.path)
+                    raise InputError(
+                        f"frame {number} can't be decoded",
+                        file=self.path,
+                        remedy="give a whole copy of the video",
+                    )
                 if self.info.stored_px is not None:
                     size_px = self.info.width_px, self.info.height_px
                     image = cv2.resize(image, size_px, interpolation=cv2.INTER_CUBIC)
@@ -283,7 +287,11 @@ def sound_video(path: Path, end_s: float | None = None) -> Soundness:
         ) from error
     slack_s = (_SLACK_FRAMES + damaged) / rate
     if not times_s:
-        raise InputError("has no frame that can be decoded", file=path)
+        raise InputError(
+            "has no frame that can be decoded",
+            file=path,
+            remedy="give a video that ffmpeg can decode",
+        )
     if is_whole and 2 * (len(times_s) + damaged) < told_frames:
         raise _no_axis(path, f"of {told_frames} frames it shows {len(times_s)}")
     if why := _against_times(times_s, rate, slack_s):

@@ -24,7 +24,7 @@ def _run_file(scenario: str, site: str, seed: str, mode: str, out: str) -> Path:
     if folder.exists() and any(folder.iterdir()):
         raise InputError("is not empty", file=folder, remedy="name a new folder with out:=")
     if not seed.isdecimal():
-        raise InputError("must be a whole number", field="seed", value=seed)
+        raise InputError("must be a whole number", field="seed", value=seed, remedy="write seed:=1")
     clock: Mode = "realtime" if mode == "realtime" else "lockstep"
     spec = prepare_run(scenario, site, folder, seed=int(seed), mode=clock)
     write_text(folder / "run.yaml", spec.model_dump_json(by_alias=True, indent=1) + "\n")

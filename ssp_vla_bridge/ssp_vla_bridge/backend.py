@@ -176,7 +176,12 @@ def interface_of(name: str, options: Mapping[str, Any]) -> str:
     """
     chosen = options.get("interface", _INTERFACES.get(name, "waypoints"))
     if not isinstance(chosen, str):
-        raise InputError("must be a name", field="backend_options.interface", value=chosen)
+        raise InputError(
+            "must be a name",
+            field="backend_options.interface",
+            value=chosen,
+            remedy="write the name of an interface in quotes",
+        )
     return find_interface(chosen).name
 
 
@@ -209,7 +214,10 @@ def check_options(backend: str, options: Mapping[str, Any], known: Mapping[str, 
         fits = isinstance(value, (int, float) if wanted is float else wanted)
         if not fits or (isinstance(value, bool) and wanted is not bool):
             raise InputError(
-                f"must be of type {wanted.__name__}", field=f"backend_options.{key}", value=value
+                f"must be of type {wanted.__name__}",
+                field=f"backend_options.{key}",
+                value=value,
+                remedy="write one of that type",
             )
 
 
@@ -234,7 +242,10 @@ def number_option(
     number: float = default if value is None else value
     if not (math.isfinite(number) and least <= number <= most):
         raise InputError(
-            f"must lie in [{least:g}, {most:g}]", field=f"backend_options.{key}", value=number
+            f"must lie in [{least:g}, {most:g}]",
+            field=f"backend_options.{key}",
+            value=number,
+            remedy="give a number of that range",
         )
     return number
 

@@ -103,11 +103,14 @@ def parse_json(body: bytes) -> Any:
         value = json.loads(text, object_pairs_hook=_once)
         check_characters(value, text)
     except RecursionError as error:
-        raise InputError("is nested too deeply") from error
+        raise InputError("is nested too deeply", remedy="nest it less") from error
     except ValueError as error:
         if isinstance(error, json.JSONDecodeError) and error.msg == "Extra data":
-            raise InputError(f"goes on after its JSON value, at character {error.pos}") from error
-        raise InputError(f"is no JSON: {error}") from error
+            raise InputError(
+                f"goes on after its JSON value, at character {error.pos}",
+                remedy="send one JSON value",
+            ) from error
+        raise InputError(f"is no JSON: {error}", remedy="send one JSON value, in UTF-8") from error
     return value
 
 

@@ -76,6 +76,7 @@ def read_json(form: TypeAdapter[Read], value: Any, **place: Any) -> Read:
             failure["msg"].removeprefix("Value error, "),
             field=field_path(failure["loc"], value, missing=missing),
             value=failure["input"] if isinstance(failure["input"], (str, int, float)) else None,
+            remedy="add it" if missing else "docs/bridges.md has the form of messages",
             **place,
         ) from None
 

@@ -207,7 +207,11 @@ def _measured(
             return crop, whole
         return crop, measure(scene(part, crop.start_s, crop.end_s))
     except ValueError as error:
-        raise InputError(f"can't be measured: {error}", file=recording.path) from error
+        raise InputError(
+            f"can't be measured: {error}",
+            file=recording.path,
+            remedy="leave the recording out, or record it again",
+        ) from error
 
 
 def _covered(recording: Recording) -> tuple[float | None, float | None]:

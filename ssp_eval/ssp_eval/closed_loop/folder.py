@@ -126,7 +126,12 @@ def _runs(path: Path) -> list[Run]:
             f"can't be read: {error}", file=path, remedy="name a folder that `ssp loop` wrote"
         ) from error
     if header != RUN_COLUMNS:
-        raise InputError("has other columns than those of a campaign", file=path, line=1)
+        raise InputError(
+            "has other columns than those of a campaign",
+            file=path,
+            line=1,
+            remedy="use the software that wrote it, or begin the campaign in a new folder",
+        )
     return [_run(path, k, row) for k, row in enumerate(rows, 1)]
 
 

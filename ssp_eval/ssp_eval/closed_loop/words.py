@@ -71,7 +71,12 @@ def _said(path: Path, number: int, line: str) -> DrivenAnswer:
         speed_mps, slows_mps = float(one["speed_mps"]), float(one["slows_mps"])
         return DrivenAnswer(int(one["row"]), str(one["text"]), speed_mps, slows_mps)
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"is no answer of a campaign: {error}", file=path, line=number) from error
+        raise InputError(
+            f"is no answer of a campaign: {error}",
+            file=path,
+            line=number,
+            remedy="put the file back, or begin the campaign in a new folder",
+        ) from error
 
 
 def lon_action_by(extractor: Extractor) -> Callable[[str], str | None]:

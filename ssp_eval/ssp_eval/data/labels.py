@@ -276,9 +276,19 @@ def parse_labels(value: object, file: str | Path) -> Labels:
             or that no plan has; or it is a template that isn't filled in.
     """
     if not isinstance(value, dict):
-        raise InputError("must hold a mapping at its top", file=file)
+        raise InputError(
+            "must hold a mapping at its top",
+            file=file,
+            remedy="write the fields of a labels file; `ssp labels new` makes one",
+        )
     if value.get("schema") != SCHEMA:
-        raise InputError(f"must be {SCHEMA}", file=file, field="schema", value=value.get("schema"))
+        raise InputError(
+            f"must be {SCHEMA}",
+            file=file,
+            field="schema",
+            value=value.get("schema"),
+            remedy=f"write {SCHEMA}; `ssp labels new` makes such a file",
+        )
     if waiting := unfilled(value):
         remedy = f"{len(waiting)} fields are empty; `ssp labels sheet` shows the frames"
         raise InputError(FILL_IN, file=file, field=waiting[0], remedy=remedy)

@@ -46,7 +46,9 @@ def read_server(bag: BagReader, topic: str, record: type[ServerRecord]) -> Serve
     try:
         text, _ = read_text(data, START)
     except (ValueError, struct.error) as error:
-        raise InputError(f"is no text: {error}", file=place) from error
+        raise InputError(
+            f"is no text: {error}", file=place, remedy="record the session again"
+        ) from error
     return parse_model(record, parse_mapping(text.encode(), place), place)
 
 

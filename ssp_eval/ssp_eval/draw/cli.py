@@ -85,7 +85,11 @@ def draw(
                 return 0
             count = _draw(recorded, pictures, address, sha256)
             if pictures.server is None:
-                raise InputError("has no frame at which a state of the VUT is known", file=source)
+                raise InputError(
+                    "has no frame at which a state of the VUT is known",
+                    file=source,
+                    remedy="give a recording with states of the VUT at its frames",
+                )
             drawn = Redrawing(
                 of=recorded.name,
                 of_sha256=recorded.facts.bag_sha256,

@@ -92,7 +92,12 @@ def read_recorded(bag: BagReader, facts: Provenance) -> Recorded:
             )
     frames_ns = sorted({peek_stamp_ns(message.data) for message in bag.messages([IMAGE])})
     if not frames_ns:
-        raise InputError("has no frames, whose stamps are drawn", file=bag.path, field=IMAGE)
+        raise InputError(
+            "has no frames, whose stamps are drawn",
+            file=bag.path,
+            field=IMAGE,
+            remedy="give a recording with camera frames",
+        )
     camera = _imported_camera(bag, frames_ns) if facts.run is None else facts.run.camera
     if camera is None or people is None or road is None:
         raise InputError(
@@ -140,14 +145,22 @@ def _of_world(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
     """Scenes of a simulated world, step by step, as its camera saw them."""
     run = recorded.facts.run
     if run is None:
-        raise InputError("has a simulated world and no run", file=recorded.bag.path, field=TICK)
+        raise InputError(
+            "has a simulated world and no run",
+            file=recorded.bag.path,
+            field=TICK,
+            remedy="give a recording of `ssp run`, which attaches its run",
+        )
     camera, wanted = Redrawing(run), set(recorded.frames_ns)
     for message in recorded.bag.messages([TICK]):
         try:
             tick = decode_tick(message.data)
         except ValueError as error:
             raise InputError(
-                f"holds a message that is none: {error}", file=recorded.bag.path, field=TICK
+                f"holds a message that is none: {error}",
+                file=recorded.bag.path,
+                field=TICK,
+                remedy="record the session again",
             ) from error
         scene = camera.see(tick.step, tick.stamp_ns, tick.objects)
         if scene is not None and tick.stamp_ns in wanted:

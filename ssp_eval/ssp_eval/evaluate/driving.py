@@ -73,6 +73,7 @@ def driver_options(
             "answers from labels, and a driver gets none",
             field=f"driver {name}",
             value=spec.backend_name,
+            remedy="give the backend of a model",
         )
     if spec.backend_name not in BACKENDS and ":" not in spec.backend_name:
         raise InputError(

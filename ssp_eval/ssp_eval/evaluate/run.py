@@ -243,7 +243,11 @@ def run_parallel(
         for labelled, (bag, labels) in zip(clips, bags, strict=True):
             path = labels or find_labels(bag)
             if path is None:
-                raise InputError("has lost its labels file", file=bag)
+                raise InputError(
+                    "has lost its labels file",
+                    file=bag,
+                    remedy="put it back, or propose labels with --propose-labels",
+                )
             hashes = labelled.clip.provenance.bag_sha256, labels_version(labelled.labels)
             places, admission = (bag.absolute(), path.absolute()), labelled.admission
             for series in series_of(models_of(labelled, models)):

@@ -14,7 +14,7 @@ from pydantic import StrictInt
 
 from ssp_core import console
 from ssp_core.answer_text import AnswerText, split_answer
-from ssp_core.errors import InputError
+from ssp_core.errors import InputError, not_read
 from ssp_core.files import MAX_TEXT_BYTES, refuse_named_pipe
 from ssp_core.hashing import sha256_file
 from ssp_core.options import WholeNumber
@@ -186,7 +186,11 @@ def _prepare(file: str, out: Path, extractor: Extractor, count: int, seed: int) 
     ]
     chosen = choose([one for one in candidates if one.text.strip()], count, seed)
     if not chosen:
-        raise InputError("holds no text to review", file=file)
+        raise InputError(
+            "holds no text to review",
+            file=file,
+            remedy="give a file with texts, one JSON object a line",
+        )
     subset = make_subset(chosen, sha256_file(file), extractor.sha256, seed)
     write_review(subset, out)
     if len(chosen) < count:
@@ -222,7 +226,7 @@ def _read(file: str) -> Iterator[tuple[str | int, str]]:
                 number += 1
                 if len(line) == MAX_TEXT_BYTES:
                     problem = f"has a line of more than {MAX_TEXT_BYTES >> 20} MiB"
-                    raise InputError(problem, file=file)
+                    raise InputError(problem, file=file, remedy="split the line")
                 if not line.removeprefix("\ufeff").strip():
                     continue
                 content = line.removeprefix("\ufeff") if number == 1 else line
@@ -239,6 +243,8 @@ def _read(file: str) -> Iterator[tuple[str | int, str]]:
                     )
                 yield found.id, found.text
     except UnicodeDecodeError as error:
-        raise InputError("is not UTF-8", file=file, line=number + 1) from error
+        raise InputError(
+            "is not UTF-8", file=file, line=number + 1, remedy="save it as UTF-8"
+        ) from error
     except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=file) from error
+        raise not_read(file, error) from error

@@ -87,10 +87,19 @@ def parse_corpus(text: str, file: str | Path) -> tuple[Example, ...]:
         line = parse_line(_Line, content, file, number)
         if (first := lines.setdefault(line.id, number)) != number:
             problem = f"stands in line {first} too"
-            raise InputError(problem, file=file, line=number, field="id", value=line.id)
+            raise InputError(
+                problem,
+                file=file,
+                line=number,
+                field="id",
+                value=line.id,
+                remedy="give each text its own id",
+            )
         examples.append(Example(line.id, line.style, line.text, slots_of(line.slots)))
     if not examples:
-        raise InputError("holds no text", file=file)
+        raise InputError(
+            "holds no text", file=file, remedy="give a file with texts, one JSON object a line"
+        )
     return tuple(examples)
 
 

@@ -124,10 +124,16 @@ class CellMoments:
         try:
             data = np.frombuffer(file.read_bytes(), np.uint8)
         except OSError as error:
-            raise InputError(f"can't be read: {error.strerror}", file=file) from error
+            raise InputError(
+                f"can't be read: {error.strerror}",
+                file=file,
+                remedy="put the frame back, or evaluate the cell again",
+            ) from error
         image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
         if image is None:
-            raise InputError("is no picture", file=file)
+            raise InputError(
+                "is no picture", file=file, remedy="put the frame back, or evaluate the cell again"
+            )
         geometry = self.cell.facts.clip.geometry
         if geometry is not None and image.shape[:2] != (geometry.height_px, geometry.width_px):
             image = cv2.resize(image, (geometry.width_px, geometry.height_px))

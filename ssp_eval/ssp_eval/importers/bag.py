@@ -345,7 +345,9 @@ def _clip(options: BagOptions, stamps_ns: _NS, vut: Poses, span: Span) -> _Clip:
     try:
         thinned = thin(times, options.clip.rate_hz)
     except ValueError as error:
-        raise InputError(str(error), file=options.bag, field="--rate") from error
+        raise InputError(
+            str(error), file=options.bag, field="--rate", remedy="give a lower rate"
+        ) from error
     notes += [f"camera: {one}" for one in thinned.notes]
     gaps = np.diff(times) / NS_PER_S
     if gaps.max() > STATE_AGE_S:

@@ -66,7 +66,9 @@ class Finding:
     @property
     def record(self) -> AcceptedFinding:
         """Return the entry of import.json for an accepted finding."""
-        plain = InputError(self.problem, line=self.line, field=self.field, value=self.value)
+        plain = InputError(
+            self.problem, line=self.line, field=self.field, value=self.value, remedy=None
+        )
         return AcceptedFinding(name=self.name, text=str(plain)[:500])
 
 

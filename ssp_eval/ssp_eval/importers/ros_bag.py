@@ -246,6 +246,7 @@ class SourceBag(Closing):
                 f"holds a message at {received_ns} ns that is no {kind}: {error}",
                 file=self.path,
                 field=topic,
+                remedy="leave the topic out, or record the bag again",
             ) from error
 
     def valid_at(self, topic: str, at_ns: int) -> Any:
@@ -269,6 +270,7 @@ class SourceBag(Closing):
                 f"holds a message at {received_ns} ns without a valid stamp",
                 file=self.path,
                 field=topic,
+                remedy="leave the topic out, or record it with stamps",
             )
         return found
 

@@ -164,7 +164,9 @@ def _keep_every(video: Video, options: VideoOptions) -> int:
     try:
         return keep_every(video.info.fps, clip.rate_hz)
     except ValueError as error:
-        raise InputError(str(error), file=options.video, field="--rate") from error
+        raise InputError(
+            str(error), file=options.video, field="--rate", remedy="give a lower rate"
+        ) from error
 
 
 def _outside(options: VideoOptions, length_s: float) -> InputError:
@@ -447,7 +449,13 @@ def _names(given: TableOptions, table: Table, findings: Findings) -> dict[str, s
         )
     twice = [name for name in set(wanted.values()) if list(wanted.values()).count(name) > 1]
     if twice:
-        raise InputError("is named twice", file=given.file, field="--object", value=twice[0])
+        raise InputError(
+            "is named twice",
+            file=given.file,
+            field="--object",
+            value=twice[0],
+            remedy="give each object one place",
+        )
     return wanted
 
 

@@ -116,7 +116,11 @@ def boxes_of_bag(path: Path) -> Iterator[BoxedFrame]:
     with Clip(path) as clip:
         optics, start_ns = clip.optics, clip.start_ns
     if optics is None:
-        raise InputError("doesn't say where its camera sits", file=path)
+        raise InputError(
+            "doesn't say where its camera sits",
+            file=path,
+            remedy="give a recording with its camera's place, or import it with one",
+        )
     with BagReader(path) as bag:
         run = read_provenance(bag).run
         if run is None or absolute(WORLD_TICK) not in bag.topics:

@@ -122,7 +122,12 @@ def sheet(source: Path, file: Path, out: Path, start: float, force: bool) -> Non
         found = pictures(source, [row.t_s for row in rows.labels], start)
     missing = [f"{row.t_s:g}" for row, one in zip(rows.labels, found, strict=True) if one is None]
     if len(missing) == len(found):
-        raise InputError("no label's time lies inside the clip", file=file, field="labels")
+        raise InputError(
+            "no label's time lies inside the clip",
+            file=file,
+            field="labels",
+            remedy="give the clip that the labels are of, or another --start",
+        )
     make_folder(out.parent)
     write_text(out, html_sheet(rows, found, str(source)))
     if missing:

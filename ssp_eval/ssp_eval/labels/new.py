@@ -232,7 +232,12 @@ def _read(paths: Sequence[Path], given: _Given) -> list[_Recording]:
     bare = [one for one in sources if not one.states.series]
     if given.truth is not None and len(bare) != 1:
         what = "all recordings hold states" if not bare else "several recordings hold no states"
-        raise InputError(f"can't be used: {what}", file=given.truth, field="--truth")
+        raise InputError(
+            f"can't be used: {what}",
+            file=given.truth,
+            field="--truth",
+            remedy="leave --truth out, or give one recording without states beside it",
+        )
     found = [_of_source(one, event, given) for one in sources]
     _check_same_event(found)
     return found
@@ -240,7 +245,11 @@ def _read(paths: Sequence[Path], given: _Given) -> list[_Recording]:
 
 def _of_truth_file(given: _Given) -> _Recording:
     if given.truth is None:
-        raise InputError("there is neither a recording nor a truth file", field="--truth")
+        raise InputError(
+            "there is neither a recording nor a truth file",
+            field="--truth",
+            remedy="give a recording or --truth",
+        )
     version = given.event_version or (None if given.event is None else given.event.version)
     truth = truth_from_file(given.truth, given.domain, version, given.event)
     return _Recording(

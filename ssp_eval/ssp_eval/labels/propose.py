@@ -239,7 +239,12 @@ def locate(truth: Truth) -> Located:
     series = truth.states
     vut = states_of(series, truth.vut_id)
     if not vut:
-        raise InputError("has no states of the VUT", file=truth.source, value=truth.vut_id)
+        raise InputError(
+            "has no states of the VUT",
+            file=truth.source,
+            value=truth.vut_id,
+            remedy="give a recording, or a truth file, with states of the VUT",
+        )
     corridor = Corridor.of(vut)
     event = _critical_event(truth, series, corridor)
     crop = crop_of(

@@ -111,7 +111,11 @@ def decided_fields(path: Path) -> frozenset[str]:
     value = read_mapping(sidecar(path)).get(_DECIDED, [])
     if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
         raise InputError(
-            "must be a list of fields", file=sidecar(path), field=_DECIDED, value=value
+            "must be a list of fields",
+            file=sidecar(path),
+            field=_DECIDED,
+            value=value,
+            remedy="write the names of fields in a list",
         )
     return frozenset(value)
 

@@ -65,7 +65,11 @@ def _of_bag(path: Path, times_s: Sequence[float]) -> list[Picture | None]:
             frame = question.request.frames[-1]
             image = cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
             if image is None:
-                raise InputError(f"holds a frame at {question.t_s:.3f} s that is none", file=path)
+                raise InputError(
+                    f"holds a frame at {question.t_s:.3f} s that is none",
+                    file=path,
+                    remedy="give a recording whose frames can be decoded",
+                )
             at_s = ns_to_seconds(frame.stamp_ns - clip.start_ns)
             found.append(Picture(at_s, np.asarray(image, dtype=np.uint8)))
     return found

@@ -200,7 +200,12 @@ def video_times(path: Path, start_s: float) -> list[float]:
     with Video(path) as video:
         times_s = [frame.time_s for frame in video.frames(start_s, None, 1)]
     if not times_s:
-        raise InputError(f"has no frame from {start_s:g} s on", file=path, field="--start")
+        raise InputError(
+            f"has no frame from {start_s:g} s on",
+            file=path,
+            field="--start",
+            remedy="give a --start within the video",
+        )
     return times_s
 
 
@@ -290,11 +295,19 @@ def truth_from_file(
     try:
         value = parse_strict(read_text(path))
     except ValueError as error:
-        raise InputError(f"is no JSON: {error}", file=path) from error
+        raise InputError(
+            f"is no JSON: {error}", file=path, remedy="write it as JSON (ssp.truth/1)"
+        ) from error
     found = parse_model(TruthFile, value, path)
     for before, after in pairwise(found.frames):
         if after.t_s <= before.t_s:
-            raise InputError("must rise strictly", file=path, field="frames.t_s", value=after.t_s)
+            raise InputError(
+                "must rise strictly",
+                file=path,
+                field="frames.t_s",
+                value=after.t_s,
+                remedy="sort the frames by time, each once",
+            )
     series = [(f.t_s, [one.state(f.t_s) for one in f.objects]) for f in found.frames]
     first = series[0][1]
     targets = tuple(state.object_id for state in first if state.role is Role.OT)

@@ -195,11 +195,21 @@ def sealed_observation(
     value: dict[str, Any] = dict(read_mapping(file))
     if value.get("seal") is not None:
         read_observation(file)
-        raise InputError("is sealed already", file=file, field="seal", value=value["seal"])
+        raise InputError(
+            "is sealed already",
+            file=file,
+            field="seal",
+            value=value["seal"],
+            remedy="make a new one with `ssp audit observe`",
+        )
     given = value.get("who")
     if who is not None and given is not None and given != who:
         raise InputError(
-            f"names another person than --who {who}", file=file, field="who", value=given
+            f"names another person than --who {who}",
+            file=file,
+            field="who",
+            value=given,
+            remedy="leave --who out, or let that person seal it",
         )
     value["who"] = given if who is None else who
     if value["who"] is None:

@@ -227,7 +227,7 @@ def log_change_command(
     """
     for name, text in (("--who", who), ("--reason", reason)):
         if not text.strip():
-            raise InputError("is empty", field=name)
+            raise InputError("is empty", field=name, remedy="write who, or why, in words")
     time = check_not_ahead(when or utc_now(), utc_now())
     logged = log_change(folder, Change(field, old, new, who, reason, time), apply)
     if as_json:

@@ -84,11 +84,17 @@ class Contents:
             InputError: they can't be read, or are more than anything of this kind holds.
         """
         if entry.bytes > MAX_READ_BYTES:
-            raise InputError(f"is larger than {MAX_READ_BYTES >> 20} MiB", file=entry.path)
+            raise InputError(
+                f"is larger than {MAX_READ_BYTES >> 20} MiB",
+                file=entry.path,
+                remedy="leave the file out of the package",
+            )
         try:
             return self.object(entry).read_bytes()
         except OSError as error:
-            raise InputError(f"can't be read: {error.strerror}", file=entry.path) from error
+            raise InputError(
+                f"can't be read: {error.strerror}", file=entry.path, remedy="get the package anew"
+            ) from error
 
     def text(self, entry: FileEntry) -> str:
         """Its text.
@@ -99,7 +105,11 @@ class Contents:
         try:
             return self.data(entry).decode("utf-8")
         except UnicodeDecodeError as error:
-            raise InputError(f"is not UTF-8 (byte {error.start})", file=entry.path) from error
+            raise InputError(
+                f"is not UTF-8 (byte {error.start})",
+                file=entry.path,
+                remedy="save it as UTF-8, and make the package again",
+            ) from error
 
     def mapping(self, entry: FileEntry) -> dict[str, Any]:
         """Return the mapping in a YAML or JSON file.
@@ -163,7 +173,9 @@ class Contents:
                     place.symlink_to(self.object(entry).resolve())
         except OSError as error:
             raise InputError(
-                f"can't be laid out beside its files: {error.strerror}", file=recording.path
+                f"can't be laid out beside its files: {error.strerror}",
+                file=recording.path,
+                remedy="make room for temporary files, or set TMPDIR",
             ) from error
         return root / here if whole else root / recording.path
 
@@ -364,6 +376,7 @@ def sealed_task(data: bytes, name: str) -> Task:
             file=name,
             field="version",
             value=task.version,
+            remedy="compile it again, or put the file back",
         )
     return task
 

@@ -132,7 +132,11 @@ class Links:
         facts = self._contents.mapping(entry)
         hashes = facts.get("hashes")
         if facts.get("schema") != CELL_SCHEMA or not isinstance(hashes, dict):
-            raise InputError("is no cell of an evaluation", field="schema")
+            raise InputError(
+                "is no cell of an evaluation",
+                field="schema",
+                remedy="give the --out folder of `ssp evaluate`",
+            )
         self.cells[entry.path] = facts
         if sealed(facts)["hashes"][SEAL] != hashes.get(SEAL):
             text = "isn't the hash of what the file says: it was changed since it was written"
@@ -361,7 +365,11 @@ class Chains:
         self._check_asked(raw_file, raw, requests)
         if len(requests) != len(labels.labels):
             text = f"holds {len(requests)} lines for {len(labels.labels)} labels"
-            raise InputError(text, file=requests_file.path)
+            raise InputError(
+                text,
+                file=requests_file.path,
+                remedy="put the files of the cell back, or evaluate it again",
+            )
         matches = self._score(cell, facts, labels, records)
         at_time = {request.get("t_s"): (ref, request) for ref, request in requests}
         sent = self._frames(requests_file, requests, facts)
@@ -398,7 +406,11 @@ class Chains:
     def _file(self, cell: str, name: str) -> FileEntry:
         entry = self._contents.beside(cell, name)
         if entry is None:
-            raise InputError(f"has no {name} beside it", file=cell)
+            raise InputError(
+                f"has no {name} beside it",
+                file=cell,
+                remedy="put the files of the cell back, or evaluate it again",
+            )
         return entry
 
     def _problem(self, entry: FileEntry, field: str, text: str) -> None:
@@ -409,7 +421,12 @@ class Chains:
         for number, line in _numbered(self._contents.text(entry)):
             value = parse_json_line(line, entry.path, number)
             if not isinstance(value, dict):
-                raise InputError("must be a JSON object", file=entry.path, line=number)
+                raise InputError(
+                    "must be a JSON object",
+                    file=entry.path,
+                    line=number,
+                    remedy="put the file back, or evaluate the cell again",
+                )
             found.append((LineRef(line=number, sha256=sha256_bytes(line.encode())), value))
         return found
 
@@ -536,7 +553,11 @@ def _frames_of(request: Mapping[str, Any], entry: FileEntry, ref: LineRef) -> li
         return [SentFrame(stamp_ns=f["stamp_ns"], sha256=f["sha256"]) for f in frames]
     except (TypeError, KeyError, ValueError) as error:
         raise InputError(
-            "must list stamps and hashes", file=entry.path, line=ref.line, field="frames"
+            "must list stamps and hashes",
+            file=entry.path,
+            line=ref.line,
+            field="frames",
+            remedy="put the file back, or evaluate the cell again",
         ) from error
 
 

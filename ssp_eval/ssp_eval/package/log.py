@@ -164,7 +164,12 @@ def log_change(folder: Path, change: Change, apply: bool = False) -> Logged:
     new = parse_value(before, change.field, change.new, place.folder / TASK_FILE)
     _check_old(before, change.field, old, place)
     if same_value(old, new):
-        raise InputError("changes nothing: old and new are equal", field=change.field, value=new)
+        raise InputError(
+            "changes nothing: old and new are equal",
+            field=change.field,
+            value=new,
+            remedy="give another value as new",
+        )
     if place.bag is not None and apply:
         raise InputError(
             "has been run; a change can be entered now, but not made",

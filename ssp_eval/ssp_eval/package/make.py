@@ -15,7 +15,7 @@ from typing import Any
 
 from ssp_core import __version__
 from ssp_core.bag.metadata import ROOT_KEY
-from ssp_core.errors import HostError, InputError
+from ssp_core.errors import HostError, InputError, not_read
 from ssp_core.files import (
     MAX_TEXT_BYTES,
     check_folder,
@@ -197,7 +197,7 @@ def _files(folder: Path, out: Path) -> Iterator[Path]:
     try:
         entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
     except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=folder) from error
+        raise not_read(folder, error) from error
     for entry in entries:
         path = Path(entry.path)
         if entry.name.startswith(".") or path.resolve() == out or entry.name == "__pycache__":
@@ -231,7 +231,9 @@ def _utf8(path: str, file: Path) -> str:
         path.encode("utf-8")
     except UnicodeEncodeError:
         raise InputError(
-            "has a name that is not UTF-8", file=str(file).encode("utf-8", "replace").decode()
+            "has a name that is not UTF-8",
+            file=str(file).encode("utf-8", "replace").decode(),
+            remedy="rename it",
         ) from None
     return path
 

@@ -204,13 +204,19 @@ def load_table(folder: Path) -> Package:
         with path.open("rb") as stream:
             data = stream.read(MAX_TABLE_BYTES + 1)
     except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=path) from error
+        raise InputError(
+            f"can't be read: {error.strerror}", file=path, remedy="get the package anew"
+        ) from error
     if len(data) > MAX_TABLE_BYTES:
-        raise InputError(f"is larger than {MAX_TABLE_BYTES >> 20} MiB", file=path)
+        raise InputError(
+            f"is larger than {MAX_TABLE_BYTES >> 20} MiB", file=path, remedy="get the package anew"
+        )
     try:
         value = json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"was changed: it is no JSON: {error}", file=path) from error
+        raise InputError(
+            f"was changed: it is no JSON: {error}", file=path, remedy="get the package anew"
+        ) from error
     package = parse_model(Package, value, path)
     found = content_id(package)
     if found != package.id or table_bytes(package) != data:
@@ -235,7 +241,13 @@ def _check_paths(package: Package, file: Path) -> None:
     }
     for path, field in named.items():
         if path not in known:
-            raise InputError("names a file that is not listed", file=file, field=field, value=path)
+            raise InputError(
+                "names a file that is not listed",
+                file=file,
+                field=field,
+                value=path,
+                remedy="get the package anew",
+            )
 
 
 def object_path(folder: Path, sha256: str) -> Path:

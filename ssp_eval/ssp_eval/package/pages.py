@@ -144,7 +144,11 @@ def _lay_out(
             place.parent.mkdir(parents=True, exist_ok=True)
             place.symlink_to(contents.object(entry).resolve())
         except OSError as error:
-            raise InputError(f"can't be laid out: {error.strerror}", file=path) from error
+            raise InputError(
+                f"can't be laid out: {error.strerror}",
+                file=path,
+                remedy="make room for temporary files, or set TMPDIR",
+            ) from error
 
 
 def difference(told: str, drawn: str) -> str:

@@ -158,7 +158,9 @@ class Walker:
         lines = self._contents.text(entry).split("\n")
         line = lines[ref.line - 1] if ref.line <= len(lines) else ""
         if sha256_bytes(line.encode()) != ref.sha256:
-            raise InputError("is not the line that the package names", file=place)
+            raise InputError(
+                "is not the line that the package names", file=place, remedy="get the package anew"
+            )
         return place, ref.sha256, json.loads(line)
 
     def _linked(self, source: str, kind: str) -> FileEntry | None:
@@ -170,7 +172,11 @@ class Walker:
     def _target(self, source: str, kind: str) -> FileEntry:
         entry = self._linked(source, kind)
         if entry is None:
-            raise InputError(f"has no link to its {kind}", file=source)
+            raise InputError(
+                f"has no link to its {kind}",
+                file=source,
+                remedy="make the package again, with that file",
+            )
         return entry
 
     def _sound(self, entry: FileEntry) -> FileEntry:
@@ -180,7 +186,9 @@ class Walker:
         try:
             found = sha256_file(path)
         except OSError as error:
-            raise InputError(f"can't be read: {error.strerror}", file=entry.path) from error
+            raise InputError(
+                f"can't be read: {error.strerror}", file=entry.path, remedy="get the package anew"
+            ) from error
         if found != entry.sha256:
             raise InputError(
                 "was changed after the package was made",

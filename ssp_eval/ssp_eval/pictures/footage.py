@@ -194,5 +194,6 @@ def _read(
                         f"holds a frame at {frame.log_time_ns} ns that is no picture",
                         file=path,
                         field=_IMAGE,
+                        remedy="give a recording whose frames can be decoded",
                     )
                 yield index, np.asarray(grey, np.uint8)

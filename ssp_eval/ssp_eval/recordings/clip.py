@@ -21,7 +21,7 @@ from ssp_core.bag.types import BagMessage
 from ssp_core.cdr.images import IMAGE_TYPES
 from ssp_core.cdr.messages import object_state, peek_stamp_ns
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.errors import InputError
+from ssp_core.errors import InputError, not_read
 from ssp_core.files import Closing
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
@@ -139,7 +139,7 @@ def _state(file: Path) -> tuple[int, int]:
     try:
         found = os.stat(file)
     except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=file) from error
+        raise not_read(file, error) from error
     return found.st_size, found.st_mtime_ns
 
 
@@ -262,6 +262,7 @@ class Clip(Closing):
                 file=self.path,
                 field=_IMAGE,
                 value=info.msgtype,
+                remedy="record or import the camera as one of these",
             )
 
     def _index(self) -> tuple[_Entries, _Entries]:
@@ -275,6 +276,7 @@ class Clip(Closing):
                     f"holds a message at {message.log_time_ns} ns that is no message: {error}",
                     file=self.path,
                     field=message.topic,
+                    remedy="record the bag again",
                 ) from error
             entries = frames if message.topic == _IMAGE else states
             entries.append(_Entry(stamp, message.log_time_ns))

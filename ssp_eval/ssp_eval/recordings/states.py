@@ -100,7 +100,12 @@ def frame_times(bag: BagReader, provenance: Provenance) -> tuple[tuple[float, ..
     topic = absolute(CAMERA_IMAGE)
     stamps_ns = sorted(peek_stamp_ns(message.data) for message in bag.messages([topic]))
     if not stamps_ns:
-        raise InputError("has no camera frames to look at", file=bag.path, field=topic)
+        raise InputError(
+            "has no camera frames to look at",
+            file=bag.path,
+            field=topic,
+            remedy="give a recording with camera frames",
+        )
     zero_ns = clip_zero_ns(provenance, stamps_ns)
     if zero_ns is None:
         raise InputError(

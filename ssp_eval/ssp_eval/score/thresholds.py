@@ -160,7 +160,12 @@ def thresholds_of(values: Any, file: str | Path) -> Thresholds:
         InputError: they aren't those that this version knows, or one is no number.
     """
     if not isinstance(values, Mapping) or any(type(v) not in (int, float) for v in values.values()):
-        raise InputError("must be numbers by name", file=file, field="thresholds")
+        raise InputError(
+            "must be numbers by name",
+            file=file,
+            field="thresholds",
+            remedy="put the file back, or evaluate the cell again",
+        )
     if values.keys() != asdict(DEFAULT).keys():
         apart = sorted(values.keys() ^ asdict(DEFAULT).keys())
         raise InputError(

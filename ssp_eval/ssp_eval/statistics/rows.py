@@ -498,7 +498,12 @@ def _lines(path: Path, tell: Callable[[str], None]) -> Iterator[_Read]:
         try:
             fields = next(reader, None)
         except csv.Error as error:
-            raise InputError(f"is no CSV: {error}", file=path, line=number) from error
+            raise InputError(
+                f"is no CSV: {error}",
+                file=path,
+                line=number,
+                remedy="write it as CSV, with a closed quote in each line",
+            ) from error
         if fields is None:
             break
         fields = [field.strip() for field in fields]
@@ -552,7 +557,12 @@ def _check_numbers(given: Mapping[str, Any]) -> None:
     """Raise InputError where digits are grouped by underscores, which the model would read."""
     for key in _NUMBERS.intersection(given):
         if isinstance(given[key], str) and "_" in given[key]:
-            raise InputError("is no number", field=key, value=given[key])
+            raise InputError(
+                "is no number",
+                field=key,
+                value=given[key],
+                remedy="write its digits without underscores",
+            )
 
 
 def _checked_names(
@@ -560,7 +570,13 @@ def _checked_names(
 ) -> list[str]:
     doubled = sorted({name for name in names if names.count(name) > 1})
     if doubled:
-        raise InputError("has a column twice", file=path, line=number, value=doubled[0])
+        raise InputError(
+            "has a column twice",
+            file=path,
+            line=number,
+            value=doubled[0],
+            remedy="keep one of the two",
+        )
     needed = [name for name in COLUMNS if name != "risk" or "rsr" not in names]
     if "rsr" in names and not set(_OF_CELLS) & set(names):
         needed = [name for name in needed if name not in _OF_CELLS]

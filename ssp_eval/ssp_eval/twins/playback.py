@@ -86,6 +86,7 @@ def decoded(bag: BagReader, message: BagMessage, decode: Callable[[bytes], Decod
             f"holds a message at {message.log_time_ns} ns that is none: {error}",
             file=bag.path,
             field=message.topic,
+            remedy="record the session again",
         ) from error
 
 
@@ -159,6 +160,7 @@ class World:
                 file=factual.path,
                 field="--change",
                 value=change.object_id,
+                remedy="change another object",
             )
         elif change.object_id:
             self._own = factual.series(change.object_id)

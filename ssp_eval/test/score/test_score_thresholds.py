@@ -36,7 +36,10 @@ def test_both_ends_of_the_tolerance_are_inside(value, most, least):
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"tolerance": "0.1"}, "must be numbers by name"),
+        (
+            {"tolerance": "0.1"},
+            "must be numbers by name; put the file back, or evaluate the cell again",
+        ),
         (
             {"speed": 1.0, "room": 2.0},
             "names other thresholds than this version has (got 'room, speed'); evaluate it again; "

@@ -137,7 +137,11 @@ def _files(path: Path) -> tuple[tuple[Path, ...], list[str]]:
             f"{name} isn't named by {FILE_NAME} and is left out" for name in unlisted_files(path)
         ]
     if not plain:
-        raise InputError(f"has neither {FILE_NAME} nor an .mcap file", file=path)
+        raise InputError(
+            f"has neither {FILE_NAME} nor an .mcap file",
+            file=path,
+            remedy="name the folder of a bag, or its .mcap file",
+        )
     return mcap_files(path), [
         f"there is no {FILE_NAME}, so the recording was not closed; what follows is what its "
         "files say (`ssp bag recover` makes a closed bag of it)"
@@ -168,7 +172,11 @@ def summarise_bag(path: Path) -> BagSummary:
         _add_topics(part, topics, first=number == 0)
         attachments += part.summary.attachment_indexes
     if all(file.problem for file in files):
-        raise InputError(f"has no file that can be read: {files[0].problem}", file=path)
+        raise InputError(
+            f"has no file that can be read: {files[0].problem}",
+            file=path,
+            remedy="`ssp bag recover` keeps what can be read",
+        )
     for topic in topics.values():
         if len(topic.msgtypes) > 1:
             notes.append(f"{topic.name} has messages of several types: {', '.join(topic.msgtypes)}")
@@ -295,7 +303,9 @@ def told(report: dict[str, Any]) -> list[str]:
         warnings = [str(warning) for warning in report["warnings"]]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"is no report of a recording: {type(error).__name__} {error}", file=REPORT_NAME
+            f"is no report of a recording: {type(error).__name__} {error}",
+            file=REPORT_NAME,
+            remedy="record the session again",
         ) from error
     if not lost and not dropped:
         return [f"complete: {received} messages received, none lost, none dropped", *warnings]

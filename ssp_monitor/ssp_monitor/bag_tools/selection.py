@@ -94,7 +94,9 @@ def chosen_span(
     start_ns = None if start is None else parse_time(start, "--start", first_ns, last_ns)
     end_ns = None if end is None else parse_time(end, "--end", first_ns, last_ns)
     if start_ns is not None and end_ns is not None and end_ns < start_ns:
-        raise InputError("lies before --start", field="--end", value=end)
+        raise InputError(
+            "lies before --start", field="--end", value=end, remedy="give an --end behind --start"
+        )
     length_s = (last_ns - first_ns) / NS_PER_S
     if start_ns is not None and start_ns > last_ns:
         raise InputError(
@@ -106,7 +108,11 @@ def chosen_span(
         )
     if end_ns is not None and end_ns < first_ns:
         raise InputError(
-            "lies before the beginning of the bag", file=bag.path, field="--end", value=end
+            "lies before the beginning of the bag",
+            file=bag.path,
+            field="--end",
+            value=end,
+            remedy="give an --end behind the beginning of the bag",
         )
     return start_ns, None if end_ns is None else end_ns + 1
 
@@ -134,5 +140,10 @@ def chosen_topics(bag: BagReader, only: Sequence[str], exclude: Sequence[str]) -
         and not any(fnmatchcase(name, p) for p in exclude)
     ]
     if bag.topics and not chosen:
-        raise InputError("leave no topic over", file=bag.path, field="--topics and --exclude")
+        raise InputError(
+            "leave no topic over",
+            file=bag.path,
+            field="--topics and --exclude",
+            remedy="exclude less; `ssp bag info` lists the topics",
+        )
     return chosen

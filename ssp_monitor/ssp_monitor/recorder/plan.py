@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.bag.writing.split import Split
-from ssp_core.errors import InputError
+from ssp_core.errors import InputError, not_read
 from ssp_monitor.recorder.disk import DiskNeeds
 from ssp_monitor.recorder.encoding import VideoChoice, video_choice
 from ssp_monitor.recorder.topics import Pattern, Selection, TopicSpec
@@ -59,7 +59,7 @@ def _read(path: Path, most: int) -> bytes:
         with path.open("rb") as stream:
             data = stream.read(most + 1)
     except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=path) from error
+        raise not_read(path, error) from error
     if len(data) > most:
         raise InputError(
             f"is too large: run and task together may have {MOST_BYTES >> 20} MiB in a bag",

@@ -225,7 +225,10 @@ class TopicNames:
         """
         with self._lock:
             if topic in self._originals.values():
-                raise InputError("holds pictures of another topic that could not be encoded")
+                raise InputError(
+                    "holds pictures of another topic that could not be encoded",
+                    remedy="give the topic another name, or leave it out",
+                )
             self._claimed.add(topic)
 
     def claim_originals(self, topic: str) -> str:

@@ -32,7 +32,10 @@ class Pattern:
     def __init__(self, text: str, field: str) -> None:
         if len(text) > MOST_CHARACTERS:
             raise InputError(
-                f"is longer than {MOST_CHARACTERS} characters", field=field, value=text
+                f"is longer than {MOST_CHARACTERS} characters",
+                field=field,
+                value=text,
+                remedy="give a shorter one",
             )
         try:
             self._expression = re.compile(text, re.ASCII)

@@ -278,7 +278,11 @@ def make_plan(recorded: Mapping[str, TopicInfo], wishes: ReplayOptions, missing:
     wanted = _matching(recorded, wishes.topics, "--topics") if wishes.topics else set(recorded)
     wanted -= _matching(recorded, wishes.exclude, "--exclude")
     if not wanted:
-        raise InputError("names no topic that is left", field="--topics and --exclude")
+        raise InputError(
+            "names no topic that is left",
+            field="--topics and --exclude",
+            remedy="exclude less; `ssp bag info` lists the topics",
+        )
     lines, left_out = [], []
     for name in sorted(wanted):
         info, topic = recorded[name], remap.get(name, name)
@@ -349,9 +353,19 @@ def _remapped(recorded: Mapping[str, TopicInfo], remap: Mapping[str, str]) -> di
     for wish, topic in remap.items():
         name = wish if wish in recorded else names.absolute(wish)
         if name not in recorded:
-            raise InputError("is no topic of the bag", field="--remap", value=wish)
+            raise InputError(
+                "is no topic of the bag",
+                field="--remap",
+                value=wish,
+                remedy="`ssp bag info` lists them",
+            )
         if not is_name(names.absolute(topic)):
-            raise InputError("is no topic name", field="--remap", value=topic)
+            raise InputError(
+                "is no topic name",
+                field="--remap",
+                value=topic,
+                remedy="begin with a letter, and use letters, digits, underscores and slashes",
+            )
         found[name] = names.absolute(topic)
     return found
 
@@ -376,6 +390,7 @@ def _check(lines: list[PlannedTopic], left_out: list[OmittedTopic]) -> None:
             raise InputError(
                 f"gives {line.topic} two types, {kinds[line.topic]} and {line.msgtype}",
                 field="--remap",
+                remedy="give one of the two another name",
             )
     if not lines:
         raise InputError(

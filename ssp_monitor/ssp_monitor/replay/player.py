@@ -41,7 +41,9 @@ class MessageSource:
         start_s, end_s = wishes.start_s, wishes.end_s
         first_ns, last_ns = reader.start_ns, reader.end_ns
         if first_ns is None or last_ns is None:
-            raise InputError("holds no message", file=reader.path)
+            raise InputError(
+                "holds no message", file=reader.path, remedy="give a bag with messages"
+            )
         self._reader = reader
         self._lines = lines
         self._static: dict[str, StaticTransforms] = {}

@@ -269,7 +269,12 @@ def read_metadata(folder: Path) -> BagDirectory:
         raise InputError(f"has no {FILE_NAME}, so it is no closed bag", file=folder, remedy=remedy)
     information = read_mapping(path).get(ROOT_KEY)
     if not isinstance(information, dict):
-        raise InputError("is missing or no mapping", file=path, field=ROOT_KEY)
+        raise InputError(
+            "is missing or no mapping",
+            file=path,
+            field=ROOT_KEY,
+            remedy="`ssp bag recover` makes a readable bag of its files",
+        )
     storage = information.get("storage_identifier")
     if storage != "mcap":
         raise InputError(
@@ -290,14 +295,21 @@ def read_metadata(folder: Path) -> BagDirectory:
     names = information.get("relative_file_paths")
     if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
         raise InputError(
-            "must list the bag's files", file=path, field=f"{ROOT_KEY}.relative_file_paths"
+            "must list the bag's files",
+            file=path,
+            field=f"{ROOT_KEY}.relative_file_paths",
+            remedy="`ssp bag recover` makes a readable bag of its files",
         )
     # Only the name counts: old bags wrote paths, and a bag reads no file outside its directory.
     files = tuple(folder / PurePosixPath(name).name for name in names)
     for file, count in Counter(files).items():
         _check_file(file, path)
         if count > 1:
-            raise InputError(f"names {file.name} twice", file=path)
+            raise InputError(
+                f"names {file.name} twice",
+                file=path,
+                remedy="`ssp bag recover` makes a readable bag of its files",
+            )
     return BagDirectory(files, *_counts(information, path))
 
 
@@ -322,9 +334,17 @@ def _check_file(file: Path, path: Path) -> None:
     try:
         there = file.is_file() and file.name not in ("", "..") and file.parent == path.parent
     except (OSError, ValueError) as error:  # too long a name, one with a NUL, a ring of links
-        raise InputError(f"names {file.name!r}, which is no file: {error}", file=path) from error
+        raise InputError(
+            f"names {file.name!r}, which is no file: {error}",
+            file=path,
+            remedy="put the file back; `ssp bag recover` makes a readable bag of the others",
+        ) from error
     if not there:
-        raise InputError(f"names {file.name}, which is not there", file=path)
+        raise InputError(
+            f"names {file.name}, which is not there",
+            file=path,
+            remedy="put the file back; `ssp bag recover` makes a readable bag of the others",
+        )
 
 
 def _counts(information: dict[str, Any], path: Path) -> tuple[int, dict[str, int]]:
@@ -336,5 +356,8 @@ def _counts(information: dict[str, Any], path: Path) -> tuple[int, dict[str, int
         return int(information["message_count"]), topics
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"message counts are missing or malformed: {error}", file=path, field=ROOT_KEY
+            f"message counts are missing or malformed: {error}",
+            file=path,
+            field=ROOT_KEY,
+            remedy="`ssp bag recover` makes a readable bag of its files",
         ) from error

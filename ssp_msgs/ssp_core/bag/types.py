@@ -308,7 +308,11 @@ def _read(msgtype: str) -> tuple[Constdefs, Fielddefs]:
         types = get_types_from_msg(path.read_text("utf-8"), msgtype)
         return types[msgtype]
     except (OSError, ValueError, KeyError, RecursionError, TypesysError) as error:
-        raise InputError(f"is no message definition: {error}", file=path) from error
+        raise InputError(
+            f"is no message definition: {error}",
+            file=path,
+            remedy="mend the file, or install its package again",
+        ) from error
 
 
 PACKAGE = "ssp_msgs"
@@ -504,7 +508,11 @@ def _parsed(written: TypeDefinition) -> Typestore | InputError:
             why = why.replace(repr(whole), "")
         why = " ".join(why.split()) or type(error).__name__
         problem = f"has a definition that can't be used: {why[:_SHOWN]}"
-        return InputError(problem, field=written.msgtype)
+        return InputError(
+            problem,
+            field=written.msgtype,
+            remedy="record the bag again, with the definitions of its types",
+        )
     return store
 
 

@@ -420,7 +420,11 @@ def try_driver(name: str, options: Mapping[str, Any]) -> None:
     if isinstance(driver, SeeingDriver):
         driver.close()
         if driver.problem:
-            raise InputError(f"can't be loaded: {driver.problem}", field=f"driver {name}")
+            raise InputError(
+                f"can't be loaded: {driver.problem}",
+                field=f"driver {name}",
+                remedy="mend the model or its options",
+            )
 
 
 def history_of(states: Sequence[ObjectState]) -> tuple[EgoSample, ...]:

@@ -48,7 +48,9 @@ def given_answers(path: Path) -> tuple[RecordedAnswer, ...]:
     except FileNotFoundError:
         return ()
     except (OSError, ValueError) as error:
-        raise InputError(f"can't be read: {error}", file=path) from error
+        raise InputError(
+            f"can't be read: {error}", file=path, remedy="put the file back, or drive the run again"
+        ) from error
     return tuple(
         _answer(parse_json_line(line, path, k), path, k) for k, line in enumerate(lines, 1)
     )
@@ -64,7 +66,9 @@ def answers_in_event(path: Path) -> tuple[RecordedAnswer, ...]:
         value: Any = json.loads(path.read_text("utf-8"))
         found = value["event"]
     except (OSError, ValueError, RecursionError, KeyError, TypeError) as error:
-        raise InputError(f"can't be read: {error}", file=path) from error
+        raise InputError(
+            f"can't be read: {error}", file=path, remedy="put the file back, or drive the run again"
+        ) from error
     return tuple(_answer(one, path, k) for k, one in enumerate(found, 1))
 
 
@@ -74,4 +78,6 @@ def _answer(value: Mapping[str, Any], path: Path, number: int) -> RecordedAnswer
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join([str(number), *map(str, first["loc"])])
-        raise InputError(first["msg"], file=path, field=field) from None
+        raise InputError(
+            first["msg"], file=path, field=field, remedy="put the file back, or drive the run again"
+        ) from None

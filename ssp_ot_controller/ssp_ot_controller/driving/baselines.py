@@ -234,7 +234,12 @@ def make_driver(name: str, options: Mapping[str, Any]) -> PlanDriver | None:
         raise InputError("is no driver", field="driver", value=name, remedy=f"there is {known}")
     if kind is None:
         if options:
-            raise InputError("takes no options", field=f"driver {name}", value=", ".join(options))
+            raise InputError(
+                "takes no options",
+                field=f"driver {name}",
+                value=", ".join(options),
+                remedy="leave them out",
+            )
         return None
     made: PlanDriver = kind(parse_model(kind.Options, dict(options), f"the options of {name}"))
     return made

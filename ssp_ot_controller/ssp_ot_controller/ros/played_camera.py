@@ -28,7 +28,12 @@ class PlayedCamera(Node):
         run_file = ros.declare(self, PLAYED_CAMERA)["run_file"]
         self._run = run = load_run(run_file)
         if run.camera is None:
-            raise InputError("has no camera to play", file=run_file, field="camera")
+            raise InputError(
+                "has no camera to play",
+                file=run_file,
+                field="camera",
+                remedy="compile the run with a camera",
+            )
         self._camera = run.camera
         ros.declare_kind(self, ParticipantKind.SIMULATED, CAMERA)
         warm_up(run.road, run.look, self._camera, run.seed)

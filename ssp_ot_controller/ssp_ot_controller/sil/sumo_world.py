@@ -78,7 +78,12 @@ class SumoWorld:
         ids = [p.id for p in (run.vut, *run.targets)] + [t.id for t in run.traffic]
         for i in sorted(set(ids)):
             if ids.count(i) > 1:
-                raise InputError("two objects have the same id", field="traffic", value=i)
+                raise InputError(
+                    "two objects have the same id",
+                    field="traffic",
+                    value=i,
+                    remedy="give each object an id of its own",
+                )
 
     def __enter__(self) -> SumoWorld:
         if libsumo.isLoaded():

@@ -449,7 +449,12 @@ def _with_carla(
     before = None if spec.camera is None else spec.camera.renderer
     if _asks_carla("--camera", camera, "raster", before):
         if spec.camera is None:
-            raise InputError("the run has no camera", field="--camera", value=camera)
+            raise InputError(
+                "the run has no camera",
+                field="--camera",
+                value=camera,
+                remedy="leave --camera out, or compile the run with a camera",
+            )
         found[names.FRONT_CAMERA] = _server("--camera", camera, spec, task, folder)
     if spec.camera is not None:
         renderer = "carla" if names.FRONT_CAMERA in found else "raster"

@@ -141,7 +141,9 @@ def parse_value(run: RunSpec, field: str, text: str, file: str | Path | None = N
     try:
         value = parse_yaml(text, file or "run")
     except InputError as error:
-        raise InputError("is no YAML value", field=field, value=text) from error
+        raise InputError(
+            "is no YAML value", field=field, value=text, remedy="write the value as in run.yaml"
+        ) from error
     try:
         return value_at(with_value(run, field, value, file), field, file)
     except InputError:
@@ -162,7 +164,12 @@ def apply_record(run: RunSpec, record: Record, file: str | Path | None = None) -
         InputError: it changes no field of the run, or from another value than the run has.
     """
     if record.field is None:
-        raise InputError("names no field", file=file, value=record.reason)
+        raise InputError(
+            "names no field",
+            file=file,
+            value=record.reason,
+            remedy="name the field that was changed",
+        )
     check_changeable(record.field)
     before = value_at(run, record.field, file)
     if not same_value(before, record.old):
@@ -171,6 +178,7 @@ def apply_record(run: RunSpec, record: Record, file: str | Path | None = None) -
             file=file,
             field=record.field,
             value=record.old,
+            remedy="enter the value that the run had",
         )
     return with_value(run, record.field, record.new, file)
 

@@ -157,7 +157,9 @@ def append_records(path: str | Path, records: Iterable[Record]) -> None:
             stream.flush()
             os.fsync(stream.fileno())
     except OSError as error:
-        raise InputError(f"can't be written: {error.strerror}", file=path) from error
+        raise InputError(
+            f"can't be written: {error.strerror}", file=path, remedy="get permission, or make room"
+        ) from error
 
 
 def read_log(path: str | Path) -> list[Record]:
@@ -185,7 +187,12 @@ def parse_log(text: str, file: str | Path) -> list[Record]:
             value = parse_strict(line)
             check_characters(value, line)
         except (ValueError, RecursionError) as error:
-            raise InputError(f"is no JSON: {error}", file=file, line=number) from error
+            raise InputError(
+                f"is no JSON: {error}",
+                file=file,
+                line=number,
+                remedy="put the log back as it was written",
+            ) from error
         try:
             records.append(parse_model(Record, value, file))
         except InputError as error:

@@ -272,7 +272,12 @@ def _check_traffic(
     for i, vehicle in enumerate(block.traffic):
         here = f"{field}.traffic[{i}]"
         if vehicle.id in seen:
-            yield InputError("stands twice", field=f"{here}.id", value=vehicle.id)
+            yield InputError(
+                "stands twice",
+                field=f"{here}.id",
+                value=vehicle.id,
+                remedy="give each vehicle an id of its own",
+            )
         seen.add(vehicle.id)
         if vehicle.object_class == "pedestrian":
             yield InputError(
@@ -347,7 +352,12 @@ def _check_scenery(block: SiteBlock, line: ReferenceLine, field: str) -> Iterato
 def _check_block(site: Site, index: int) -> Iterator[InputError]:
     block, field = site.blocks[index], f"blocks[{index}]"
     if block.id in (other.id for other in site.blocks[:index]):
-        yield InputError("stands twice", field=f"{field}.id", value=block.id)
+        yield InputError(
+            "stands twice",
+            field=f"{field}.id",
+            value=block.id,
+            remedy="give each block an id of its own",
+        )
     yield from _check_lanes(block, field)
     yield from _check_sides(block, field)
     known = [other.id for other in site.blocks]
@@ -538,7 +548,9 @@ def region_polygon(site: Site, region: Region, field: str = "region") -> list[Po
     except NotOneToOne as error:
         raise InputError(str(error), field=field, remedy="give it as a polygon") from error
     except ValueError as error:
-        raise InputError(str(error), field=field) from error
+        raise InputError(
+            str(error), field=field, remedy="mend the region, or give it as a polygon"
+        ) from error
     return _legal([*right, *left], field)
 
 

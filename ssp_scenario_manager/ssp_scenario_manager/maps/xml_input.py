@@ -14,7 +14,7 @@ import defusedxml.ElementTree as safe_xml
 from defusedxml.common import DefusedXmlException
 
 from ssp_core.decimals import decimal, whole_number
-from ssp_core.errors import InputError
+from ssp_core.errors import InputError, not_read
 
 # The largest real maps have some 100 MB.
 MAX_MAP_BYTES = 256 << 20
@@ -124,9 +124,17 @@ def parts(path: Path, root: str, counted: str = "", loading: Loading = untold) -
                     )
                 top = element
             elif depth > _MAX_DEPTH:
-                raise InputError(f"elements are nested more than {_MAX_DEPTH} deep", file=path)
+                raise InputError(
+                    f"elements are nested more than {_MAX_DEPTH} deep",
+                    file=path,
+                    remedy="export the map again, or a part of it",
+                )
             elif elements > MAX_PART_ELEMENTS:
-                raise InputError(f"one part has more than {MAX_PART_ELEMENTS} elements", file=path)
+                raise InputError(
+                    f"one part has more than {MAX_PART_ELEMENTS} elements",
+                    file=path,
+                    remedy="export a part of the map",
+                )
         else:
             depth -= 1
             if depth == 1 and top is not None:
@@ -184,7 +192,7 @@ def _events(path: Path, events: tuple[str, ...]) -> Iterator[tuple[str, Element]
             found = safe_xml.iterparse(_Chunks(stream), events=(*events, "start-ns"))
             yield from _in_own_namespace(found, path)
     except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=path) from error
+        raise not_read(path, error) from error
     except DefusedXmlException as error:
         raise InputError(
             "declares entities, which a map has no use for and which can expand without end",
@@ -245,7 +253,7 @@ def document(data: bytes) -> Element:
     try:
         root: Element = safe_xml.fromstring(data)
     except (ValueError, LookupError, ParseError) as error:
-        raise InputError(f"is not valid XML: {error}") from error
+        raise InputError(f"is not valid XML: {error}", remedy="export the map again") from error
     own = root.tag.rpartition("}")[0]
     for element in root.iter():
         element.tag = element.tag.removeprefix(own + "}") if own else element.tag

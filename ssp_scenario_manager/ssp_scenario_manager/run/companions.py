@@ -205,12 +205,27 @@ def shadow_model(text: str) -> Companion:
     try:
         options: Any = parse_strict(given) if given.strip() else {}
     except ValueError as error:
-        raise InputError(f"is not valid JSON: {error}", field="--shadow", value=given) from error
+        raise InputError(
+            f"is not valid JSON: {error}",
+            field="--shadow",
+            value=given,
+            remedy="""write --shadow 'NAME={"option": value}'""",
+        ) from error
     if not isinstance(options, dict):
-        raise InputError("must be a JSON object", field="--shadow", value=given)
+        raise InputError(
+            "must be a JSON object",
+            field="--shadow",
+            value=given,
+            remedy="""write --shadow 'NAME={"option": value}'""",
+        )
     hz = options.get("hz", DEFAULT_HZ)
     if isinstance(hz, bool) or not isinstance(hz, int | float) or not 0.0 < hz <= 100.0:
-        raise InputError("must lie in (0, 100] Hz", field="--shadow hz", value=hz)
+        raise InputError(
+            "must lie in (0, 100] Hz",
+            field="--shadow hz",
+            value=hz,
+            remedy="give questions per second",
+        )
     parameters: dict[str, object] = {"model": name, "shadow_hz": float(hz)}
     for key in ("backend", "interface"):
         if key in options:
@@ -227,5 +242,7 @@ def shadow_model(text: str) -> Companion:
 
 def _seconds(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError("must be seconds", field="--shadow timeout_s", value=value)
+        raise InputError(
+            "must be seconds", field="--shadow timeout_s", value=value, remedy="write a number"
+        )
     return float(value)

@@ -242,6 +242,7 @@ class Sweep:
                     "can't be varied: it is the same over a sweep, or the sweep's own",
                     field=OPTION,
                     value=field,
+                    remedy="vary another field",
                 )
             if variation.drawn:
                 for bound in variation.values:

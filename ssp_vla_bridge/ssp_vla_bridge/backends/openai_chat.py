@@ -142,7 +142,10 @@ def read_options(given: Mapping[str, Any]) -> Options:
         recorded = canonical_json([given["model"], extra])
     except (ValueError, TypeError) as error:
         raise InputError(
-            f"is no JSON ({error})", field="backend_options.extra", value=extra
+            f"is no JSON ({error})",
+            field="backend_options.extra",
+            value=extra,
+            remedy="write it as JSON, without NaN",
         ) from error
     for name in sorted(_OURS & extra.keys()):
         remedy = "it is set by the bridge"

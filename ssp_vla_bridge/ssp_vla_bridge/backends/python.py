@@ -137,7 +137,10 @@ def check(options: Mapping[str, Any]) -> None:
         raise InputError("names no function", field=_FIELD, value=path, remedy=_FORMS)
     if "step_s" in options and not 0.001 <= options["step_s"] <= 60.0:
         raise InputError(
-            "must lie in [0.001, 60] s", field="backend_options.step_s", value=options["step_s"]
+            "must lie in [0.001, 60] s",
+            field="backend_options.step_s",
+            value=options["step_s"],
+            remedy="give a time of that range",
         )
 
 
@@ -151,7 +154,12 @@ def split(path: str) -> tuple[str, str]:
 
 def _look_in(folder: str) -> None:
     if not Path(folder).is_dir():
-        raise InputError("is no folder", field="backend_options.folder", value=folder)
+        raise InputError(
+            "is no folder",
+            field="backend_options.folder",
+            value=folder,
+            remedy="name the folder that the module lies in",
+        )
     place = str(Path(folder).resolve())
     if place not in sys.path:
         sys.path.insert(0, place)
@@ -182,7 +190,9 @@ def _function(path: str) -> Callable[..., Any]:
             )
         found = getattr(found, part)
     if not callable(found):
-        raise InputError(f"is a {type(found).__name__}, no function", field=_FIELD, value=path)
+        raise InputError(
+            f"is a {type(found).__name__}, no function", field=_FIELD, value=path, remedy=_FORMS
+        )
     checked: Callable[..., Any] = found
     return checked
 
@@ -220,5 +230,6 @@ def _with_options(
         raise InputError(
             f"are given, but {path} takes no keyword named options",
             field="backend_options.options",
+            remedy="leave them out, or let the function take options",
         )
     return function

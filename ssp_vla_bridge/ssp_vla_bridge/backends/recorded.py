@@ -12,7 +12,7 @@ from typing import Any
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.clock import ns_to_seconds
-from ssp_core.errors import InputError, PeerError
+from ssp_core.errors import InputError, PeerError, not_read
 from ssp_core.files import parse_json_line
 from ssp_vla_bridge.backend import check_options
 from ssp_vla_bridge.messages import (
@@ -69,7 +69,9 @@ def read_stored(path: Path) -> tuple[Stored, ...]:
     """
     stored = tuple(_answers(path))
     if not stored:
-        raise InputError("holds no responses", file=path)
+        raise InputError(
+            "holds no responses", file=path, remedy="name a file or a bag with answers"
+        )
     return stored
 
 
@@ -104,7 +106,7 @@ def _lines(path: Path) -> Iterator[Stored]:
                 response = response_from_json(value, file=str(path), line=number)
                 yield Stored(response, str(path))
     except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=path) from error
+        raise not_read(path, error) from error
 
 
 def _bag(path: Path) -> Iterator[Stored]:
@@ -119,6 +121,7 @@ def _bag(path: Path) -> Iterator[Stored]:
                     f"holds an answer at {message.log_time_ns} ns that can't be read: {error}",
                     file=path,
                     field=message.topic,
+                    remedy="record the answers again",
                 ) from error
             yield Stored(response, f"{path}:{message.topic}")
 

@@ -56,7 +56,10 @@ class InProcessClients:
     def client(self, model: ModelSpec, options: Mapping[str, Any]) -> ModelClient:
         if model.attached:
             raise InputError(
-                "an attached bridge is reached over topics only", field="attach", value=model.name
+                "an attached bridge is reached over topics only",
+                field="attach",
+                value=model.name,
+                remedy="leave attach out, and give the backend",
             )
         return InProcessClient(model.name, make_backend(model.backend_name, options))
 

@@ -191,7 +191,9 @@ def _decoded(jpeg: bytes) -> Picture:
     data = np.frombuffer(jpeg, np.uint8)
     image = cv2.imdecode(data, cv2.IMREAD_COLOR) if jpeg else None
     if image is None:
-        raise InputError("is no picture", field="frame")
+        raise InputError(
+            "is no picture", field="frame", remedy="give a recording whose frames can be decoded"
+        )
     return image.astype(np.uint8, copy=False)
 
 

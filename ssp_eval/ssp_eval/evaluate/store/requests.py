@@ -91,7 +91,10 @@ def asked_again(value: Mapping[str, Any], previous: Response | None) -> Request:
             previous=previous,
         )
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"is no question that was asked: {error}") from error
+        raise InputError(
+            f"is no question that was asked: {error}",
+            remedy="put the file back, or give the same `ssp evaluate` command again",
+        ) from error
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 
 from ssp_core.answer_text import split_answer
 from ssp_core.chat import Chat, NoCompletion, read_completion
-from ssp_core.errors import InputError, PeerError
+from ssp_core.errors import PeerError, not_read
 from ssp_core.files import make_folder, write_bytes
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_eval.data.records import SLOT_NAMES, Slots
@@ -230,5 +230,5 @@ def _kept(path: Path | None) -> bytes | None:
     except (FileNotFoundError, NoCompletion):
         return None
     except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=path) from error
+        raise not_read(path, error) from error
     return body

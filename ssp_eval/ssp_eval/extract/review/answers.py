@@ -105,14 +105,24 @@ def load_answers(path: Path, key: Key) -> Answers:
     form = load_model(_Form, path)
     if form.subset != key.subset:
         raise InputError(
-            "is of another review than the key", file=path, field="subset", value=form.subset
+            "is of another review than the key",
+            file=path,
+            field="subset",
+            value=form.subset,
+            remedy="give the form and the key of one review",
         )
     known = [item.review_id for item in key.items]
     for review_id in form.answers:
         if review_id not in known:
             problem = "is no text of this review"
-            raise InputError(problem, file=path, field="answers", value=review_id)
+            raise InputError(
+                problem, file=path, field="answers", value=review_id, remedy="remove the entry"
+            )
     if missing := [review_id for review_id in known if review_id not in form.answers]:
         more = f" and {len(missing) - 1} others" if len(missing) > 1 else ""
-        raise InputError(f"has no answers for {missing[0]}{more}", file=path)
+        raise InputError(
+            f"has no answers for {missing[0]}{more}",
+            file=path,
+            remedy="answer all texts of the form",
+        )
     return {review_id: form.answers[review_id] for review_id in known}

@@ -128,7 +128,9 @@ def recover(source: str | Path, target: str | Path) -> RecoverReport:
                     into.note(f"{file.name}: has no content")
                     continue
                 if head != MCAP0_MAGIC:
-                    raise InputError("is no MCAP file", file=file)
+                    raise InputError(
+                        "is no MCAP file", file=file, remedy="name a file of a recording in MCAP"
+                    )
                 bytes_total += stream.size
                 bytes_read += _DamagedFile(into, stream, file).copy()
     if into.places > _MAX_DAMAGE:

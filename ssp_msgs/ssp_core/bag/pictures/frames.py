@@ -200,7 +200,12 @@ class Frames:
     def __init__(self, bag: BagReader, topic: str, damaged: Damaged | None = None) -> None:
         info = bag.topics.get(topic)
         if info is None:
-            raise InputError("is no topic of this bag", file=bag.path, field=topic)
+            raise InputError(
+                "is no topic of this bag",
+                file=bag.path,
+                field=topic,
+                remedy="`ssp bag info` lists them",
+            )
         if info.msgtype not in IMAGE_TYPES:
             raise InputError(
                 "holds no images",
@@ -317,6 +322,7 @@ class Frames:
             f"holds a frame at {log_time_ns} ns that is none: {problem}",
             file=self.bag.path,
             field=self.topic,
+            remedy="record the bag again",
         )
 
 

@@ -30,7 +30,7 @@ from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from ssp_core.errors import InputError
+from ssp_core.errors import InputError, not_read
 
 # A chunk holds a message at the least, and ROS carries no message beyond 4 GiB; images and point
 # clouds of 100 MB are usual, of 1 GB aren't known.
@@ -395,7 +395,7 @@ def damage_of(path: Path) -> Iterator[None]:
     except DAMAGE as error:
         raise damaged(path, error) from error
     except OSError as error:
-        raise InputError(f"can't be read: {error.strerror or error}", file=path) from error
+        raise not_read(path, error) from error
 
 
 def damaged(path: Path, error: Exception) -> InputError:
@@ -411,11 +411,11 @@ def open_bounded(path: Path) -> BoundedFile:
         InputError: it can't be opened, or is no file.
     """
     if path.exists() and not path.is_file():  # a pipe would wait for somebody to write into it
-        raise InputError("is no file", file=path)
+        raise InputError("is no file", file=path, remedy="name a file")
     try:
         return BoundedFile(path)
     except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", file=path) from error
+        raise not_read(path, error) from error
 
 
 class RecordFrame(NamedTuple):
@@ -492,7 +492,7 @@ def read_summary(stream: BoundedFile, path: Path) -> Summary:
     """
     head = stream.read(len(MCAP0_MAGIC))
     if head != MCAP0_MAGIC:
-        raise InputError("is no MCAP file", file=path)
+        raise InputError("is no MCAP file", file=path, remedy="name a file of a recording in MCAP")
     tail_bytes = FOOTER.size + len(MCAP0_MAGIC)
     stream.seek(max(0, stream.size - tail_bytes))
     tail = stream.read(tail_bytes)

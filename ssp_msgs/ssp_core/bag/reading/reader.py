@@ -26,7 +26,7 @@ from ssp_core.bag.reading.scan import Loose, LooseRun, is_indexed, scan
 from ssp_core.bag.types import BagMessage, TypeDefinition, store_from
 from ssp_core.bag.writing.split import REPEATED_KEY
 from ssp_core.cdr.messages import object_state
-from ssp_core.errors import InputError
+from ssp_core.errors import InputError, not_read
 from ssp_core.files import Closing
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_core.motion.state import ObjectState
@@ -152,7 +152,9 @@ def mcap_files(folder: Path) -> tuple[Path, ...]:
     """
     files = numbered_files(folder, ".mcap")
     if not files:
-        raise InputError("has no .mcap file", file=folder)
+        raise InputError(
+            "has no .mcap file", file=folder, remedy="name the folder of a bag, or its .mcap file"
+        )
     return files
 
 
@@ -186,14 +188,20 @@ class BagReader(Closing):
                 schema = _NONE
             if schema is None:
                 raise InputError(
-                    "has a channel without a type", file=part.path, field=channel.topic
+                    "has a channel without a type",
+                    file=part.path,
+                    field=channel.topic,
+                    remedy="record the bag again, with the types of its topics",
                 )
             written = type_definition(schema, channel)
             before = self.topics.get(channel.topic)
             known = self._definitions.setdefault(channel.topic, written)
             if (difference := _difference(known, written)) is not None:
                 self._ambiguous[channel.topic] = InputError(
-                    f"has messages of {difference}", file=part.path, field=channel.topic
+                    f"has messages of {difference}",
+                    file=part.path,
+                    field=channel.topic,
+                    remedy="cut the bag, so that each topic has one type",
                 )
             self.topics[channel.topic] = TopicInfo(
                 msgtype=known.msgtype,
@@ -301,6 +309,7 @@ class BagReader(Closing):
                 f"{error}",
                 file=self.path,
                 field=message.topic,
+                remedy="record the bag again, or leave the topic out",
             ) from error
 
     def attachment(self, name: str) -> bytes | None:
@@ -374,6 +383,7 @@ def _states(bag: BagReader, message: BagMessage) -> Iterator[ObjectState]:
             f"holds a state at {message.log_time_ns} ns that is none: {error}",
             file=bag.path,
             field=message.topic,
+            remedy="record the bag again",
         ) from error
 
 
@@ -397,5 +407,5 @@ def files_sha256(files: Iterable[Path], on_block: Callable[[], None] = lambda: N
         try:
             found.append(sha256_file(file, on_block))
         except OSError as error:
-            raise InputError(f"can't be read: {error.strerror}", file=file) from error
+            raise not_read(file, error) from error
     return found[0] if len(found) == 1 else sha256_json(found)

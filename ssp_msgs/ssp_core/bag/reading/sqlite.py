@@ -51,6 +51,7 @@ def _files(folder: Path, told: dict[str, Any]) -> tuple[Path, ...]:
             "must list the bag's files",
             file=folder / FILE_NAME,
             field=f"{ROOT_KEY}.relative_file_paths",
+            remedy="convert the bag to mcap with `ros2 bag convert`",
         )
     # Only the name counts: a bag reads no file outside its directory.
     files = tuple(folder / PurePosixPath(name).name for name in names)
@@ -91,7 +92,7 @@ class SqliteBag(BagReader):
         self._span: list[int] = []
         for file in files:
             if not file.is_file():
-                raise InputError("is not there", file=file)
+                raise InputError("is not there", file=file, remedy="put the file back")
             with self._failures(file):
                 # Of a file without a log beside it nothing is written, also on read-only media.
                 is_whole = not file.with_name(f"{file.name}-wal").exists()
@@ -104,7 +105,11 @@ class SqliteBag(BagReader):
         try:
             yield
         except sqlite3.Error as error:
-            raise InputError(f"can't be read as SQLite: {error}", file=file) from error
+            raise InputError(
+                f"can't be read as SQLite: {error}",
+                file=file,
+                remedy="give a whole copy of the bag",
+            ) from error
 
     def _read(self, store: sqlite3.Connection) -> None:
         """Take the topics of a file."""

@@ -77,7 +77,11 @@ def append_attachment(bag: Path, name: str, data: bytes, media_type: str) -> str
         file = McapFile(reader.files[-1])
     end = _stated_end(file)
     if not end:
-        raise InputError("isn't sealed", file=file.path)
+        raise InputError(
+            "isn't sealed",
+            file=file.path,
+            remedy="give a bag that `ssp run` or the recorder closed",
+        )
     data_end, crc = _data_end(file)
     try:
         output = McapOutput.reopen(file.path, file.summary, data_end, crc, bytes.fromhex(end))

@@ -37,7 +37,12 @@ class Split:
                 remedy=f"at least {MIN_BYTES} bytes",
             )
         if self.max_s is not None and not self.max_s > 0:
-            raise InputError("must be positive", field="max_s", value=self.max_s)
+            raise InputError(
+                "must be positive",
+                field="max_s",
+                value=self.max_s,
+                remedy="give a number of seconds above 0",
+            )
 
     def due(self, file_bytes: int, message_bytes: int, span_ns: int, repeated_bytes: int) -> bool:
         """Tell whether a message belongs into a new file.

@@ -73,7 +73,9 @@ class BagWriter(Closing):
                 "exists already", file=self.path, remedy="name a new directory or remove this one"
             ) from error
         except OSError as error:
-            raise InputError(f"can't be made: {error.strerror}", file=self.path) from error
+            raise InputError(
+                f"can't be made: {error.strerror}", file=self.path, remedy="name another folder"
+            ) from error
         first = name or self.path.name + "_0"
         self.files: tuple[Path, ...] = (self.path / f"{first}.mcap",)
         self._stem = first.removesuffix("_0")
@@ -133,7 +135,12 @@ class BagWriter(Closing):
                 topic, msgtype, offered_qos, written, latched=latched
             )
         except TooMany as error:
-            raise InputError(f"is one {error} too many", file=self.file, field=topic) from error
+            raise InputError(
+                f"is one {error} too many",
+                file=self.file,
+                field=topic,
+                remedy="record fewer topics",
+            ) from error
         if new_schema is not None:
             self._output.add_schema(new_schema)
         self._output.add_channel(channel)
@@ -233,7 +240,10 @@ class BagWriter(Closing):
             return self._topics.repeats_of(topic)
         except TooMany as error:
             raise InputError(
-                f"is one {error} too many", file=self.file, field=topic.channel.topic
+                f"is one {error} too many",
+                file=self.file,
+                field=topic.channel.topic,
+                remedy="record fewer topics",
             ) from error
 
     def attach(self, name: str, data: bytes, media_type: str) -> None:

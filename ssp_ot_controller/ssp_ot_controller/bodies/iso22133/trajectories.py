@@ -158,6 +158,10 @@ def read_trajectory(path: str | Path) -> Traj:
             raise InputError("is no point", file=path, line=number, value=line, remedy=remedy)
         points.append(TrajPoint(**{**_REST, **dict(zip(names, row, strict=True))}))
     if len(points) < 2:
-        raise InputError(f"has {len(points)} points, needs 2 or more", file=path)
+        raise InputError(
+            f"has {len(points)} points, needs 2 or more",
+            file=path,
+            remedy="give two points or more",
+        )
     name = Path(path).stem.encode()[:_NAME_BYTES].decode(errors="ignore")
     return Traj(1, TrajectoryInfo.RELATIVE_TO_ORIGIN, name, tuple(points))

@@ -55,7 +55,11 @@ def run_of_row(folder: Path, number: int) -> RowRun:
     rows = rows_there(folder / RUNS_FILE)
     if not 1 <= number <= len(rows):
         raise InputError(
-            f"has {len(rows)} runs", file=folder / RUNS_FILE, field="--again", value=number
+            f"has {len(rows)} runs",
+            file=folder / RUNS_FILE,
+            field="--again",
+            value=number,
+            remedy="give the number of one of them, from 1",
         )
     starts = sealed_starts(folder)
     left = number - 1
@@ -70,6 +74,7 @@ def run_of_row(folder: Path, number: int) -> RowRun:
                 file=folder / RUNS_FILE,
                 field="--again",
                 value=number,
+                remedy="give a row of another driver",
             )
         task = folder / TASKS_FOLDER / str(plan.events.index(wanted[left][0])) / TASK_FOLDER
         latency, repeat = job.latencies[left // job.repeats], left % job.repeats
@@ -83,4 +88,9 @@ def run_of_row(folder: Path, number: int) -> RowRun:
         remedy = "let the campaign be driven anew"
         kept = load_answers(path, remedy, run.driven) if is_kept else None
         return RowRun(start, row, run, task, kept, is_model and not is_kept, before)
-    raise InputError("isn't of this campaign's plan", file=folder / RUNS_FILE, value=number)
+    raise InputError(
+        "isn't of this campaign's plan",
+        file=folder / RUNS_FILE,
+        value=number,
+        remedy="put runs.csv back, or begin the campaign in a new folder",
+    )

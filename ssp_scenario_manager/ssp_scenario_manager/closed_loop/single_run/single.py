@@ -80,9 +80,17 @@ def named_driver(text: str, *, insecure: bool = False) -> tuple[str, dict[str, A
     try:
         options: Any = parse_strict(given) if given.strip() else {}
     except ValueError as error:
-        raise InputError(f"is not valid JSON: {error}", field=f"--drive {name}") from None
+        raise InputError(
+            f"is not valid JSON: {error}",
+            field=f"--drive {name}",
+            remedy="""write --drive 'NAME={"option": value}'""",
+        ) from None
     if not isinstance(options, dict):
-        raise InputError("must be a JSON object", field=f"--drive {name}")
+        raise InputError(
+            "must be a JSON object",
+            field=f"--drive {name}",
+            remedy="""write --drive 'NAME={"option": value}'""",
+        )
     if not is_driver_name(name):
         raise InputError(
             "is no name for a topic",

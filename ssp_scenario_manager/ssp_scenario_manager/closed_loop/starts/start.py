@@ -228,7 +228,9 @@ def _end_s(over_s: float) -> float:
 def _ending_at(run: RunSpec, end_s: float) -> RunSpec:
     """Return a driven run with another end."""
     if run.driven is None:
-        raise InputError("is no driven run", field="driven")
+        raise InputError(
+            "is no driven run", field="driven", remedy="give a run of `ssp run --drive`"
+        )
     return run.model_copy(update={"driven": run.driven.model_copy(update={"end_s": end_s})})
 
 
@@ -240,7 +242,9 @@ def commanded(driver: str) -> dict[str, Any]:
 def twin_of(run: RunSpec) -> tuple[Mapping[int, ObjectState], Contact | None]:
     """Drive the twin of a driven run again; return its VUT's true states, and its first contact."""
     if run.driven is None:
-        raise InputError("is no driven run", field="driven")
+        raise InputError(
+            "is no driven run", field="driven", remedy="give a run of `ssp run --drive`"
+        )
     driven = run.driven.model_copy(update=commanded(NO_RESPONSE))
     twin = without_operator(run).model_copy(update={"driven": driven, "camera": None})
     _, record = run_in_process(twin)

@@ -133,6 +133,7 @@ def foresee(run: RunSpec) -> Foreseen:
         raise InputError(
             f"its trigger never fires: {condition_text(run.triggers[0].condition)}",
             field="run.triggers[0]",
+            remedy="compile the event for a place with a longer run-up, or change its trigger",
         )
     vut = record.truths(run.vut.id)
     over_s = _over_s(run, result, ns_to_seconds(vut[-1].stamp_ns))

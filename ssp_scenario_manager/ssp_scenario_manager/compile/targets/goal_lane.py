@@ -114,7 +114,10 @@ def lane_beside(map_data: bytes, start: Pose2, ids: int) -> Beside:
             goal += 1 if goal >= 0 and place.own.id < 0 else -1
         if goal in lanes:
             return Beside(place.along * (lanes[goal].centre_m - place.t_m), place.along)
-    raise InputError(f"has no lane {ids} beside x {start.x_m:.1f} m, y {start.y_m:.1f} m")
+    raise InputError(
+        f"has no lane {ids} beside x {start.x_m:.1f} m, y {start.y_m:.1f} m",
+        remedy="compile the event for another place of the map",
+    )
 
 
 def _place(map_data: bytes, pose: Pose2) -> _Place | None:
@@ -126,7 +129,9 @@ def _place(map_data: bytes, pose: Pose2) -> _Place | None:
         try:
             one = _on_road(read_road(element), pose)
         except BadElement as error:
-            raise InputError(f"its <{error.element.tag}> {error.problem}") from error
+            raise InputError(
+                f"its <{error.element.tag}> {error.problem}", remedy="mend the map, or give another"
+            ) from error
         if one is not None:
             found.append(one)
     return min(found, key=lambda one: abs(one.t_m - one.own.centre_m), default=None)

@@ -59,7 +59,9 @@ class Heights:
                 return
             rows = [_samples(i, read_road(road)) for i, road in enumerate(roads)]
         except BadElement as error:
-            raise InputError(f"its <{error.element.tag}> {error.problem}") from error
+            raise InputError(
+                f"its <{error.element.tag}> {error.problem}", remedy="mend the map, or give another"
+            ) from error
         self._samples = np.concatenate(rows)
         if block is not None:
             mine = [i for i, road in enumerate(roads) if road.get("id") in block.roads]
@@ -87,6 +89,7 @@ class Heights:
             raise InputError(
                 f"is {apart:.0f} m from the nearest road, so that its height is unknown",
                 value=place,
+                remedy="place it on or beside a road of the map",
             )
         reached = [cubic for cubic in self._profiles[int(index)] if cubic.s_m <= s]
         return reached[-1].at(s) if reached else 0.0
@@ -171,7 +174,11 @@ def map_file(task: Task, block: Block, map_text: str | None) -> MapFile:
     """
     if task.place.kind == "opendrive":
         if map_text is None:
-            raise InputError("needs the map that it was compiled for", field="place.name")
+            raise InputError(
+                "needs the map that it was compiled for",
+                field="place.name",
+                remedy="give the map with --map",
+            )
         name = PurePath(task.place.name).name
         return MapFile(name, map_text.encode(), own=False, heights=Heights(map_text, block))
     name = PurePath(task.place.name).name.split(".")[0]

@@ -61,7 +61,12 @@ class _Sides:
 def _sides(block: Block) -> _Sides:
     forward, backward = block.forward_lanes, block.backward_lanes
     if not forward:
-        raise InputError("has no lane along it", field="block", value=block.block_id)
+        raise InputError(
+            "has no lane along it",
+            field="block",
+            value=block.block_id,
+            remedy="give the block a lane in the VUT's direction",
+        )
     if not backward:
         middle = max(lane.y_m + lane.width_m / 2 for lane in forward)
         return _Sides(middle, (), tuple(sorted(forward, key=lambda v: -v.y_m)), False)
@@ -74,6 +79,7 @@ def _sides(block: Block) -> _Sides:
             "has lanes of both directions between each other, which OpenDRIVE can't tell",
             field="block",
             value=block.block_id,
+            remedy="put the lanes of one direction on one side",
         )
     return _Sides(
         middle + gap / 2 if _TOUCH_M < gap <= WIDEST_GAP_M + _TOUCH_M else middle,
@@ -103,7 +109,12 @@ def _strips(lanes: Sequence[BlockLane], middle_m: float, sign: int, block: Block
     for lane in lanes:
         gap = sign * (lane.y_m - edge) - lane.width_m / 2
         if gap < -_TOUCH_M:
-            raise InputError("has lanes that overlap", field="block", value=block.block_id)
+            raise InputError(
+                "has lanes that overlap",
+                field="block",
+                value=block.block_id,
+                remedy="move them apart",
+            )
         width = lane.width_m
         if gap > WIDEST_GAP_M + _TOUCH_M:
             strips.append(_Strip(sign * (len(strips) + 1), gap, None))

@@ -116,7 +116,9 @@ def sample(video: Path, crop: Crop, advance: Callable[[], None] = lambda: None) 
                 remedy="give an --end that it has, or a whole copy",
             )
     if first is None or last is None or len(shots) < 2:
-        raise InputError("has fewer than two frames in the crop", file=video)
+        raise InputError(
+            "has fewer than two frames in the crop", file=video, remedy="give a longer crop"
+        )
     if shots[-1].number != last.number - first.number:
         shots[crop.frames - 1 :] = [_shot(last, first, crop.width_px)]
     return Clip(

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field
 
 from ssp_core.chat import Chat
-from ssp_core.errors import InputError, PeerError
+from ssp_core.errors import InputError, PeerError, not_read
 from ssp_core.files import load_model, make_folder, write_bytes, write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_core.names import VUT_ID
@@ -189,7 +189,7 @@ class Store:
         try:
             data = path.read_bytes()
         except OSError as error:
-            raise InputError(f"can't be read: {error.strerror}", file=path) from error
+            raise not_read(path, error) from error
         if sha256_bytes(data) != answer.sha256:
             raise InputError(
                 "was changed after it was stored",

@@ -125,7 +125,7 @@ def open_evidence(
     if video is None:
         return Evidence(folder, None)
     if not video.is_file():
-        raise InputError("is not there", file=video)
+        raise InputError("is not there", file=video, remedy="name a video that is there")
     digest = sha256_file(video)
     if event.source.sha256 not in (None, digest):
         raise InputError(
@@ -141,7 +141,10 @@ def open_evidence(
     try:
         first_frame, start_s = int(crop.get("first_frame", 0)), float(crop.get("start_s", 0.0))
     except (TypeError, ValueError) as error:
-        raise InputError(f"the log's crop {crop!r} has no numbers in it") from error
+        raise InputError(
+            f"the log's crop {crop!r} has no numbers in it",
+            remedy="put the log back as it was written",
+        ) from error
     return Evidence(folder, video, first_frame, start_s)
 
 
