@@ -106,9 +106,8 @@ def replay(bag: Path, network: bool, **wishes: Any) -> int:
     """Publish a bag as it was recorded: a bag directory or an .mcap file.
 
     Topics that may move real objects are left out, and a ROS domain with a session in it is
-    refused. Keys: space pauses, right arrow sends one message, s goes on to the next camera frame,
-    + and - change the rate, q ends. The node /ssp/replay offers pause, resume, step and step_frame
-    as std_srvs/Trigger, and the parameter rate. Ctrl-C ends it as q does: exit status 0.
+    refused. The node /ssp/replay offers the services pause, resume, step and step_frame
+    (std_srvs/Trigger), and the parameter rate. Ctrl-C ends it with exit status 0.
     """
     environment = _environment(network)
     reader = BagReader(bag)
