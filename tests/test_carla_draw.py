@@ -148,7 +148,7 @@ def test_a_drawing_that_was_ended_goes_on(recorded: Path, tmp_path: Path) -> Non
     out = tmp_path / "drawn"
     with Failing(tmp_path / "drawn.drawing", hangs=False) as server:
         (told,) = ssp(drawing(recorded, server, out))
-        refused(told, "the picture of frame", "of 5 pictures are kept, call again to go on")
+        refused(told, "the picture of frame", "of 5 are kept, and the same command goes on")
         left_as_found(server)
     kept = {p.name: p.read_bytes() for p in (tmp_path / "drawn.drawing").glob("*.jpg")}
     assert 0 < len(kept) < 5
@@ -183,7 +183,7 @@ def test_a_drawing_that_was_killed_goes_on_where_it_was(recorded: Path, tmp_path
         assert len(server.actors) > 2
         assert list((tmp_path / "drawn.drawing").glob("*.jpg"))
         asked, done = ssp(("doctor", "--carla", server.address), drawing(recorded, server, out))
-        refused(asked, "is synchronous and nobody ticks it")
+        refused(asked, "is synchronous and no client ticks it")
         assert done[0] == 0, done[1]
         left_as_found(server)
         assert server.weather == [-1.0] * 13 + [0.0]
@@ -193,7 +193,7 @@ def test_a_drawing_that_was_killed_goes_on_where_it_was(recorded: Path, tmp_path
 FAILURES: tuple[tuple[Behaviour, str], ...] = (
     (Behaviour(version="0.9.15"), "the server is CARLA 0.9.15, the client 0.9.16"),
     (Behaviour(foreign=("walker.pedestrian.0001",)), "1 actors of somebody else"),
-    (Behaviour(synchronous=True), "nobody ticks it: a client died"),
+    (Behaviour(synchronous=True), "no client ticks it: a client died"),
     (Behaviour(xodr=EMPTY_XODR.replace("lat_0=0", "lat_0=1")), "compile it for this one"),
     (
         Behaviour(refused=frozenset(b.blueprint for b in BODIES if b.kind == "truck")),

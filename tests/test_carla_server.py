@@ -75,7 +75,7 @@ FAULTS: tuple[tuple[Behaviour, tuple[str, ...]], ...] = (
     ),
     (
         Behaviour(synchronous=True),
-        ("is synchronous and nobody ticks it", "restart the server"),
+        ("is synchronous and no client ticks it", "restart the server"),
     ),
     (Behaviour(version=""), ("the server is CARLA , the client 0.9.16",)),
 )

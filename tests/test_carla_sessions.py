@@ -60,7 +60,7 @@ FAILURES = {
     "foreign actors": Failure(
         Behaviour(foreign=("walker.pedestrian.0001",)), "1 actors of somebody else", False
     ),
-    "left frozen": Failure(Behaviour(synchronous=True), "nobody ticks it: a client died", False),
+    "left frozen": Failure(Behaviour(synchronous=True), "no client ticks it: a client died", False),
     "spawn refused": Failure(
         Behaviour(refused=CARS),
         "has no body for a car: vehicle.mercedes.coupe_2020 (not spawned)",

@@ -71,7 +71,7 @@ def test_people_are_told_in_time():
 def test_a_disk_that_can_not_be_asked_is_no_end():
     found = outlook(None, 1.0, NEEDS)
     assert (found.ends, found.unready) == (None, None)
-    assert found.warning == "free space of the disk can't be told"
+    assert found.warning == "the free space of the disk is unknown"
 
 
 @given(st.integers(0, 10**13), st.integers(0, 10**13), st.floats(0, 1e9), st.integers(0, 10**12))

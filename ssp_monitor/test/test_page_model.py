@@ -44,7 +44,7 @@ from support.states import object_state
 
 S = 1_000_000_000
 NOT_MEASURED = "clock offset and link delay of ot1 are not measured: no answer to heartbeats"
-GONE = BodyStatus("ot1", ("nobody listens at udp://10.0.0.21:9001",))
+GONE = BodyStatus("ot1", ("no program listens at udp://10.0.0.21:9001",))
 UNPROBED = BodyStatus("ot1", (), ("it has no probe report",), lasting=True)
 
 
@@ -150,7 +150,7 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
         (lambda b: b.objects.pop("ot1"), "no state of ot1 arrives"),
         (
             lambda b: (b.objects.pop("ot1"), led_live(b, GONE, 8 * S)),
-            "no state of ot1 arrives: nobody listens at udp://10.0.0.21:9001",
+            "no state of ot1 arrives: no program listens at udp://10.0.0.21:9001",
         ),
         (lambda b: led_live(b, UNPROBED, 8 * S), "ot1: it has no probe report"),
         (

@@ -213,7 +213,7 @@ def test_each_reason_not_to_run_is_told_with_its_values_and_a_remedy() -> None:
         "sha256:b",
     )
     assert [one.text for one in found] == [
-        "the server is synchronous and nobody ticks it: a client died",
+        "the server is synchronous and no client ticks it: a client died",
         "3 actors of somebody else are in the world: 2 × vehicle.a.b, 1 × walker.c",
         "the server's map Carla/Maps/Town01 has OpenDRIVE sha256:a, the run's has sha256:b",
     ]

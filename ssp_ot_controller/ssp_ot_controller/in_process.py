@@ -219,7 +219,7 @@ def make_plant(
         )
     if run.driver.external:
         raise InputError(
-            "a run in one process has nobody else to drive the VUT",
+            "a run in one process has no external driver of the VUT",
             field="driver.external",
             remedy="run it in processes of their own",
         )

@@ -350,12 +350,12 @@ def test_why_nothing_of_a_body_is_taken_is_known() -> None:
         older = replace(ENVELOPE, boot_ns=T0 - 20 * S)
         assert "its clock set back by 20.0 s" in problem_after(encode_state(older, READING))
         anew = replace(ENVELOPE, sequence=1)
-        assert "counts anew with the same boot" in problem_after(encode_state(anew, READING))
+        assert "restarted its count" in problem_after(encode_state(anew, READING))
 
     def refused() -> bool:
         ours.command(Command(1.0, 0.0, 0.0), T0 + 5)
         ours.read()
-        return ours.problems() == (f"nobody listens at {at}",)
+        return ours.problems() == (f"no program listens at {at}",)
 
     until(refused, "the port's refusal")
     ours.close()
@@ -383,7 +383,7 @@ def test_a_clock_that_is_ahead_or_behind_is_named_and_forgotten_when_it_is_right
     (told,) = live.statuses(T0 + 3 * S)
     assert told.no_state == ()
     assert told.cannot_arm == (
-        f"what its body says is {ahead_s:.3f} s old when it comes, limit 0.3 s: its clock is "
+        f"its body's readings are {ahead_s:.3f} s old on arrival, limit 0.3 s: its clock is "
         "behind, or its link is slow (UTC is so far behind GPS time)",
     )
 
@@ -430,7 +430,7 @@ def test_a_body_that_has_no_address_is_an_error_of_this_machine(
         UdpBody("ot1", "nowhere", 9000, T0)
 
 
-def test_a_body_where_nobody_listens_is_silent() -> None:
+def test_a_body_where_is_unreachable_is_silent() -> None:
     ours = UdpBody("ot1", "127.0.0.1", 9, T0)
     for _ in range(3):
         ours.command(Command(0.0, 0.0, 0.0), T0)

@@ -104,7 +104,7 @@ def test_the_lever_arm_is_taken_out_whatever_the_site_and_the_unit_are_turned_by
             assert wrap_angle(state.yaw_rad - yaw) == pytest.approx(0.0, abs=1e-9)
             assert state.speed_mps == pytest.approx(5.0, abs=1e-6)
         else:
-            with pytest.raises(Unusable, match="speed: not known of the first fix"):
+            with pytest.raises(Unusable, match="speed: unknown at the first fix"):
                 receiver.take(fix)
     assert state is not None
 
@@ -198,7 +198,7 @@ def test_a_fix_without_a_usable_heading_says_what_is_wrong_with_it(
     receiver.states.hear_speed(Speed(seconds_to_ns(1.0), 8.0))
     with pytest.raises(Unusable, match=why):
         receiver.states.hear_heading(replace(receiver.heading(1.0), **changes))
-    with pytest.raises(Unusable, match=f"heading: none has come that could be used.*{why}"):
+    with pytest.raises(Unusable, match=f"heading: no usable one has arrived.*{why}"):
         receiver.take(receiver.place(1.0))
     receiver.hear(1.1)
     assert receiver.take(receiver.place(1.1)).sequence == 1
@@ -229,7 +229,7 @@ def test_what_belongs_to_a_fix_was_measured_about_when_it_was(what: str, late_s:
 def test_without_the_velocity_that_was_promised_there_is_no_state() -> None:
     receiver = Receiver()
     receiver.states.hear_heading(receiver.heading(1.0))
-    with pytest.raises(Unusable, match="velocity: none has come"):
+    with pytest.raises(Unusable, match="velocity: no usable one has arrived"):
         receiver.take(receiver.place(1.0))
     with pytest.raises(Unusable, match="isn't finite"):
         receiver.states.hear_speed(Speed(seconds_to_ns(1.0), math.nan))
@@ -252,11 +252,11 @@ def test_after_a_pause_speed_is_not_made_of_what_was_before_it() -> None:
     [
         ({"stamp_ns": seconds_to_ns(5.0)}, "ahead of this machine's clock"),
         ({"stamp_ns": seconds_to_ns(1.0)}, "before the newest one, or equals it"),
-        ({"place": Place(math.nan, 12.0)}, "its place is none on the Earth"),
-        ({"place": Place(12.0, math.inf)}, "its place is none on the Earth"),
-        ({"place": Place(90.1, 12.0)}, "its place is none on the Earth"),
-        ({"place": Place(57.0, -180.1)}, "its place is none on the Earth"),
-        ({"place": Place(57.0, 12.0, 1.1e5)}, "its place is none on the Earth"),
+        ({"place": Place(math.nan, 12.0)}, "its latitude, longitude or altitude is out of range"),
+        ({"place": Place(12.0, math.inf)}, "its latitude, longitude or altitude is out of range"),
+        ({"place": Place(90.1, 12.0)}, "its latitude, longitude or altitude is out of range"),
+        ({"place": Place(57.0, -180.1)}, "its latitude, longitude or altitude is out of range"),
+        ({"place": Place(57.0, 12.0, 1.1e5)}, "latitude, longitude or altitude is out of range"),
     ],
 )
 def test_a_fix_that_is_refused_leaves_no_trace(changes: dict[str, Any], why: str) -> None:
@@ -296,7 +296,7 @@ def test_a_heading_by_course_is_the_starts_until_one_is_told(speeds: bool) -> No
         return receiver.place(t_s, *here.to_parent(1.2, 0.0))
 
     if not speeds:
-        with pytest.raises(Unusable, match="speed: not known of the first fix"):
+        with pytest.raises(Unusable, match="speed: unknown at the first fix"):
             receiver.take(place(0.0, 3.0))
     for k in range(1, 3):
         unsure(0.1 * k, 2.0, 0.0)

@@ -260,9 +260,9 @@ def test_a_service_that_goes_away_is_asked_again_until_it_is_back(make_request):
         assert respond(backend, "m", make_request()).response.error_code == 0
     response = respond(backend, "m", make_request()).response
     assert response.error_code == ErrorCode.OVERLOAD
-    assert "nobody listens there (connection refused), 2 tries" in response.error_msg
+    assert "no program listens there (connection refused), 2 tries" in response.error_msg
     response = respond(backend, "m", make_request()).response
-    assert "nobody listens there (connection refused)" in response.error_msg
+    assert "no program listens there (connection refused)" in response.error_msg
 
 
 def test_a_service_that_isnt_there_yet_costs_requests_and_not_the_bridge(make_request):
@@ -271,7 +271,7 @@ def test_a_service_that_isnt_there_yet_costs_requests_and_not_the_bridge(make_re
     assert backend.model_id == f"http({service.url})"
     response = respond(backend, "m", make_request()).response
     assert response.error_code == ErrorCode.OVERLOAD
-    assert "nobody listens there" in response.error_msg
+    assert "no program listens there" in response.error_msg
     with service:
         assert respond(backend, "m", make_request()).response.model_id == "tested/1"
 

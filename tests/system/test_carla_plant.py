@@ -56,7 +56,7 @@ def test_a_session_that_carla_moves(
     assert [finding.code for finding in server_findings(facts)] == [CODE]
     # Run again, nothing guesses the server.
     for arguments, words in (
-        ((run,), "isn't given, and CARLA did it before"),
+        ((run,), "is missing, and the run of this folder uses CARLA"),
         ((run, "--plant", "gazebo"), "names neither bodies nor a server"),
         ((task, "--plant", "carla://localhost:1", "--mode", "realtime"), "in lockstep only"),
         (("cut_in", "--plant", "carla://localhost:1"), "no CARLA server has that map"),

@@ -138,7 +138,7 @@ def _unverified(one: Subject) -> Iterator[Finding]:
     why = ["no road is bound to it" if one.whole.series else "it has no states"]
     agreement = one.agreement
     if agreement is None:
-        why.append("nobody observed it (`ssp audit observe`)")
+        why.append("no person observed it (`ssp audit observe`)")
     elif agreement.differing:
         why.append(f"{agreement.by} differ in {', '.join(agreement.differing)}")
     else:
@@ -186,7 +186,7 @@ def _clip(one: Subject) -> Iterator[Finding]:
 def _domain(one: Subject) -> Iterator[Finding]:
     facts = one.whole.provenance
     if facts.imported is not None and facts.imported.declaration is None and not one.is_source:
-        text = f"domain: nobody declares that this is {facts.domain}, when and where it was made"
+        text = f"domain: no person declared that this is {facts.domain}, when and where it was made"
         yield Finding("unverified", text)
 
 
@@ -374,9 +374,8 @@ def phase_findings(phases: Phases, closest: str) -> list[Finding]:
         findings.append(Finding("resolution_phase", text, phases.resolution_s))
     missing = []
     if phases.trigger_s is None:
-        findings.append(
-            Finding("no_manoeuvre", "nobody's manoeuvre becomes observable in the clip", never)
-        )
+        text = "no participant's manoeuvre becomes observable in the clip"
+        findings.append(Finding("no_manoeuvre", text, never))
         missing = ["trigger", "conflict", "resolution"]
     elif phases.conflict_s is None:
         text = f"after the trigger at {phases.trigger_s:.2f} s {closest or 'none was observed'}"

@@ -67,7 +67,7 @@ def find_switches(
             text = f"the states of {now.source} say {who} from {t_s:.2f} s on"
             tell(f"name {now.source}", t_s, text)
         elif who not in known:
-            tell(f"unknown {who}", t_s, f"{who}, who is nobody here, appears at {t_s:.2f} s")
+            tell(f"unknown {who}", t_s, f"{who}, an unknown id, appears at {t_s:.2f} s")
         before = last.get((now.source, who), now)
         last[(now.source, who)] = now
         if before.object_class != now.object_class:
@@ -178,7 +178,8 @@ def examine_history(one: Subject) -> History:
             said_by = by
     if said_by == "nobody":
         text = (
-            "log: nobody declares whether there was an abort, an identity switch, a change on site"
+            "log: no person declared whether there was an abort, an identity switch or a change on "
+            "site"
         )
         findings.append(Finding("unverified", text))
     return History(said_by, tuple(findings), identities, tuple(changes))

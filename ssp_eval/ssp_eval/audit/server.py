@@ -130,7 +130,7 @@ def _probe_text(facts: Provenance, probe: ServerProbe) -> str:
     text = f"{PROBE_FILE} of {probe.report.started:%Y-%m-%d}, {probe.sha256}"
     used = {one.address for one in (facts.scene, facts.plant) if one is not None and one.address}
     if used - {str(_probed(probe))}:
-        text += f", of {_probed(probe)}: that this is the same server is nobody's word but yours"
+        text += f", of {_probed(probe)}: only your word says that this is the same server"
     return text
 
 

@@ -36,7 +36,7 @@ def examine_coverage(one: Subject) -> tuple[CoverageEntry, list[Finding]]:
         return CoverageEntry(source="none"), []
     unknown = None
     if event is None:
-        unknown = "without a K* nobody says how much must be visible"
+        unknown = "without a K* the required visibility is unknown"
     elif phases is None or phases.critical_s is None:
         unknown = "without a trigger there are no critical phases"
     if unknown is not None or event is None or phases is None:
@@ -59,7 +59,7 @@ def examine_coverage(one: Subject) -> tuple[CoverageEntry, list[Finding]]:
     if measured is not None:
         guessed = recording.optics is not None
         why = "the camera's geometry is " + ("a guess" if guessed else "not recorded")
-    detail = f"{why}, and nobody wrote down what he saw"
+    detail = f"{why}, and no person recorded what was visible"
     return CoverageEntry(source="none"), [Finding("coverage_unknown", detail, math.inf)]
 
 

@@ -458,7 +458,7 @@ class Audit(Strict):
             yield f"its pictures differ from its states: {failing[0].told}"
         seen = {**entry.coverage.participants, "the conflict zone": entry.coverage.zone}
         if entry.coverage.source == "none":
-            yield "nobody knows what its camera covers"
+            yield "what its camera covers is unknown"
         for who, sight in seen.items():
             if sight and sight.fraction is not None and sight.fraction < sight.needed - _ROUNDING:
                 yield f"{who} is visible for {sight.fraction:g}, needed are {sight.needed:g}"

@@ -399,8 +399,8 @@ def checked_seal(bag: BagReader) -> str:
     damaged = next((one for one in seal.sources if one.is_damaged), None)
     if damaged is not None and RUN_ATTACHMENT in names and REPORT_NAME not in names:
         raise InputError(
-            f"was made of {damaged.name}, {damaged.state}, and has no {REPORT_NAME}: nothing tells "
-            "what of the session it lacks",
+            f"was made of {damaged.name}, {damaged.state}, and has no {REPORT_NAME}: which part "
+            "of the session it lacks is unknown",
             file=bag.path,
             remedy="take the bag as it was recorded",
         )

@@ -26,7 +26,7 @@ class Limit(Strict):
     unit: str
     source: Annotated[str, Field(min_length=1)]
     checked_by: Annotated[str, Field(min_length=1)] | None = Field(
-        description="name and date of who read the source; null: nobody did"
+        description="who read the source, and when; null: not checked"
     )
 
     @model_validator(mode="after")

@@ -197,7 +197,7 @@ def _draw(recorded: Recorded, pictures: Pictures, address: CarlaAddress, sha256:
                 count += 1
                 bar.advance(bar.task_ids[0])
         except PeerError as error:
-            kept = f"; {count} of {len(recorded.frames_ns)} pictures are kept, call again to go on"
+            kept = f"; {count} of {len(recorded.frames_ns)} are kept, and the same command goes on"
             raise PeerError(f"{error}{kept if count else ''}") from error
         finally:
             if painter is not None:

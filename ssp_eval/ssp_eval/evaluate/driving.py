@@ -101,8 +101,8 @@ def _attached(name: str) -> InputError:
     Each run has a fresh driver (METHOD 8.2), and the world waits for what says that it is asked.
     """
     return InputError(
-        "a bridge's node that runs already doesn't drive: it would remember the run before, and "
-        "its answers can't be told from those to others",
+        "a bridge's node that is already running doesn't drive: it would remember the previous "
+        "run, and its answers can't be distinguished from those to other nodes",
         field=f"driver {name}.{ATTACHED}",
         value=True,
         remedy='end that node, and name what it is made of: NAME={"backend": …, …options}; each '

@@ -144,7 +144,7 @@ def _check_same(job: Job, labelled: LabelledClip) -> None:
             raise InputError(
                 f"isn't what the campaign began with ({before}) but {now}",
                 file=file,
-                remedy="let it be while a campaign runs, and give all machines the same files",
+                remedy="leave it unchanged while a campaign runs, the same on all machines",
             )
 
 

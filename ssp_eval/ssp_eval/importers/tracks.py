@@ -354,7 +354,7 @@ def _with_heading(
     fast = np.flatnonzero(moved >= MOVING_MPS / 2.0)
     if not len(fast):
         raise samples.source.error(
-            f"has no heading to be had from its motion: it never moves faster than "
+            f"has a motion too slow to give a heading: it never moves faster than "
             f"{moved.max():.2f} m/s",
             "name a source with headings",
         )

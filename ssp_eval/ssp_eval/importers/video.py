@@ -308,7 +308,7 @@ def _measured(
     high_ns = low_ns + last_ns
     notes, tracks = [], []
     if table.ignored:
-        notes.append(f"columns that nobody reads: {', '.join(table.ignored)}")
+        notes.append(f"columns that are not read: {', '.join(table.ignored)}")
     if others := len(table.objects) - len(names):
         notes.append(f"{others} other objects of the table are left out")
     for object_id, name in names.items():

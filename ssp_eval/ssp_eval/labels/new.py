@@ -355,7 +355,7 @@ def _plan(recordings: Sequence[_Recording]) -> list[_Planned]:
         timeline = one.timeline if found is None else found.timeline()
         if timeline is None:
             raise InputError(
-                "holds no states, and nobody says when its phases begin",
+                "has no states, and the times of its phases are unknown",
                 file=one.path,
                 remedy="have a person look at it (`ssp audit observe`), give its clip's --truth "
                 "file, or of K*'s own synthetic clip its K* with --event",

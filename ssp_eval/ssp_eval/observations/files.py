@@ -213,7 +213,7 @@ def sealed_observation(
         )
     value["who"] = given if who is None else who
     if value["who"] is None:
-        raise InputError("names nobody", file=file, field="who", remedy="give --who NAME")
+        raise InputError("names no person", file=file, field="who", remedy="give --who NAME")
     for key, own in (("bag_sha256", footage.bag_sha256), ("recording", recording), ("when", now)):
         if value.get(key) is None:
             value[key] = own

@@ -86,7 +86,7 @@ class BagFiles:
                 raise InputError(
                     "was changed while it was read",
                     file=file,
-                    remedy="let recordings be while they are read, and give the command again",
+                    remedy="don't change a recording while it is read; give the command again",
                 )
 
 

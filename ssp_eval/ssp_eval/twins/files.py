@@ -32,7 +32,7 @@ class TwinIdentity(Strict):
     schema_: Literal["ssp.twin/1"] = Field(TWIN_SCHEMA, alias="schema")
     name: str = Field(description="of the change; folder and condition have it")
     kind: str
-    object_id: str = Field(description="whom it is about; empty: nobody")
+    object_id: str = Field(description="the object that is changed; empty: none")
     object_class: ObjectWord | None = None
     value: Finite = Field(description="s of shift and camera, share of history; else 0")
     words: str = Field(description="the change, for people")

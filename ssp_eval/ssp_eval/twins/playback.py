@@ -107,8 +107,8 @@ def read_factual(bag: BagReader) -> Factual:
         )
     if run is None or run.camera is None or run.mode == "live" or TICK not in bag.topics:
         raise InputError(
-            "is no session of the simulated world with a camera, so that nobody can draw what it "
-            "would have shown",
+            "is no simulated session with a camera, so that what the camera would have shown "
+            "can't be drawn",
             file=bag.path,
             remedy="give a run of `ssp run`; of any recording the pictures alone can be changed, "
             "with `ssp evaluate --pictures`",

@@ -69,7 +69,7 @@ def test_vanishing_and_appearing() -> None:
     late = [s for s in seen(reported=False) if s.object_id != "ot1" or s.t_s > 2.0]
     assert texts(late) == ["ot1 is gone from 0.00 to 2.02 s"]
     stranger = Sighting(7.0, WORLD, "ghost", "car", 0.0, 0.0, 0.0)
-    assert texts([*seen(), stranger]) == ["ghost, who is nobody here, appears at 7.00 s"]
+    assert texts([*seen(), stranger]) == ["ghost, an unknown id, appears at 7.00 s"]
 
 
 def test_a_jump() -> None:

@@ -245,7 +245,7 @@ def test_label_times_of_a_video_lie_in_the_phases_that_a_person_saw_in_it(
     write_event(file, event)
     given = [str(videos["synthetic"]), str(videos["physical"]), "--event", str(file)]
     assert main(["labels", "new", *given]) == 1
-    assert "nobody says when its phases begin" in " ".join(capsys.readouterr().err.split())
+    assert "the times of its phases are unknown" in " ".join(capsys.readouterr().err.split())
     look(videos["physical"])
     assert main(["labels", "new", *given]) == 0
     found = {d: json.loads((videos[d] / "labels.json").read_text())["labels"] for d in DOMAINS[::2]}

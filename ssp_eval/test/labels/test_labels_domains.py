@@ -376,7 +376,7 @@ def test_a_video_alone_gets_a_template_by_the_phases_of_its_k_star(
     if kind == "video":
         # Nobody said that it is the clip of this K*.
         assert main(["labels", "new", *given]) == 1
-        assert "nobody says when its phases begin" in " ".join(capsys.readouterr().err.split())
+        assert "the times of its phases are unknown" in " ".join(capsys.readouterr().err.split())
         given += ["--event", "cut_in"]
     assert main(["labels", "new", *given]) == 0
     told = " ".join(capsys.readouterr().err.split())

@@ -150,7 +150,7 @@ def test_where_somebody_starts_says_how_the_lanes_lie(
         ("visibility.participants", {}, "must name ot1", "visibility.participants"),
         ("visibility.conflict_region.value", 1.5, "less than or equal to 1", None),
         ("source_gate.road.value", "no", "valid boolean", "source_gate.road.value"),
-        ("who", None, "names nobody", "who"),
+        ("who", None, "names no person", "who"),
         ("who", " ", "should match pattern", "who"),
         ("schema", "ssp.observation/9", "Input should be 'ssp.observation/1'", "schema"),
     ],

@@ -27,7 +27,9 @@ from ssp_monitor.recorder.topics import MOST_TOPICS
 @click.option(
     "--include", multiple=True, metavar="RE", help="Topics whose names match; repeatable."
 )
-@click.option("--exclude", multiple=True, metavar="RE", help="None of these; repeatable.")
+@click.option(
+    "--exclude", multiple=True, metavar="RE", help="Leave out topics whose names match; repeatable."
+)
 @click.option(
     "-o", "--out", "bag", type=click.Path(path_type=Path), required=True, help="New bag directory."
 )

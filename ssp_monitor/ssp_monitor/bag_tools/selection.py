@@ -31,7 +31,9 @@ def _a_time(_: click.Context, param: click.Parameter, text: str | None) -> str |
 def span_options(command: Command) -> Command:
     """Add --start, --end, --topics and --exclude."""
     for option in (
-        click.option("--exclude", multiple=True, metavar="TOPIC", help="Leave out; as --topics."),
+        click.option(
+            "--exclude", multiple=True, metavar="TOPIC", help="Topics to leave out; as --topics."
+        ),
         click.option(
             "--topics",
             multiple=True,

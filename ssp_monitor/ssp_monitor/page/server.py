@@ -285,7 +285,7 @@ def _late(shown: StateOnPage, now_ns: int) -> str:
     if 0.0 <= age_s <= PRESS_S:
         return ""
     if age_s < 0.0:
-        return "not sent: another start of this computer showed that; load the page again"
+        return "not sent: the page dates from before this computer restarted; load it again"
     return (
         f"not sent: pressed for what the page showed {age_s:.0f} s ago, limit {PRESS_S:g} s: look "
         "again, then press again"

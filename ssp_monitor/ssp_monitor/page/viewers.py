@@ -91,7 +91,7 @@ class Hub:
     async def serve(self, request: web.Request) -> web.StreamResponse:
         """Serve one viewer, from its hello to its end."""
         if len(self._strangers) >= MOST_STRANGERS:
-            return web.Response(status=503, text="too many say nothing; try again in a moment")
+            return web.Response(status=503, text="too many unknown viewers; try again in a moment")
         if len(self._viewers) >= MOST_VIEWERS:
             return web.Response(status=503, text=f"{MOST_VIEWERS} viewers are connected, no more")
         socket = web.WebSocketResponse(
@@ -134,7 +134,7 @@ class Hub:
             self._strangers.discard(socket)
             self._viewers.add(socket)
             return True
-        await socket.close(code=_REFUSED, message=f"{why}: reading needs it here".encode())
+        await socket.close(code=_REFUSED, message=f"{why}: reading needs the token here".encode())
         return False
 
     async def _feed(self, socket: web.WebSocketResponse) -> None:

@@ -104,7 +104,7 @@ def outlook(free: int | None, rate_bps: float, needs: DiskNeeds) -> DiskOutlook:
         needs: of the recording: reserve, and a run's length and rate.
     """
     if free is None:
-        return DiskOutlook(math.inf, None, None, "free space of the disk can't be told")
+        return DiskOutlook(math.inf, None, None, "the free space of the disk is unknown")
     usable = free - needs.reserve_bytes
     left_s = max(usable, 0) / rate_bps if rate_bps > 0 else (math.inf if usable > 0 else 0.0)
     ends = _ends(free, usable, left_s, needs)

@@ -158,6 +158,6 @@ def _synchronous(ticking: bool) -> Refusal:
     if ticking:
         return Refusal("another client ticks the server", "end it, or take another server")
     return Refusal(
-        "the server is synchronous and nobody ticks it: a client died",
+        "the server is synchronous and no client ticks it: a client died",
         "restart the server",
     )

@@ -225,7 +225,7 @@ def _server_problems(servers: str, is_dead: Callable[[str, int], bool] | None) -
         if not _is_known(host, port):
             yield f"{host} is no known host"
         elif found["host"] and is_dead is not None and is_dead(host, port):
-            yield f"nobody listens at {host}:{port}, so no node would find another"
+            yield f"no server listens at {host}:{port}, so no node would find another"
 
 
 def _is_known(host: str, port: int) -> bool:
@@ -235,7 +235,7 @@ def _is_known(host: str, port: int) -> bool:
         return False
 
 
-def nobody_listens(host: str, port: int) -> bool:
+def is_unreachable(host: str, port: int) -> bool:
     """Say whether a host refuses a UDP port, or doesn't exist in its network.
 
     A host behind a router that says nothing passes for one that listens.
@@ -276,7 +276,7 @@ def require_sound(env: Mapping[str, str], *, asks_servers: bool = False) -> None
     Raises:
         InputError: names every variable, with its value and what would be right.
     """
-    dead = nobody_listens if asks_servers else None
+    dead = is_unreachable if asks_servers else None
     if errors := environment_errors(env, installed_middlewares(env), dead):
         raise InputError.of_all(errors, "the environment")
 

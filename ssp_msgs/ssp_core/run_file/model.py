@@ -345,7 +345,7 @@ class RunSpec(Strict):
     triggers: Annotated[list[TriggerSpec], Field(min_length=1)]
     thresholds: ConflictThresholds = ConflictThresholds()
     passing: WantedPassing | None = Field(
-        None, description="what K* says of it; null: made by hand, nobody judges the passing"
+        None, description="what K* says of it; null: made by hand, and not judged"
     )
     limits: Limits
     disturbance: LinkDisturbance = Field(LinkDisturbance(), description="of everybody's")
@@ -357,7 +357,7 @@ class RunSpec(Strict):
     camera: Camera | None = Field(Camera(), description="null: nothing is rendered")
     look: Look = Look()
     end: EndCondition = EndCondition()
-    datum: SiteDatum | None = Field(None, description="of frame map; null: nobody knows")
+    datum: SiteDatum | None = Field(None, description="of frame map; null: unknown")
     session_token: Annotated[str, Field(pattern=r"^((live|sim)-[0-9a-z]{1,40})?$")] = Field(
         "", description="of the session that `ssp run` led with this file; empty: of none"
     )

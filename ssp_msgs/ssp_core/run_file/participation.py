@@ -125,7 +125,7 @@ class Participation:
         if self.said_by:
             by_word = [who for who in self.word if not self.declared.get(who)]
             counted = [who for who in by_word if who not in self.lost]
-            told = ", ".join(counted) or "nobody, for these declared themselves"
+            told = ", ".join(counted) or "none, since all declared themselves"
             parts.append(f"by the word of {self.said_by}: {told}")
         return "; ".join(parts)
 

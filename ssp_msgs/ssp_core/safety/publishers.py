@@ -63,10 +63,10 @@ _OF_SESSION: dict[str, tuple[Part, ...]] = {
 }
 # What anybody may publish beside us, and why that does no harm.
 ANYBODY = {
-    names.SAFETY_EVENT: "whoever sees danger may end a session",
+    names.SAFETY_EVENT: "any node may report danger, and end a session",
     names.TF: "every ROS system has its own frames there; nothing of ours is judged by it",
     names.TF_STATIC: "as /tf",
-    names.DIAGNOSTICS: "every node tells its health there",
+    names.DIAGNOSTICS: "every node reports its health there",
 }
 # The topics that show which processes a part has; those of objects are in ``_proofs``.
 _PROOFS = {

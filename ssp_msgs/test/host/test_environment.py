@@ -12,9 +12,9 @@ from ssp_core.host.environment import (
     adopted,
     environment_errors,
     installed_middlewares,
+    is_unreachable,
     isolated,
     live_environment,
-    nobody_listens,
     require_sound,
     session_environment,
     set_log_folder,
@@ -189,10 +189,10 @@ def test_a_dead_discovery_server_is_known_at_once_and_a_living_one_too() -> None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
         server.bind(("127.0.0.1", 0))
         port = server.getsockname()[1]
-        assert not nobody_listens("127.0.0.1", port)
-    assert nobody_listens("127.0.0.1", port)
+        assert not is_unreachable("127.0.0.1", port)
+    assert is_unreachable("127.0.0.1", port)
     env = {"ROS_DISCOVERY_SERVER": f"127.0.0.1:{port}"}
-    with pytest.raises(InputError, match=r"nobody listens at .*start it"):
+    with pytest.raises(InputError, match=r"no server listens at .*start it"):
         require_sound(env, asks_servers=True)
 
 

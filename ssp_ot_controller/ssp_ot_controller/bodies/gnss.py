@@ -192,7 +192,7 @@ class GnssStates:
             place = replace(place, altitude_m=self._datum.place.altitude_m)
         known = abs(place.latitude_deg) <= 90.0 and abs(place.longitude_deg) <= 180.0
         if not (known and abs(place.altitude_m) <= _HIGHEST_M):
-            raise Unusable("its place is none on the Earth")
+            raise Unusable("its latitude, longitude or altitude is out of range")
         self._states.check_stamp(fix.stamp_ns, now_ns)
         yaw_rad = self._unit_yaw_rad(fix.stamp_ns)
         x_m, y_m, _ = self._datum.to_site(place)
@@ -235,7 +235,7 @@ class GnssStates:
     def _near(self, what: str, stamp_ns: int | None, fix_ns: int, why: str = "") -> None:
         """Raise Unusable where a fix has no partner that was measured about when it was."""
         if stamp_ns is None:
-            raise Unusable(f"{what}: none has come that could be used{why}")
+            raise Unusable(f"{what}: no usable one has arrived{why}")
         apart_s = abs(ns_to_seconds(fix_ns - stamp_ns))
         if apart_s > self._gate.apart_s:
             limit = f"limit {self._gate.apart_s:g} s{why}"
@@ -255,7 +255,7 @@ class GnssStates:
             )
         if not self._hears_speeds:
             if velocity is None:
-                raise Unusable("speed: not known of the first fix, nor of the first after a pause")
+                raise Unusable("speed: unknown at the first fix, and the first after a pause")
             return along_mps
         speed = self._speed
         self._near("velocity", None if speed is None else speed.stamp_ns, stamp_ns)

@@ -260,7 +260,7 @@ class UdpBody:
         self._object_id = object_id
         self._address = f"udp://[{host}]:{port}" if ":" in host else f"udp://{host}:{port}"
         self._boot_ns = boot_ns
-        # Of what came last: why it wasn't taken, and whether nobody listens there.
+        # Of what came last: why it wasn't taken, and whether no program listens there.
         self._refused: Reason | None = None
         self._unreachable = False
         self._sequence = 0
@@ -280,7 +280,7 @@ class UdpBody:
                 # One byte more than a good one has, so that a longer one shows.
                 data = self._socket.recv(STATE_BYTES + 1)
             except OSError as error:
-                # Nothing more to read, or nobody listens there: its silence is what counts.
+                # Nothing more to read, or no program listens there: its silence is what counts.
                 self._unreachable |= isinstance(error, ConnectionRefusedError)
                 return newest
             found = decode_state(data, self._object_id)
@@ -296,14 +296,14 @@ class UdpBody:
 
     def problems(self) -> tuple[str, ...]:
         if self._unreachable:
-            return (f"nobody listens at {self._address}",)
+            return (f"no program listens at {self._address}",)
         if self._refused is None:
             return (f"nothing comes from {self._address}",)
         count = self.rejected[self._refused]
         text = f"what comes from {self._address} is refused: {self._refused.value} ({count} times)"
         if self._refused is Reason.ORDER:
             back_s = self._order.set_back_s
-            why = "it counts anew with the same boot"
+            why = "it restarted its count with the same boot"
             if back_s > 0.0:
                 why = f"it was started again, and its clock set back by {back_s:.1f} s or more"
             text += f"; {why}: it is followed after {RESTART_S:g} s"

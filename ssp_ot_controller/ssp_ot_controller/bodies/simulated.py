@@ -173,20 +173,20 @@ def serve(
 
 
 @click.command()
-@click.option("--object", "object_id", required=True, help="Whose body, as in the run file.")
+@click.option("--object", "object_id", required=True, help="Id of the object, as in the run file.")
 @click.option("--class", "object_class", type=click.Choice(_CLASSES), default="car")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option(
-    "--port", type=WholeNumber(0, 65535), default=0, show_default=True, help="0: one that is free."
+    "--port", type=WholeNumber(0, 65535), default=0, show_default=True, help="0: any free one."
 )
-@click.option("--x", "x_m", type=Number(), default=0.0, help="Where it stands, m, map.")
-@click.option("--y", "y_m", type=Number(), default=0.0, help="Where it stands, m, map.")
+@click.option("--x", "x_m", type=Number(), default=0.0, help="Start, m east in frame map.")
+@click.option("--y", "y_m", type=Number(), default=0.0, help="Start, m north in frame map.")
 @click.option(
     "--yaw",
     "yaw_rad",
     default=0.0,
     type=Number(-6.2832, 6.2832),
-    help="Where it looks, rad from east.",
+    help="Heading, rad counter-clockwise from east.",
 )
 @click.option(
     "--rate",

@@ -156,7 +156,7 @@ class LiveObject:
         if late_s <= oldest_s:
             return ()
         text = (
-            f"what its body says is {late_s:.3f} s old when it comes, limit {oldest_s:g} s: "
+            f"its body's readings are {late_s:.3f} s old on arrival, limit {oldest_s:g} s: "
             "its clock is behind, or its link is slow"
         )
         return (text + _leap_hint(late_s, now_ns, "UTC is so far behind GPS time"),)

@@ -53,7 +53,7 @@ PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_hosts.xml"
     type=WholeNumber(-1, 2),
     default=2,
     show_default=True,
-    help="Of the places: -1 none, 0 fix, 1 SBAS, 2 GBAS.",
+    help="Fix type of the positions: -1 none, 0 fix, 1 SBAS, 2 GBAS.",
 )
 @click.option(
     "--rate",
@@ -61,16 +61,16 @@ PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_hosts.xml"
     type=Number(0, low_open=True),
     default=100.0,
     show_default=True,
-    help="Of the GNSS/INS, Hz.",
+    help="Rate of the GNSS/INS, Hz.",
 )
-@click.option("--frame", default="map", show_default=True, help="Of the odometry.")
+@click.option("--frame", default="map", show_default=True, help="Frame of the odometry.")
 @click.option(
     "--clock-offset",
     "clock_offset_s",
     type=Number(),
     default=0.0,
     show_default=True,
-    help="Of the VUT's clock, s: what a clock that isn't synchronised does.",
+    help="Offset of the VUT's clock, s, as of one that isn't synchronised.",
 )
 @click.option(
     "--host", default="127.0.0.1", show_default=True, help="Address that the bodies listen at."
@@ -80,11 +80,13 @@ PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_hosts.xml"
     type=WholeNumber(0, 65535),
     default=FIRST_PORT,
     show_default=True,
-    help="Of the first body, the others follow (an ISO object has two: UDP is the one below); 0: "
-    "any that are free.",
+    help="Port of the first body; the others follow (an ISO object has two, UDP below). 0: "
+    "any free ones.",
 )
 @click.option("--log", type=click.Path(path_type=Path), help="CSV of the bodies' true states.")
-@click.option("--remap", "remappings", multiple=True, metavar="FROM:=TO", help="Of our topics.")
+@click.option(
+    "--remap", "remappings", multiple=True, metavar="FROM:=TO", help="Remap an SSP topic."
+)
 def main(
     what: Path,
     parts: tuple[str, ...],
@@ -114,7 +116,7 @@ def main(
         run = load_run(run_file)
         if run.domain != "physical":
             raise InputError(
-                "is no proving ground's: nothing of it is ever live",
+                "is no run on a proving ground: it can't be live",
                 file=run_file,
                 field="domain",
                 value=run.domain,

@@ -48,14 +48,14 @@ iso.add_command(probe_command)
     type=WholeNumber(0, 65535),
     default=TCP_PORT,
     show_default=True,
-    help="TCP port; UDP is the one below; 0: any that are free.",
+    help="TCP port; UDP uses the one below it. 0: any free ones.",
 )
 @click.option(
     "--fault",
     "faults",
     multiple=True,
     metavar="KIND[=VALUE][@AT_S[+FOR_S]]",
-    help=f"What is wrong with it, since its first start; may be repeated: {', '.join(KINDS)}.",
+    help=f"Fault, timed from its first start; may be repeated: {', '.join(KINDS)}.",
 )
 @click.option("--log", type=click.Path(path_type=Path), help="CSV of its true states.")
 def object_(

@@ -74,7 +74,7 @@ class VutAdapter(Node):
     def _hear_gnss(self, run: RunSpec, given: dict[str, Any], lever: LeverArm) -> None:
         if run.datum is None:
             raise InputError(
-                "isn't there: nobody knows where the site lies, and --navsat gives latitudes",
+                "is missing: where the site lies is unknown, and --navsat gives latitudes",
                 file=given["run_file"],
                 field="datum",
                 remedy="give the site file one, compile again, or take --odometry in frame map",

@@ -189,7 +189,7 @@ def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
         spec = for_one_process(again.run.model_copy(update={"run_id": folder.name}), camera=True)
         measures = again.asks_anew and spec.driven is not None and spec.driven.latency.measured
         if again.asks_anew:
-            console.note("our side failed this run, whose answers aren't kept: the model is asked")
+            console.note("SSP failed in this run and kept no answers: the model is asked again")
         alone = measuring_alone if measures else beside_measuring
         with alone(console.note):
             told = run_one(
@@ -206,5 +206,5 @@ def _again(campaign: Path, row: int, out: Path | None, as_json: bool) -> int:
 def _line(one: Rates) -> str:
     place = f"{one.event:18} {one.driver:18} L {one.latency.shown:<8} "
     if one.headline is None or one.low is None or one.high is None:
-        return place + f"no rate, {one.planned - one.driven} of {one.planned} failed on our side"
+        return place + f"no rate: SSP failed in {one.planned - one.driven} of {one.planned}"
     return place + f"{one.headline:.2f} [{one.low:.2f}, {one.high:.2f}] of {one.driven}"

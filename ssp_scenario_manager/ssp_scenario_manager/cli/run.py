@@ -405,7 +405,7 @@ def _check_options(
     if record and (not in_process or swept):
         raise click.UsageError("--record goes with --in-process, and with one run")
     if swept and junit is not None:
-        raise click.UsageError("--junit tells of one run; --runs and --vary leave runs.csv")
+        raise click.UsageError("--junit reports one run; --runs and --vary leave runs.csv")
     if jobs is not None and not swept:
         raise click.UsageError("--jobs needs --runs or --vary")
     if in_process and mode != "lockstep":
@@ -427,7 +427,7 @@ def _check_options(
         raise click.UsageError("--shadow needs a camera and processes to follow")
     for name, count in Counter(text.partition("=")[0] for text in shadow_texts).items():
         if count > 1:
-            raise click.UsageError(f"--shadow {name} stands {count} times")
+            raise click.UsageError(f"--shadow {name} is given {count} times")
 
 
 def _with_carla(
@@ -491,7 +491,7 @@ def _asks_carla(option: str, text: str | None, ours: str, before: str | None) ->
         raise InputError(
             f"names neither {ours} nor a server"
             if text
-            else "isn't given, and CARLA did it before",
+            else "is missing, and the run of this folder uses CARLA",
             field=option,
             value=text,
             remedy=f"give {ours}, or carla://HOST:PORT",

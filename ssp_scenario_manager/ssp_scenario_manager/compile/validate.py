@@ -102,7 +102,7 @@ def _check_recorded(reader: BagReader) -> None:
     events = [reader.decode(m) for m in reader.messages([absolute(SAFETY_EVENT)])]
     if events:
         raise InputError(
-            f"tells of {len(events)} safety event(s), first: {events[0].limit_name}",
+            f"records {len(events)} safety event(s), first: {events[0].limit_name}",
             file=reader.path,
             field=SAFETY_EVENT,
             remedy=_REMEDY,

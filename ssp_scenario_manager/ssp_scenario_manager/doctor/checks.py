@@ -27,7 +27,7 @@ from ssp_core.host.environment import (
     environment_errors,
     finds_sessions,
     installed_middlewares,
-    nobody_listens,
+    is_unreachable,
 )
 from ssp_core.host.shared_memory import check_shared_memory
 from ssp_core.leap_seconds import TABLE_GOOD_UNTIL, leap_seconds, leap_seconds_may_be_old
@@ -200,7 +200,7 @@ _OURS = (
 
 
 def environment(
-    env: Mapping[str, str], is_dead: Callable[[str, int], bool] = nobody_listens
+    env: Mapping[str, str], is_dead: Callable[[str, int], bool] = is_unreachable
 ) -> list[Finding]:
     """Check the variables by which nodes of a live session find each other and their code."""
     name = "environment"

@@ -157,7 +157,7 @@ class Site(Strict):
     camera: Camera = Camera()
     look: Look = Look()
     disturbance: LinkDisturbance = LinkDisturbance()
-    datum: SiteDatum | None = Field(None, description="null: nobody knows; see docs/sites.md")
+    datum: SiteDatum | None = Field(None, description="null: unknown; see docs/sites.md")
 
     @model_serializer(mode="wrap")
     def _without_unknown_datum(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:

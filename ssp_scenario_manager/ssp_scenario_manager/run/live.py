@@ -173,7 +173,7 @@ class LiveSetup:
         """
         if "navsat" in self.receiver and spec.datum is None:
             raise InputError(
-                "isn't there: nobody knows where the site lies, and --navsat gives latitudes",
+                "is missing: where the site lies is unknown, and --navsat gives latitudes",
                 field="datum",
                 value=spec.site,
                 remedy="give the site file a datum and compile again (docs/sites.md)",
@@ -181,7 +181,7 @@ class LiveSetup:
         speak_iso = [i for i, at in self.bodies.items() if at.startswith("iso22133:")]
         if speak_iso and spec.datum is None:
             raise InputError(
-                "isn't there: nobody knows where the site lies, and objects that speak ISO 22133 "
+                "is missing: where the site lies is unknown, and objects that speak ISO 22133 "
                 "are told its latitude and longitude",
                 field="datum",
                 value=f"{spec.site}, for {', '.join(sorted(speak_iso))}",
@@ -250,7 +250,7 @@ def describe(setup: LiveSetup, spec: RunSpec, run_file: Path, env: dict[str, str
     ]
     if spec.stand_in:
         lines.append(
-            f"{spec.site} is a stand-in site: its fence and limits are nobody's proving ground"
+            f"{spec.site} is a stand-in site: its fence and limits are those of no proving ground"
         )
     for object_id, address in sorted(setup.bodies.items()):
         who = dict(parse_qsl(address.partition("?")[2])).get("waive", "").strip()

@@ -249,9 +249,11 @@ def _conclude(
             outcome = outcome.with_misses([] if spec.driven else misses(spec, happened))
         elif outcome.ok:
             why = (
-                "the bag can't be read" if happened is None else "the bag lacks states of somebody"
+                "the bag can't be read"
+                if happened is None
+                else "the bag lacks a participant's states"
             )
-            outcome = outcome.with_reason(Verdict.INVALID_HARNESS, f"{why}: nobody knows the event")
+            outcome = outcome.with_reason(Verdict.INVALID_HARNESS, f"{why}: the event is unknown")
         write(lambda: sealed.append(leave_verdict(bag, outcome.verdict, outcome.reasons, "runner")))
         if word is not None and recording == bag:
             write(partial(_seal_word, word, bag))

@@ -411,7 +411,7 @@ class Session:
         moving = preconditions.moving
         unknown = set(moving(run.spec, vut, targets, run.history.motion, now_ns, armed=run.armed))
         who = sorted(unknown | (known - self._heard))
-        return [f"it is not known of {i} that it stands" for i in who]
+        return [f"{i} is not known to stand" for i in who]
 
     def _abort_by_operator(self, now_ns: int, requested_by: str, reason: str) -> None:
         text = f"abort by {requested_by}" + (f": {reason}" if reason else "")

@@ -91,7 +91,7 @@ def test_events_without_starts_leave_a_folder_that_another_plan_may_take(
         ({"drivers": [{"driver": "aeb", "options": {"ttc_s": 1.0}}]}, "name of a baseline"),
         ({"drivers": [{"driver": "aeb", "options": {"ttc": 1.0}, "label": "a"}]}, "ttc"),
         ({"latencies": ["fixed:0", "zero"]}, "zero stands twice"),
-        ({"latencies": ["measured:1", "measured"]}, "measured stands twice"),
+        ({"latencies": ["measured:1", "measured"]}, "measured is given twice"),
         ({"latencies": ["fast"]}, "is no latency"),
         ({"events": ["cut_in", "cut_in"]}, "stands twice"),
     ],

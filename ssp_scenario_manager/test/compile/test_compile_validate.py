@@ -124,7 +124,7 @@ def test_the_verdict_is_the_recorded_one(verdict: Verdict, compiled: Path, tmp_p
 
 def test_a_recorded_safety_event_validates_nothing(compiled: Path, tmp_path: Path) -> None:
     record(tmp_path, compiled, safety=True)
-    with pytest.raises(InputError, match=r"tells of 1 safety event.*separation"):
+    with pytest.raises(InputError, match=r"records 1 safety event.*separation"):
         read_validation(tmp_path, event_version(compiled))
 
 

@@ -176,7 +176,7 @@ def test_another_service_is_recognised(extraction: Extraction, body: bytes) -> N
 @pytest.mark.parametrize(
     ("answers", "what"),
     [
-        ({"targets": {"items": []}}, "shows nobody who conflicts"),
+        ({"targets": {"items": []}}, "shows no conflict with the VUT"),
         ({"interaction": {**GOOD["interaction"], "type": field("none")}}, "no identifiable"),
     ],
 )

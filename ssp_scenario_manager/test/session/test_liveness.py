@@ -236,11 +236,11 @@ def test_why_no_state_of_a_live_object_arrives_is_said(run: RunSpec) -> None:
     liveness = LivenessMonitor(links())
     for why, at_s in (
         ("its object_target was never heard: it doesn't run, or can't be reached", 100.0),
-        ("nobody listens at udp://10.0.0.21:9001", 101.0),
+        ("no program listens at udp://10.0.0.21:9001", 101.0),
         ("its object_target has said nothing for 19 s", 120.0),
     ):
         if at_s == 101.0:
-            told = BodyStatus("ot1", ("nobody listens at udp://10.0.0.21:9001",))
+            told = BodyStatus("ot1", ("no program listens at udp://10.0.0.21:9001",))
             liveness.hear_body(told, round(at_s * 1e9))
         found = live_obstacles(liveness, run, Gate.CONNECT, at_s)
         assert f"no state of ot1 arrives: {why}" in found

@@ -146,11 +146,11 @@ def test_what_was_heard_before_an_abort_clears_nothing(driver: Any, tools: Any) 
     tools.bring(driver, "ABORTED")
     driver.command("abort")
     assert driver.command("all_clear").missing == (
-        "it is not known of ot1 that it stands",
-        "it is not known of vut that it stands",
+        "ot1 is not known to stand",
+        "vut is not known to stand",
     )
     driver.session.on_vut_state(driver.vut)
-    assert driver.command("all_clear").missing == ("it is not known of ot1 that it stands",)
+    assert driver.command("all_clear").missing == ("ot1 is not known to stand",)
     driver.session.on_target_state(driver.targets["ot1"])
     assert driver.command("all_clear").accepted
 
@@ -175,7 +175,7 @@ def test_all_clear_waits_for_standstill(driver: Any, tools: Any) -> None:
     driver.move("ot1", speed_mps=0.06)
     driver.hear()
     missing = driver.command("all_clear").missing
-    assert missing == ("it is not known of ot1 that it stands",)
+    assert missing == ("ot1 is not known to stand",)
     driver.move("ot1", speed_mps=math.nan)
     driver.hear()
     assert not driver.command("all_clear").accepted

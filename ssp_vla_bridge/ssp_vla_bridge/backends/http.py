@@ -209,7 +209,7 @@ class HttpService:
         except aiohttp.ClientConnectorError as error:
             reason = f"the service can't be reached ({error})"
             if error.os_error.errno == errno.ECONNREFUSED:
-                kind, reason = NotTakenError, "nobody listens there (connection refused)"
+                kind, reason = NotTakenError, "no program listens there (connection refused)"
         except aiohttp.ServerDisconnectedError:
             reason = "the service closed the connection without an answer"
         except aiohttp.ClientPayloadError:

@@ -37,7 +37,7 @@ class EgodriverOptions(Strict):
         FORWARD_CAMERA, description="name under which the forward camera is declared"
     )
     revision: Literal[1, 2] | None = Field(
-        None, description="1 or 2: of a server that declares none; null: told by its version"
+        None, description="1 or 2: of a server that declares none; null: by its version"
     )
     control_step_s: Annotated[float, Field(ge=0.001, le=10.0)] = Field(
         0.1, description="from the decision to time_query_us, 0.001 to 10 s"

@@ -126,7 +126,7 @@ def test_an_object_without_a_probe_report_is_not_armed_and_that_is_the_reason(
     assert {row.speed_mps for row in stage.rows()} <= {0.0}
 
 
-def test_an_address_where_nobody_listens_is_named_while_the_session_waits(
+def test_an_address_where_is_unreachable_is_named_while_the_session_waits(
     stage: Any, task: Callable[..., Path]
 ) -> None:
     port = local_port()
@@ -144,7 +144,7 @@ def test_without_a_datum_a_session_with_an_iso_object_does_not_begin(
     command = [sys.executable, "-m", "ssp_core.cli", "run", str(task("cut_in")), *arguments]
     done = stage.start("ssp_run", command)
     assert done.wait(600.0) == 1
-    assert "datum: isn't there: nobody knows where the site lies" in stage.said("ssp_run")
+    assert "datum: is missing: where the site lies is unknown" in stage.said("ssp_run")
     assert not (stage.folder / "run" / "bag").exists()
 
 

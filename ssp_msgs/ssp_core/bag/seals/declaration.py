@@ -89,7 +89,7 @@ def load_declaration(file: Path, run: RunSpec) -> Declaration:
         )
     if run.mode != "live":
         raise InputError(
-            "is of a session with a simulated world, of which nobody's word makes a live one",
+            "is of a session with a simulated world, which no declaration makes a live one",
             file=file,
             field="participants",
             value=run.mode,

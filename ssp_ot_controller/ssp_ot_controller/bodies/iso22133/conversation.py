@@ -68,7 +68,7 @@ _ASKED = {
     C.PRE_ARMING: "was asked to arm",
     C.ARMED: "was armed",
     C.RUNNING: "should have started",
-    C.POSTRUN: "was told to stop",
+    C.POSTRUN: "was commanded to stop",
 }
 _NOT_ASKED = "was to stand disarmed"
 # Before these nobody waits for an object's state.
@@ -447,7 +447,7 @@ class Conversation:
                 SafetyCode.NOT_STOPPING,
                 took_s,
                 bound_s,
-                f"drives {speed:.1f} m/s {took_s:.2f} s after it was told to "
+                f"drives {speed:.1f} m/s {took_s:.2f} s after the command to "
                 f"{self.status.name.lower().replace('_', ' ')}, and slows within {bound_s:g} s at "
                 "most",
             )

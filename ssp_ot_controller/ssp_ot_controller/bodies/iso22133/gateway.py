@@ -368,7 +368,7 @@ class IsoBody:
         if timing.start_error_s is not None:
             parts.append(f" was RUNNING {timing.start_error_s:+.3f} s from its start time")
         if timing.stop_s is not None:
-            parts.append(f" slowed {timing.stop_s:.3f} s after it was told to stop")
+            parts.append(f" slowed {timing.stop_s:.3f} s after the command to stop")
         return ",".join(parts)
 
 

@@ -269,7 +269,7 @@ class Link:
             if code:
                 self._lose(os.strerror(code))
             elif tcp.getsockname() == tcp.getpeername():
-                # The kernel may take the wanted port for this end, where nobody listens at it.
+                # The kernel may take the wanted port for this end, where no program listens at it.
                 self._lose(os.strerror(errno.ECONNREFUSED))
             else:
                 self._connected, self.problem = True, ""

@@ -39,9 +39,9 @@ TIMES = {
 }
 NEEDED = {
     "listen.values": "states only values of its enumerations",
-    "arm.arm": "arms when it is told to",
-    "arm.disarm": "disarms when it is told to",
-    "arm.abort": "aborts when it is told to",
+    "arm.arm": "arms on command",
+    "arm.disarm": "disarms on command",
+    "arm.abort": "aborts on command",
     "arm.latch": "keeps an abort",
     "arm.all_clear": "is cleared by an all clear",
     "arm.heartbeat_loss": "leaves ARMED without heartbeats",

@@ -135,7 +135,7 @@ def _told(
     record: Record,
 ) -> tuple[dict[str, Any], str]:
     if run.driven is None:
-        raise ValueError("a driven run is driven by somebody")
+        raise ValueError("a driven run has a driver")
     outcome = outcome_of(run, run.driven, result, record, start.twin)
     told = told_of(run.driven, record, outcome, start.v_r_mps) | {"needless": needless}
     told, why = (told, "") if before is None else before.judged(told)

@@ -94,7 +94,7 @@ class LoopPlan(Strict):
     @classmethod
     def _is_measured_once(cls, values: list[Latency]) -> list[Latency]:
         if sum(one.measured for one in values) > 1:
-            raise ValueError("measured stands twice: its bound is no condition of its own")
+            raise ValueError("measured is given twice: its bound is no condition of its own")
         return values
 
     @property

@@ -297,7 +297,7 @@ def drive_start(
     """
     run = start.driven_by(driver.driver, driver.options, latency, event=event, repeat=repeat)
     if run.driven is None:
-        raise ValueError("a driven run is driven by somebody")
+        raise ValueError("a driven run has a driver")
     result, record = run_in_process(run, answers=answers)
     outcome = outcome_of(run, run.driven, result, record, start.twin)
     return Drove(run, run.driven, result, record, outcome)

@@ -192,7 +192,7 @@ def next_start(
 def _with_driver(run: RunSpec, drive: Drive, task_file: Path) -> RunSpec:
     driven = run.driven
     if driven is None:
-        raise ValueError("the run is driven by nobody")
+        raise ValueError("the run has no driver of its VUT")
     room_s = driven.hand_over_s - driven.first_request_s - driven.frame_period_s
     latency = drive.latency
     if latency.seconds > room_s + 1e-9:

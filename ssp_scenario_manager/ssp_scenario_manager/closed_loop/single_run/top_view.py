@@ -120,7 +120,7 @@ def top_view(run: RunSpec, record: Record, told: dict[str, Any], event: Event | 
         event: K*; None: no distance of its box is drawn.
     """
     if run.driven is None:
-        raise ValueError("the run is driven by nobody")
+        raise ValueError("the run has no driver of its VUT")
     end_s = min(run.driven.end_s, float(told["outcome_s"]) + 1.0)
     led = until(record.reports, run.driven.hand_over_s, end_s)
     plans = [

@@ -181,7 +181,7 @@ def check_out(out: Path, *, replace: bool) -> None:
         )
     if any(record.kind == "site_change" for record in read_log(out / LOG_FILE)):
         raise InputError(
-            "tells of changes on site, which would be lost",
+            "records changes on site, which would be lost",
             file=out / LOG_FILE,
             remedy="name another folder with --out",
         )

@@ -50,9 +50,7 @@ def same_ids_everywhere(view: View) -> Iterator[Failure]:
         for who in sorted(ids ^ by_id):
             yield _fail(
                 view,
-                "speaks of somebody who is no participant"
-                if who in by_id
-                else "lacks a participant",
+                "names an id that is no participant" if who in by_id else "lacks a participant",
                 "use the participants' own ids in every part",
                 f"{part}.{who}",
                 evidence=f"participants: {one_of(ids)}; {part}: {one_of(by_id)}",
@@ -137,7 +135,7 @@ def only_the_vut_has_an_intent(view: View) -> Iterator[Failure]:
     for who, participant in view.event.participants.items():
         paths = f"participants.{who}.intent", f"participants.{who}.role"
         if participant.role == "VUT" and participant.intent is None:
-            reason = "nobody says what the VUT is about to do (METHOD 1)"
+            reason = "the VUT's intent is missing (METHOD 1)"
             yield _fail(view, reason, one_of(get_args(IntentWord)), *paths)
         if participant.role != "VUT" and participant.intent is not None:
             reason = "the intent is the VUT's; what an OT does stands in part M"
@@ -186,7 +184,7 @@ def vut_drives_along_the_road(view: View) -> Iterator[Failure]:
         if astray or is_vut != (region.along == "at"):
             yield _fail(
                 view,
-                "the VUT, and nobody else, starts at the VUT's own entry",
+                "the VUT, and no other participant, starts at the VUT's own entry",
                 "vut_lane, at" if is_vut else "ahead, beside or behind",
                 f"{at}.place" if astray else f"{at}.along",
                 evidence=view.said(f"{at}.place", f"{at}.along", role),
@@ -250,7 +248,7 @@ def first_seen_where_they_start(view: View) -> Iterator[Failure]:
         region, at = participant.region, f"participants.{who}.region"
         wanted = _SEEN.get((region.place, region.along))
         if wanted is None:
-            reason, remedy = "nobody can be there: the VUT is", "ahead or behind"
+            reason, remedy = "no object can be there: the VUT is", "ahead or behind"
             yield _fail(view, reason, remedy, f"{at}.along", f"{at}.place")
         elif known(cell.position) and cell.position != wanted:
             path, reason = f"motion.{who}.approach.position", "is seen elsewhere than it starts"
@@ -398,7 +396,7 @@ def motion_fits_words(view: View) -> Iterator[Failure]:
         if cell.speed_trend != UNRESOLVED and meaning.standing != (cell.speed_trend == "standing"):
             yield _fail(
                 view,
-                "who stands is stationary, and nobody else",
+                "a participant that stands is stationary, and no other is",
                 "standing" if meaning.standing else "constant, increasing, decreasing or any",
                 f"{at}.speed_trend",
                 f"{at}.motion",
@@ -483,7 +481,7 @@ def nobody_turns_round(view: View) -> Iterator[Failure]:
         path = f"motion.{who}.{phase}.heading"
         turn = view.kind.turn if view.kind and who == view.initiator else None
         if before[0] == who and (before[2], cell.heading) != turn:
-            reason = "nobody turns round within an event"
+            reason = "no participant turns round within an event"
             yield from _fail.unless(view, cell.heading, [before[2]], reason, path, before[1])
         before = who, path, cell.heading
 

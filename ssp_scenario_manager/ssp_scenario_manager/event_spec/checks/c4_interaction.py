@@ -33,7 +33,7 @@ def kind_is_known(view: View) -> Iterator[Failure]:
     """Check that the type is a kind of interaction that the project knows."""
     path = "interaction.type"
     if view.kind is None:
-        reason = "nobody has said what this kind of interaction needs"
+        reason = "the needs of this kind of interaction aren't defined"
         yield _fail(view, reason, one_of(KINDS), path, origin=view.origin(path))
 
 
@@ -234,7 +234,7 @@ def thresholds_fit_the_kind(view: View) -> Iterator[Failure]:
     if thresholds.ttc is None:
         yield _fail(
             view,
-            "a VUT that closes in on somebody is a conflict, whoever arrives when",
+            "a VUT that closes in is in conflict, whatever the arrival times are",
             "a time",
             "constraints.thresholds.ttc",
             "interaction.type",

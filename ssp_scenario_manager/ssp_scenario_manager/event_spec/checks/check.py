@@ -37,7 +37,7 @@ def every_field_is_covered(view: View) -> Iterator[Failure]:
     remedy = "one entry in part U for each field, by `ssp spec review FILE --who NAME --all`"
     for path in uncovered(view.event, view.value):
         evidence = view.said(path) + "; no entry in uncertainty"
-        reason = f"{nothing}nobody says where this comes from"
+        reason = f"{nothing}the origin of this field isn't stated"
         yield _fail(view, reason, remedy, path, evidence=evidence)
 
 
@@ -133,7 +133,7 @@ def check_event(event: Event | Mapping[str, Any], *, reviewed: bool = True) -> l
     return list(dict.fromkeys(told))
 
 
-Why = Literal["unresolved", "not reviewed", "changed since its review", "nobody says whence"]
+Why = Literal["unresolved", "not reviewed", "changed since its review", "origin not stated"]
 
 _FRAMES = re.compile(r"\bframes? (\d+(?:(?:, ?|-| to )\d+)*)")
 
@@ -231,7 +231,7 @@ def is_unresolved(value: Any) -> bool:
 def _why(value: Any, doubt: Doubt | None, seal: str | None, critical: bool) -> Why | None:
     unresolved = is_unresolved(value)
     if doubt is None:
-        return "nobody says whence"
+        return "origin not stated"
     if doubt.review == "unreviewed":
         return "unresolved" if unresolved else "not reviewed"
     if doubt.seal != seal:

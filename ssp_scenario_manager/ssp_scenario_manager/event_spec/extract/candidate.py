@@ -178,7 +178,7 @@ def _kind(found: Interview, clip: Clip, origin: Origin) -> Kind:
         "refuse the clip"
     )
     if not found.targets:
-        raise InputError("shows nobody who conflicts with the VUT", file=clip.video, remedy=remedy)
+        raise InputError("shows no conflict with the VUT", file=clip.video, remedy=remedy)
     said = found.interaction["type"].value
     if origin.kind is None and said == NONE:
         raise InputError(

@@ -280,7 +280,7 @@ def to_decide(event: Event, everything: bool = False) -> list[Undecided]:
     return [item for item in undecided(event) if everything or item.critical or item.why in _BROKEN]
 
 
-_BROKEN = ("changed since its review", "nobody says whence")
+_BROKEN = ("changed since its review", "origin not stated")
 
 
 @dataclass
@@ -360,7 +360,7 @@ class Session:
         say(f"\n[{number}/{total}] {item.field} ({kind}{item.why})")
         say(f"  value     {shown(item.value)}")
         confidence = "" if item.confidence is None else f", confidence {item.confidence:.2f}"
-        say(f"  known by  {item.provenance or 'nobody'}{confidence}: {item.source or '–'}")
+        say(f"  known by  {item.provenance or 'no source'}{confidence}: {item.source or '–'}")
         if item.frames:
             say(f"  frames    {', '.join(map(str, item.frames))}{self._pictures(item.frames)}")
         hint = self._hint(item.field)

@@ -309,7 +309,7 @@ class Probe:
             if pose is None or now is None:
                 return ""
             way_m = math.hypot(now.x_m - pose.x_m, now.y_m - pose.y_m)
-            return f"it moved {way_m:.1f} m, and nobody started it" if way_m > _MOVED_M else ""
+            return f"it moved {way_m:.1f} m, without a start command" if way_m > _MOVED_M else ""
 
         return moved
 
