@@ -157,11 +157,11 @@ def row(figure: Figure, notes: bool) -> str:
 def bench(names: Sequence[str], long: bool, notes: bool, as_json: bool) -> int:
     """Measure each path beside its own lower bound, in the same run.
 
-    A row shows what we need, its ratio to the bound (x 1 can't be beaten), and whether a limit is
+    A row shows our figure, its ratio to the bound (x 1 can't be beaten), and whether a limit is
     kept. A row that misses its limit is measured twice more: `noisy` missed it in one of three
     runs, `MISSED` in most of them. Leave the machine idle meanwhile.
 
-    Without a browser the row of the report's page is left out, which is said at the start.
+    Without a browser the row of the report's page is left out, with a notice at the start.
 
     Exit status: 0 every limit is kept, 1 one is missed.
     """

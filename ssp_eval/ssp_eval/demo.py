@@ -91,7 +91,7 @@ class Progress:
         self.write()
 
     def kept(self, steps: Sequence[Step]) -> set[str]:
-        """Names of the steps that needn't be done again: they and their needs are finished."""
+        """Return the names of the steps that are finished, with all that they need."""
         kept: set[str] = set()
         for step in steps:
             unchanged = self.steps.get(step.name) == step.digest

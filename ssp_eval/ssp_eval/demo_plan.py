@@ -67,7 +67,7 @@ class Step:
 
 
 def run_folder(out: Path, scenario: str, domain: str) -> Path:
-    """Folder of one recording: bag and labels.json, and more for a session."""
+    """Return the folder of one recording: bag and labels.json, and more for a session."""
     return out / "runs" / f"{scenario}-{domain}"
 
 
@@ -112,7 +112,7 @@ _DOMAINS = ("synthetic", "simulation", "physical")
 
 
 def plan_steps(out: Path, scenarios: Sequence[str]) -> list[Step]:
-    """All steps; each needs only ones before it."""
+    """Return all steps; each needs only ones before it."""
     of_each = [_of_scenario(out, scenario) for scenario in scenarios]
     # All clips first, then all simulations and so on: what takes longest begins early.
     return [
@@ -291,7 +291,7 @@ def _evaluation(out: Path, scenarios: Sequence[str]) -> list[Step]:
 
 
 def _asked(out: Path, scenarios: Sequence[str]) -> tuple[str, ...]:
-    """Arguments that ask the bridges about the recordings of scenarios, and about their twins."""
+    """Return arguments that ask the bridges about recordings and their twins."""
     bags = [str(run_folder(out, s, d) / "bag") for s in scenarios for d in _DOMAINS]
     audits = [word for s in scenarios for word in ("--audit", str(audit_folder(out, s)))]
     bridges = [word for name in BRIDGES for word in ("--bridge", name)]

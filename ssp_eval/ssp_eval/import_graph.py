@@ -80,7 +80,7 @@ def keep_tests(files: Collection[str]) -> list[str]:
 
 
 def _roots(root: Path) -> list[str]:
-    """Folders that modules are imported from, the longest first."""
+    """Return folders that modules are imported from, the longest first."""
     project = tomllib.loads((root / "pyproject.toml").read_text())["tool"]
     roots = {*project["pytest"]["ini_options"]["pythonpath"], *project["mypy"]["mypy_path"]}
     return sorted((r for r in roots if r != "."), key=len, reverse=True)

@@ -8,7 +8,7 @@ from launch_ros.substitutions import FindPackageShare
 
 
 def generate_launch_description() -> LaunchDescription:
-    """One node, with its parameters from config/ and the two that belong to the run."""
+    """Launch one node, with its parameters from config/ and the two that belong to the run."""
     config = PathJoinSubstitution([FindPackageShare("ssp_monitor"), "config", "monitor.param.yaml"])
     return LaunchDescription(
         [

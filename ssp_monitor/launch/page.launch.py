@@ -8,7 +8,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 
 def generate_launch_description() -> LaunchDescription:
-    """One node, with the parameters that belong to the session."""
+    """Launch one node, with the parameters that belong to the session."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(

@@ -9,7 +9,7 @@ from launch_ros.substitutions import FindPackageShare
 
 
 def generate_launch_description() -> LaunchDescription:
-    """The node, and RViz where it is asked for."""
+    """Launch the node, and RViz if requested."""
     rviz_config = PathJoinSubstitution([FindPackageShare("ssp_monitor"), "config", "ssp.rviz"])
     return LaunchDescription(
         [

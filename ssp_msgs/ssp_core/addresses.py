@@ -1,4 +1,4 @@
-"""Addresses of hosts as people write them, and what they resolve to: one rule for all of them."""
+"""Host addresses as people write them, and their resolution: one rule for all."""
 
 from __future__ import annotations
 

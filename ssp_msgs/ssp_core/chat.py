@@ -1,4 +1,4 @@
-"""One question to a model over the OpenAI chat interface, and what to do when it doesn't answer.
+"""One question to a model over the OpenAI chat interface, and the policy of retries.
 
 The policy, which is the only one (the library's own retries are off):
 

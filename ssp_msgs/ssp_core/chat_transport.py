@@ -1,4 +1,4 @@
-"""One request to a chat service and what came of it: nothing is tried again and nothing raised.
+"""One request to a chat service and its result: no retries, no exceptions.
 
 The library under it follows no redirect (the key must not leave with one), takes no key, name or
 address from the environment, and keeps no connection, so that an idle one that the server closes

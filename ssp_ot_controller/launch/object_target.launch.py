@@ -13,7 +13,7 @@ DEFAULTS = PathJoinSubstitution(
 
 
 def generate_launch_description() -> LaunchDescription:
-    """One process for the objects that are named, all of the run's when none is."""
+    """Launch one process for the named objects, or for all of the run's if none is named."""
     return LaunchDescription(
         [
             DeclareLaunchArgument("run_file", description="path of an ssp.run/1 file"),

@@ -18,7 +18,7 @@ from ssp_scenario_manager.compile.targets.folder import Mode, prepare_run
 
 
 def _run_file(scenario: str, site: str, seed: str, mode: str, out: str) -> Path:
-    """Compiles the event and writes run.yaml into the run's folder."""
+    """Compile the event and write run.yaml into the run's folder."""
     name = time.strftime(f"run-{Path(scenario).stem}-{Path(site).stem}-%Y%m%d-%H%M%S")
     folder = (Path(out) if out else Path("out") / name).resolve()
     if folder.exists() and any(folder.iterdir()):
@@ -66,7 +66,7 @@ def _session(context: LaunchContext) -> list[Node | ExecuteProcess | LogInfo]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """The five nodes of a session in namespace /ssp."""
+    """Launch the five nodes of a session in namespace /ssp."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(

@@ -115,7 +115,7 @@ def _session(context: LaunchContext) -> list[Node | LogInfo]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """The nodes of this host's roles in namespace /ssp."""
+    """Launch the nodes of this host's roles in namespace /ssp."""
     unit = [
         DeclareLaunchArgument(f"unit_{name}", default_value="0.0", description="of the GNSS/INS")
         for name in _UNIT

@@ -1,4 +1,4 @@
-"""The judgement of a realisation, on its measured states alone and alike for all arms (METHOD 4).
+"""The judgement of a realisation, by its measured states, the same for all arms (METHOD 4).
 
 It takes the true states of a session, the road under them and K*. What an arm knew, chose or
 checked doesn't enter.

@@ -1,4 +1,4 @@
-"""The source of an event as the arms are given it: tracks, or relations between objects alone.
+"""The source of an event as an arm receives it: tracks, or relations between objects alone.
 
 No part of K* enters but who takes part, as what class, and which of them is the VUT. A test hands
 over an event whose every other field raises.

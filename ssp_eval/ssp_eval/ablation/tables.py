@@ -106,7 +106,7 @@ def values_of(realisations: Sequence[Realisation], arm: str, key: str) -> list[f
 
 
 def arms_table(realisations: Sequence[Realisation]) -> Table:
-    """One row per arm: compiled, valid, off_spec, KPR, EPD, admitted."""
+    """Return one row per arm: compiled, valid, off_spec, KPR, EPD, admitted."""
     columns = [Column("arm", "arm", "text"), Column("n", "N", "count")]
     for measure in SHARES:
         columns += _with_ends(measure.key, measure.title)
@@ -135,7 +135,7 @@ def _with_ends(key: str, title: str) -> list[Column]:
 
 
 def fields_table(realisations: Sequence[Realisation]) -> Table:
-    """One row per arm: of the runs that it made, the share that keeps each field of KPR."""
+    """Return one row per arm: of the runs that it made, the share that keeps each field of KPR."""
     columns = [Column("arm", "arm", "text"), Column("n", "runs", "count")]
     for measure in FIELD_SHARES:
         columns += [Column(measure.key, measure.title)]
@@ -230,7 +230,7 @@ def _values(realisations: Sequence[Realisation], first: str, second: str, key: s
 
 
 def pairs_table(realisations: Sequence[Realisation]) -> Table:
-    """One row per two arms and measure, with paired tests."""
+    """Return one row per two arms and measure, with paired tests."""
     columns = (
         Column("first", "first", "text"),
         Column("second", "second", "text"),
@@ -264,7 +264,7 @@ def pairs_table(realisations: Sequence[Realisation]) -> Table:
 
 
 def places_table(realisations: Sequence[Realisation]) -> Table:
-    """One row per place and arm: realisations, those admitted, and the commonest reason."""
+    """Return one row per place and arm: realisations, those admitted, and the commonest reason."""
     columns = (
         Column("place", "place", "text"),
         Column("arm", "arm", "text"),

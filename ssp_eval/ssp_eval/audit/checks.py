@@ -129,7 +129,7 @@ def _contradictions(one: Subject) -> Iterator[Finding]:
 
 
 def _unverified(one: Subject) -> Iterator[Finding]:
-    """One finding for all that no source confirms, with what would mend it."""
+    """Yield one finding for all that no source confirms, with what would mend it."""
     missing = [name.replace("_", " ") for name in FIELDS if one.values[name].source == "unverified"]
     if one.located is None:
         missing.append("phases")

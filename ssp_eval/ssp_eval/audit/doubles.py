@@ -1,4 +1,4 @@
-"""Recordings of one audit that are one another's: no two domains are one drive (METHOD 4.4)."""
+"""Recordings of one audit that are copies of each other: no drive is two domains (METHOD 4.4)."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _shared(first: Provenance, second: Provenance) -> list[str]:
 
 
 def _sources(facts: Provenance) -> dict[str, str]:
-    """Hashes of what a recording was imported or drawn from, by their names for people."""
+    """Return the hashes of the sources that a recording was imported or drawn from, by name."""
     if facts.drawn is not None:
         return {"recording that was drawn anew": facts.drawn.of_sha256}
     record = facts.imported
@@ -178,7 +178,7 @@ _Views = list[dict[str, Track]]
 
 
 def _tracks(one: Examined) -> _Views:
-    """Tracks of VUT and objects in and near the clip, by kind of source."""
+    """Return the tracks of VUT and objects in and near the clip, by kind of source."""
     who, whole = one.whole.provenance.participants, one.whole
     if who is None or not whole.sightings:
         return []

@@ -42,7 +42,7 @@ ROAD_FIELDS = (
 
 
 def expected_properties(event: Event) -> dict[str, Property]:
-    """q(k) as the K* has them; an unresolved one isn't determined."""
+    """Return q(k) as the K* has them; an unresolved one isn't determined."""
     return {
         TOPOLOGY: _topology(event),
         ROLES: _roles(event),
@@ -57,12 +57,12 @@ def _known(words: Mapping[str, tuple[str, ...]]) -> Property:
 
 
 def varying_parts(event: Event) -> frozenset[str]:
-    """Parts of the topology that may differ between domains (METHOD 4.2)."""
+    """Return the parts of the topology that may differ between domains (METHOD 4.2)."""
     return frozenset(event.topology.varying_fields)
 
 
 def outside_ranges(event: Event, found: Property) -> list[str]:
-    """Parts of a measured topology that vary, but not inside the K*'s range, for people."""
+    """Return parts of a measured topology that vary, but not inside the K*'s range, for people."""
     wrong = []
     for part in varying_parts(event) & set(found.words or {}):
         field = getattr(event.topology, part)
@@ -125,7 +125,7 @@ def seen_field(who: str) -> str:
 
 # What a person must have reviewed for each field of KPR, for the phases, and for what is seen.
 def reviewed_paths(event: Event) -> dict[str, tuple[str, ...]]:
-    """Paths of the K* that each q(k), and the phases, rest on."""
+    """Return the paths of the K* that each q(k), and the phases, rest on."""
     participants = [
         f"participants.{who}.{name}"
         for who, participant in event.participants.items()
@@ -239,7 +239,7 @@ UNVERIFIED = Value(
 
 
 def combined(said: Sequence[Evidence]) -> dict[str, Value]:
-    """q(d, k) per field: of several sources the first that has one, part by part.
+    """Return q(d, k) per field: of several sources the first that has one, part by part.
 
     Args:
         said: in the order in which they count.

@@ -126,7 +126,7 @@ def _examine(recording: Recording, event: Event | None, version: str | None) -> 
 
 
 def _subject(recording: Recording, event: Event | None, version: str | None) -> Subject:
-    """All that is known of a recording before it is judged."""
+    """Gather all that is known of a recording before it is judged."""
     is_source = is_source_clip(recording, event)
     said: list[Evidence] = []
     crop, measured = _measured(recording, event, is_source)

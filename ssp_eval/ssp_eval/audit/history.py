@@ -205,7 +205,7 @@ def _seen(agreement: Agreement, has_states: bool) -> tuple[list[Finding], tuple[
 
 
 def _switches(recording: Recording) -> tuple[list[Finding], tuple[str, ...]]:
-    """Identity switches within the clip, by the states."""
+    """Return identity switches within the clip, by the states."""
     who = recording.provenance.participants
     if who is None or not recording.series:
         return [], ()

@@ -291,7 +291,7 @@ def _critical_pair(scene: Scene, vut: Sequence[ObjectState]) -> _Pair:
 
 
 def _urgency(pair: _Pair) -> tuple[float, float]:
-    """Events with a conflict first, then events, then the rest; the earlier the first."""
+    """Return events with a conflict first, then events, then the rest; the earlier the first."""
     if pair.event is None:
         return math.inf, math.inf
     conflict_s = pair.event.conflict_s

@@ -102,7 +102,7 @@ def pictures(one: Examined) -> list[Picture]:
 
 
 def _fetch(one: Examined, indices: Sequence[int]) -> dict[int, bytes]:
-    """JPEG by index into the recording's frames."""
+    """Return each JPEG by its index into the recording's frames."""
     frames = one.recording.frames_s
     start_ns = one.recording.provenance.session_start_ns
     index_of: dict[int, int] = {}
@@ -124,7 +124,7 @@ def _fetch(one: Examined, indices: Sequence[int]) -> dict[int, bytes]:
 
 
 def _overlay(one: Examined, index: int) -> str:
-    """Outlines of participants and conflict zone in the picture."""
+    """Return outlines of participants and conflict zone in the picture."""
     who, optics = one.recording.provenance.participants, one.recording.optics
     measured = one.measured
     if who is None or optics is None or measured is None or index >= len(one.moments):
@@ -287,7 +287,7 @@ def _cell(entry: PropertyEntry, part: str) -> tuple[str, str]:
 
 
 def fact_rows(audit: Audit) -> list[tuple[str, str, tuple[str, ...]]]:
-    """Measured quantities with their unit, one column per recording."""
+    """Return measured quantities with their unit, one column per recording."""
     rows = []
     for key, (name, unit) in _FACTS.items():
         values = [recording.facts.get(key) for recording in audit.recordings]

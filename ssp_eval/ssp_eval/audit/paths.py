@@ -142,7 +142,7 @@ class Lanes:
         return False
 
     def segment(self, from_s_m: float, to_s_m: float, zone: FloatArray | None) -> str:
-        """``junction``, ``straight`` or ``curve``, the last two by the tightest bend of a stretch.
+        """Return ``junction``, ``straight`` or ``curve``; the latter two by the tightest bend.
 
         A road that leads through a junction is one where the conflict zone lies on a connecting
         road; without a conflict zone it is one throughout, as its block is.

@@ -1,4 +1,4 @@
-"""Pictures of a recording, held against its states: what was compared, and what doesn't fit."""
+"""Comparison of a recording's pictures with its states: the checks, and their findings."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ class Reason:
 
 
 def explain(findings: Iterable[Finding]) -> tuple[Reason, ...]:
-    """Causes in order of precedence, each with its consequences (METHOD 4).
+    """Return the causes in order of precedence, each with its consequences (METHOD 4).
 
     Args:
         findings: in any order; the same one twice counts once.

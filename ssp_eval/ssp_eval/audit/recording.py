@@ -1,4 +1,4 @@
-"""Reads all that an audit looks at from a bag and from beside it, with changes on site."""
+"""The inputs of an audit, read from a bag and from beside it, with changes on site."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def _told(error: InputError, bag: BagReader) -> str:
 
 
 def _later(beside: Path, recorded: tuple[Record, ...]) -> tuple[Record, ...]:
-    """Entries of the log beside a recording that came after those in it.
+    """Return the entries of the log beside a recording that came after those in it.
 
     Raises:
         InputError: it doesn't begin with what was recorded: somebody rewrote it.
@@ -164,7 +164,7 @@ def _seals(task: Task | None, event: Event | None, site: Site | None) -> list[Fi
 
 
 def site_changes(attached: Attached, executed: RunSpec) -> tuple[list[ChangeEntry], list[Finding]]:
-    """Every difference between the compiled run and the one that ran, and who logged it.
+    """Return every difference between the compiled run and the one that ran, and who logged it.
 
     Returns:
         The changes, logged ones first, and a finding for changes that aren't logged.

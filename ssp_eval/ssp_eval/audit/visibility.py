@@ -29,7 +29,7 @@ _ZONE = ""
 
 
 def examine_coverage(one: Subject) -> tuple[CoverageEntry, list[Finding]]:
-    """Coverage from trigger to resolution, and what of it is too little."""
+    """Return the coverage from trigger to resolution, and what of it is too little."""
     recording, event, phases = one.recording, one.event, one.phases
     measured, agreement = one.measured, one.agreement
     if not recording.frames_s:
@@ -210,7 +210,7 @@ def _judged(
     how: str,
     source: Literal["observed", "reviewed"],
 ) -> tuple[CoverageEntry, list[Finding]]:
-    """Shares that a person gives, by participant; the conflict region's under _ZONE."""
+    """Return the shares that a person gives, by participant; the conflict region's under _ZONE."""
     sights = {
         who: SightEntry(fraction=share, needed=_needed(event, who, needed), how=how)
         for who, share in seen.items()

@@ -142,7 +142,7 @@ class CellAnswers:
 
 
 def wanted_cells(folders: Iterable[str]) -> frozenset[str]:
-    """Names of those cells that are compared: changed questions, and the factual ones beside.
+    """Return the names of the cells to compare: changed questions, and their factual ones.
 
     Args:
         folders: names of all cells' folders.

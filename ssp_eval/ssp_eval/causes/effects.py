@@ -164,7 +164,7 @@ class Compared:
 
 
 def effects_of(cells: Iterable[CellAnswers]) -> list[Effect]:
-    """All effects, by model, cause and output; controls themselves are beside the causes.
+    """Return all effects, by model, cause and output; controls themselves are beside the causes.
 
     Label times at which one of the answers is missing are left out.
     """
@@ -391,7 +391,7 @@ def _displacements(label: Compared) -> tuple[float, float, float, float] | None:
 
 
 def _distances_m(paths: Sequence[Trajectory]) -> list[float]:
-    """Mean distances of trajectories from the first one, as long as all last, and its length."""
+    """Return mean distances from the first trajectory, as long as all last, and its length."""
     end_s = min(HORIZON_S, *(path.t_s[-1] for path in paths))
     times_s = np.arange(0.0, end_s + 1e-9, STEP_S)
     own, *others = (_at(path, times_s) for path in paths)
@@ -401,7 +401,7 @@ def _distances_m(paths: Sequence[Trajectory]) -> list[float]:
 
 
 def _at(path: Trajectory, times_s: np.ndarray) -> np.ndarray:
-    """(2, T) x and y, m."""
+    """Return x and y in m, shape (2, T)."""
     return np.array(
         [np.interp(times_s, path.t_s, path.x_m), np.interp(times_s, path.t_s, path.y_m)]
     )

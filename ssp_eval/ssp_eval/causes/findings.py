@@ -148,7 +148,7 @@ def finding(model: str, effects: Sequence[Effect]) -> Finding:
 
 
 def _is_tested(effects: Iterable[Effect]) -> bool:
-    """There are as many recordings as a test needs."""
+    """Tell whether there are as many recordings as a test needs."""
     return any(_is(e, Verdict.MOVED) or e.decidable for e in effects)
 
 
@@ -161,7 +161,7 @@ def _moved(effects: Iterable[Effect]) -> list[Effect]:
 
 
 def _unmoved(effects: Iterable[Effect]) -> bool:
-    """Something is given, and no part of it moved, by as much as could be shown."""
+    """Tell whether something is given and no part of it moved by as much as could be shown."""
     given = [e for e in effects if e.verdict in _SAID]
     return bool(given) and all(e.verdict is Verdict.NONE for e in given)
 

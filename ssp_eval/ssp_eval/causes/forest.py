@@ -69,7 +69,7 @@ _LOOKS = {Verdict.MOVED: "moved", Verdict.SEEN: "seen"}
 
 
 def forests(effects: Iterable[Effect]) -> list[Forest]:
-    """One per model."""
+    """Return one forest plot per model."""
     return [_forest(model, [*of]) for model, of in groupby(effects, lambda e: e.model)]
 
 
@@ -130,7 +130,7 @@ def _step(span: float) -> float:
 
 
 def _ends(values: Sequence[float], step: float) -> tuple[float, float]:
-    """Whole steps around some values."""
+    """Return whole steps around some values."""
     return step * (min(values) // step), -step * (-max(values) // step)
 
 

@@ -30,7 +30,7 @@ _MEANING = ("docs/twins.md says what such an effect shows, and what it doesn't."
 
 
 def moved_tables(moved: Moved) -> list[Table]:
-    """All of them."""
+    """Return all tables of what moved the answers."""
     return [
         findings_table(moved.findings),
         slots_table(moved.effects),
@@ -40,7 +40,7 @@ def moved_tables(moved: Moved) -> list[Table]:
 
 
 def findings_table(found: Sequence[Finding]) -> Table:
-    """One row per model."""
+    """Return the table of findings, one row per model."""
     rows = [(one.model, one.word.value, "yes" if one.tested else "no", one.text) for one in found]
     columns = (
         Column("model", "model", "text"),

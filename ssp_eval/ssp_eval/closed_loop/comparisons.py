@@ -149,7 +149,7 @@ def over_events(
 def _resampled(
     by_event: Sequence[Sequence[float]], resamples: int, seed: int, *names: str
 ) -> Numbers:
-    """Means over events of as many resamples: events are drawn, then the starts of each.
+    """Return means over events of as many resamples: events are drawn, then the starts of each.
 
     An event that is drawn twice has its starts drawn twice.
 

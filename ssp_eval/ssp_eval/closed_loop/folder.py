@@ -1,4 +1,4 @@
-"""A campaign of driven runs as ``ssp loop`` leaves it, read for its report."""
+"""A campaign of driven runs, as ``ssp loop`` wrote it, read for its report."""
 
 from __future__ import annotations
 

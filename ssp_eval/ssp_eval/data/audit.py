@@ -77,7 +77,7 @@ def differences(found: Property, reference: Property) -> dict[str, tuple[str, st
 
 
 def is_equal(found: Property, reference: Property) -> bool:
-    """[q(d, k) = q(Syn, k)]; what isn't determined equals nothing."""
+    """Return [q(d, k) = q(Syn, k)]; a property that isn't determined equals nothing."""
     return differences(found, reference) == {}
 
 
@@ -101,7 +101,7 @@ def phase_fraction(t_s: float, start_s: float, end_s: float) -> float:
 
 
 def phase_difference(phi: Mapping[str, float], reference: Mapping[str, float]) -> float:
-    """EPD(d) = (1/|E_s|) Σ_e |φ(d, e) − φ(Syn, e)|, METHOD 4.
+    """Return EPD(d) = (1/|E_s|) Σ_e |φ(d, e) − φ(Syn, e)|, METHOD 4.
 
     Args:
         phi: φ(d, e) per event.
@@ -120,7 +120,7 @@ def property_retention(
     reference: Mapping[str, Property],
     weights: Mapping[str, float] | None = None,
 ) -> float:
-    """KPR(d) = Σ_k w_k [q(d, k) = q(Syn, k)] / Σ_k w_k, METHOD 4.
+    """Return KPR(d) = Σ_k w_k [q(d, k) = q(Syn, k)] / Σ_k w_k, METHOD 4.
 
     Args:
         found: q(d, k) per field; a field that isn't there or isn't determined equals nothing.

@@ -33,7 +33,7 @@ _PHASE_VARIABLES = {"approach": "s", "trigger": "u", "conflict": "u", "resolutio
 
 
 def one_of(vocabulary: Sequence[str]) -> AfterValidator:
-    """Words of a closed vocabulary alone."""
+    """Return words of a closed vocabulary alone."""
 
     def check(word: str) -> str:
         if word not in vocabulary:
@@ -146,7 +146,7 @@ def template_json(
 
 
 def unfilled(value: object) -> list[str]:
-    """Fields that are still to be filled in, by label; [] for what is no template.
+    """Return the fields that are still to be filled in, by label; [] for what is no template.
 
     Args:
         value: the parsed content of a labels file, whatever it holds.
@@ -267,7 +267,7 @@ def parse_labels_text(text: str, path: str | Path) -> Labels:
 
 
 def parse_labels(value: object, file: str | Path) -> Labels:
-    """Labels from the parsed content of a labels file.
+    """Return the labels from the parsed content of a labels file.
 
     Raises:
         InputError: something is wrong (METHOD 5.6), with its field path: unknown schema, missing
@@ -383,7 +383,7 @@ def phase_counts(labels: Labels) -> dict[str, int]:
 
 
 def counts_text(counts: Mapping[str, int]) -> str:
-    """``3/1/4/1``: labels in approach, trigger, conflict and resolution."""
+    """Return labels in approach, trigger, conflict and resolution as ``3/1/4/1``."""
     return "/".join(str(counts[phase]) for phase in PHASES)
 
 

@@ -1,4 +1,4 @@
-"""Recognition of a campaign of driven runs, without what reads it."""
+"""Recognition of a campaign of driven runs, without the modules that read it."""
 
 from __future__ import annotations
 

@@ -179,7 +179,7 @@ class _Line(RootModel[_Content]):
 
 
 def _with_nan(numbers: _Coordinates) -> tuple[float, ...]:
-    """NaN where the file has null: the trajectory is invalid, the file is not."""
+    """Replace null by NaN: the trajectory is invalid, the file is not."""
     if None not in numbers:
         return numbers  # type: ignore[return-value]  # none of them is None
     return tuple([math.nan if number is None else number for number in numbers])

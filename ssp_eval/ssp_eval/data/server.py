@@ -1,4 +1,4 @@
-"""The CARLA server that drew or moved a run, as its bag and a probe beside it tell."""
+"""The CARLA server that drew or moved a run, by its bag and the probe beside it."""
 
 from __future__ import annotations
 

@@ -142,7 +142,7 @@ def scenes(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
 
 
 def _of_world(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
-    """Scenes of a simulated world, step by step, as its camera saw them."""
+    """Yield the scenes of a simulated world, step by step, as its camera saw them."""
     run = recorded.facts.run
     if run is None:
         raise InputError(
@@ -169,7 +169,7 @@ def _of_world(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
 
 
 def _of_reports(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
-    """Scenes of what VUT and object targets reported, each carried on to the frame's stamp."""
+    """Yield the scenes of the states that were reported, each extrapolated to the frame's stamp."""
     people, road = recorded.people, recorded.road
     ids = [people.vut, *people.targets]
     found = object_states(recorded.bag, ids)

@@ -105,7 +105,7 @@ def reasoned(models: Sequence[ModelSpec]) -> list[ModelSpec]:
 
 
 def driving_before(out: Path) -> set[str]:
-    """Answerers that somebody named as a model in an earlier command into the same folder.
+    """Return answerers that somebody named as a model in an earlier command into the same folder.
 
     As controls they would leave the means that they are in.
 

@@ -129,7 +129,7 @@ class JobRunner(Closing):
 
 
 def _check_same(job: Job, labelled: LabelledClip) -> None:
-    """Another machine may hold another file at the same path, and a file may change meanwhile."""
+    """Check that a file is the same as at the beginning, on another machine too."""
     bag_sha256 = labelled.clip.provenance.bag_sha256
     twins = {condition: twin.sha256 for condition, twin in labelled.twins.items()}
     for file, before, now in (

@@ -46,7 +46,7 @@ def place_labels(
     marker_in: float,
     obstacles: Sequence[Bbox] = (),
 ) -> list[Point] | None:
-    """Middles of labels beside their points: off every marker, off each other, within bounds.
+    """Return label centres beside their points, off all markers and each other, within bounds.
 
     Those in the thick of it choose first, each the nearest free place.
 
@@ -93,7 +93,7 @@ def _covers(bounds: Bbox, box: Bbox) -> bool:
 
 
 def _places(point: Point, size: Point) -> Iterator[Point]:
-    """Middles of a label about its point, the nearest first."""
+    """Yield the middles of a label about its point, the nearest first."""
     for distance in _DISTANCES_IN:
         for k in _DIRECTIONS:
             angle = 2 * math.pi * k / 16

@@ -233,7 +233,7 @@ def _parameters(scores: Scores) -> Drawing | LeftOut:
 
 
 def _log_ticks(low: float, high: float) -> list[float]:
-    """1, 2 and 5 of each decade between the limits; only 1 where these are too many."""
+    """Return 1, 2 and 5 of each decade between the limits; only 1 where these are too many."""
     decades = [10.0**k for k in range(-6, 9)]
     found = [m * d for d in decades for m in (1, 2, 5) if low <= m * d <= high]
     return found if len(found) <= 8 else [tick for tick in decades if low <= tick <= high]

@@ -89,7 +89,7 @@ def shade(value: float) -> tuple[float, float, float]:
 
 
 def _paged(cells: Sequence[CellRow]) -> list[list[_Line]]:
-    """Lines page by page; scenario and domain are named again where a page begins."""
+    """Return lines page by page; scenario and domain are named again where a page begins."""
     room = MOST_HEIGHT_IN - _HEAD_IN - _FOOT_IN
     pages: list[list[_Line]] = [[]]
     used = 0.0
@@ -211,7 +211,7 @@ def _row(
 
 
 def risk_text(cell: CellRow) -> str:
-    """``S@1.50``, ``F``, or the share of several runs that responded."""
+    """Return ``S@1.50``, ``F``, or the share of several runs that responded."""
     if cell.rsr is None:
         return NULL
     if cell.rsr in (0.0, 1.0):
@@ -302,7 +302,7 @@ def _caption(cells: Sequence[CellRow], names: dict[str, str], scores: Scores) ->
 
 
 def _reasons(cells: Sequence[CellRow]) -> str:
-    """Each refused or failed cell with its whole reason."""
+    """Return each refused or failed cell with its whole reason."""
     return "; ".join(
         f"{' / '.join(cell.key)}: {cell.reason or 'no reason given'}"
         for cell in cells

@@ -103,7 +103,7 @@ def phase_frames(scenario: str, model: str, stories: Sequence[CellMoments]) -> D
 
 
 def _wrapped(text: str, width_in: float) -> list[str]:
-    """Text in two lines at most, broken at spaces; what is left stays on the second."""
+    """Return text in two lines at most, broken at spaces; what is left stays on the second."""
     first, rest = text.split(" "), list[str]()
     while len(first) > 1 and text_width_in(" ".join(first)) > width_in:
         rest.insert(0, first.pop())
@@ -170,7 +170,7 @@ _ENTRIES = (
 
 
 def _legend_lines(width_in: float) -> int:
-    """One line, or two where the words about actions need one of their own."""
+    """Return one line, or two where the words about actions need one of their own."""
     needed = _LEFT_IN + 1.25 + sum(text_width_in(entry) for entry in _ENTRIES)
     return 1 if needed <= width_in else 2
 

@@ -23,7 +23,7 @@ def project(
     mount_forward_m: float,
     mount_turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> list[tuple[float, float] | None]:
-    """Pixels (u, v) of points on the ground, None for one that isn't ahead of the camera.
+    """Return pixels (u, v) of points on the ground, None for one that isn't ahead of the camera.
 
     Args:
         points_m: forward of the VUT's reference point, and to its left.
@@ -123,7 +123,7 @@ def overlay(
     mount_forward_m: float | None,
     mount_turn: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> str:
-    """SVG over the picture: the ribbon with a dot every half second; empty where there is none.
+    """Return SVG over the picture: a ribbon with a dot every half second; empty without one.
 
     Args: see ribbon.
     """

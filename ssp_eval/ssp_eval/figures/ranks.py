@@ -41,7 +41,7 @@ _UP, _DOWN, _OTHER, _SAME = ("-", BLUE), ("--", RED), ("-.", INK), (":", GREY)
 
 
 def rank_slopes(scores: Scores, subject: str, name: str) -> Drawing | LeftOut:
-    """IVCS of every model or domain per scenario, with the macro average in the middle."""
+    """Return IVCS of every model or domain per scenario, with the macro average in the middle."""
     found = ranking(scores.cells, subject)
     groups = scores.by_domain if subject == "domain" else scores.by_model
     per_scenario = scores.by_scenario_domain if subject == "domain" else scores.by_scenario_model
@@ -293,7 +293,7 @@ def _end_labels(
     ends: Mapping[str, tuple[float, str]],
     bounds: tuple[float, float],
 ) -> None:
-    """Texts at one end, moved apart and led to their points."""
+    """Draw the texts at one end, moved apart and led to their points."""
     wanted = [y for y, _ in ends.values()]
     places = spread(wanted, LINE_IN - 0.02, *bounds)
     for (one, (y, text)), at in zip(ends.items(), places, strict=True):

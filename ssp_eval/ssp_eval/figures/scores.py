@@ -146,7 +146,7 @@ class Scores:
         return {row.model: row for row in reversed(self.entering)}
 
     def lost_runs(self, keys: Collection[tuple[str, str, str]]) -> list[CellRow]:
-        """Refused and failed runs of cells that other runs gave scores."""
+        """Return refused and failed runs of cells that other runs gave scores."""
         scored = {row.key for row in self.rows if row.status == OK} & set(keys)
         lost = (row for row in self.rows if row.status != OK and row.key in scored)
         return sorted(lost, key=_run_order)
@@ -192,7 +192,7 @@ def _run_order(row: CellRow) -> tuple[tuple[str, str, str], str, int]:
 
 
 def pareto_front(points: Mapping[str, tuple[float, float]]) -> list[str]:
-    """Names of the points that no other is at least as good as in both and better in one.
+    """Return names of the points that no other is at least as good as in both and better in one.
 
     Args:
         points: by name, larger is better in both.
@@ -220,5 +220,5 @@ def words(name: str) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names as a list in a sentence."""
+    """Return names as a list in a sentence."""
     return ", ".join(names) or "none"

@@ -120,7 +120,7 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Our settings, and none of the user's, while figures are made and written."""
+    """Apply our settings, and none of the user's, while figures are made and written."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_SETTINGS)
@@ -136,7 +136,7 @@ class Sheet:
         FigureCanvasAgg(self.figure)
 
     def axes(self, left_in: float, top_in: float, width_in: float, height_in: float) -> Axes:
-        """Axes with this rectangle inside their frame."""
+        """Return axes with this rectangle inside their frame."""
         return self.figure.add_axes(
             (
                 left_in / self.width_in,
@@ -147,7 +147,7 @@ class Sheet:
         )
 
     def page(self) -> Axes:
-        """Axes over all of it without frame, in inches from the upper left corner."""
+        """Return axes over the whole figure without frame, in inches from the upper left corner."""
         axes = self.axes(0.0, 0.0, self.width_in, self.height_in)
         axes.set_xlim(0.0, self.width_in)
         axes.set_ylim(self.height_in, 0.0)
@@ -165,14 +165,14 @@ def share_axis(axes: Axes, name: str) -> None:
 
 @lru_cache(maxsize=4096)
 def text_width_in(text: str, size_pt: float = SMALL_PT, bold: bool = False) -> float:
-    """Width of one line of text, in."""
+    """Return the width of one line of text, in."""
     font = FontProperties(family=FONT, size=size_pt, weight="bold" if bold else "normal")
     width, _, _ = text_to_path.get_text_width_height_descent(text, font, False)
     return float(width) / 72.0
 
 
 def widest_in(texts: Iterable[str], size_pt: float = SMALL_PT) -> float:
-    """Width of the widest of some lines, in; 0 for none."""
+    """Return the width of the widest of some lines, in; 0 for none."""
     return max((text_width_in(text, size_pt) for text in texts), default=0.0)
 
 
@@ -189,7 +189,7 @@ def drawable(text: str) -> str:
 
 
 def row_width_in(names: Iterable[str]) -> float:
-    """Width of a figure with a name per row: one column, or both where names are long."""
+    """Return width of a figure with a name per row: one column, or both where names are long."""
     fits = widest_in(map(drawable, names)) <= NAMES_IN[COLUMN_IN]
     return COLUMN_IN if fits else PAGE_IN
 
@@ -269,7 +269,7 @@ def _places(texts: Sequence[str], width_in: float) -> Iterator[tuple[float, int,
 
 
 def legend_height_in(texts: Sequence[str], width_in: float) -> float:
-    """Height that mark_legend takes for these names."""
+    """Return the height that mark_legend takes for these names."""
     return _LINE_IN * (1 + max((line for _, line, _ in _places(texts, width_in)), default=0)) + 0.06
 
 
@@ -306,7 +306,7 @@ def mark_legend(sheet: Sheet, looks: Mapping[str, Look], top_in: float) -> None:
 def mark(
     axes: Axes, at: tuple[float, float], look: Look, gid: str | None = None, **more: Any
 ) -> None:
-    """One mark with a dark border, over lines, also where it reaches beyond the axes."""
+    """Draw one mark with a dark border, over lines, also where it reaches beyond the axes."""
     style: dict[str, Any] = {
         # A stroke is nothing but its border.
         "markeredgecolor": look.colour if look.marker == "|" else INK,
@@ -395,7 +395,7 @@ NO_MODEL = "no cell of a model may enter means"
 
 
 def name_rows(axes: Axes, labels: Sequence[str]) -> None:
-    """One row per label from top to bottom, with the label at its left."""
+    """Make one row per label from top to bottom, with the label at its left."""
     axes.set_ylim(len(labels) - 0.5, -0.5)
     axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis="y", length=0)

@@ -1,1 +1,1 @@
-"""Makes bags of what others recorded, so that it is audited and evaluated like any recording."""
+"""Conversion of third-party recordings into bags that can be audited and evaluated."""

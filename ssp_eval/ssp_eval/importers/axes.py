@@ -1,4 +1,4 @@
-"""The axes that poses and twists of others are along, brought to those of REP 103.
+"""Conversion of the axes of third-party poses and twists to those of REP 103.
 
 Poses come out with x east, y north and yaw counter-clockwise, twists along the heading and to its
 left. Others count downwards: north-east-down or forward-right-down frames mirror a world that is

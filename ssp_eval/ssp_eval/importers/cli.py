@@ -1,4 +1,4 @@
-"""``ssp import-bag`` and ``ssp import-video``: recordings of others that can be audited."""
+"""``ssp import-bag`` and ``ssp import-video``: third-party recordings made auditable."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def _camera(given: Mapping[str, Any]) -> Callable[[int, int], CameraFacts]:
 
 
 def finish(summary: ImportSummary, who: str, accepted: Sequence[str], json_: bool) -> None:
-    """Enters the source into log L and reports: the end of both importers."""
+    """Enter the source into log L and report: the end of both importers."""
     log_source(summary, who)
     if json_:
         click.echo(json.dumps(summary.as_json(), indent=1))
@@ -291,7 +291,7 @@ def import_bag_command(
 
 
 def _topic(option: str, text: str, default: str | None) -> tuple[str, ObjectClass]:
-    """TOPIC:CLASS; raises UsageError for another form."""
+    """Return TOPIC:CLASS; raises UsageError for another form."""
     topic, sign, word = text.rpartition(":")
     if not sign:
         topic, word = text, default or ""
@@ -303,7 +303,7 @@ def _topic(option: str, text: str, default: str | None) -> tuple[str, ObjectClas
 
 
 def _axes(given: tuple[str, ...], ids: Collection[str]) -> dict[str, Axes]:
-    """Axes by id; raises UsageError for another form, or an id that is none."""
+    """Return axes by id; raises UsageError for another form, or an id that is none."""
     found = {}
     for name, text in _named("--axes", given, ids).items():
         try:
@@ -324,7 +324,7 @@ def _twists(given: tuple[str, ...], ids: Collection[str]) -> dict[str, bool]:
 
 
 def _named(option: str, given: tuple[str, ...], ids: Collection[str]) -> dict[str, str]:
-    """ID=VALUE options by id, `all` for those that aren't named."""
+    """Return ID=VALUE options by id, `all` for those that aren't named."""
     stated = pairs(option, given)
     common = stated.pop(ALL, None)
     for name in stated:

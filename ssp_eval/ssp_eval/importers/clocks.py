@@ -1,4 +1,4 @@
-"""The clocks of a bag that others recorded: the times of its topics, which must agree."""
+"""The clocks of a third-party bag: the times of its topics, which must agree."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ def import_options(out: Path, given: Mapping[str, Any]) -> ImportOptions:
 
 
 def adding(*options: Option) -> Option:
-    """One decorator that adds several options."""
+    """Return one decorator that adds several options."""
 
     def add(function: Any) -> Any:
         for option in reversed(options):
@@ -214,7 +214,7 @@ declaring = adding(
 
 
 def domain_option(default: str | None) -> Option:
-    """``--domain``; with a default of None it must be given."""
+    """Return ``--domain``; with a default of None it must be given."""
     # A default of None would count as one.
     more: dict[str, Any] = {} if default is None else {"default": default}
     return click.option(
@@ -341,7 +341,7 @@ def _motion(given: Mapping[str, Any]) -> MotionOptions:
 
 
 def pairs(option: str, given: tuple[str, ...]) -> dict[str, str]:
-    """ID=VALUE options by id; raises UsageError for another form, or an id twice."""
+    """Return ID=VALUE options by id; raises UsageError for another form, or an id twice."""
     found: dict[str, str] = {}
     for text in given:
         name, sign, value = text.partition("=")
@@ -407,7 +407,7 @@ def _size(text: str) -> tuple[float, float, float]:
 
 
 def accept_option() -> Option:
-    """``--accept NAME``, which both importers share."""
+    """Return ``--accept NAME``, which both importers share."""
     return click.option(
         "--accept",
         "accepted",

@@ -275,7 +275,7 @@ class SourceBag(Closing):
         return found
 
     def times(self, topic: str) -> Times:
-        """Stamps and times of receipt, nothing decoded."""
+        """Return stamps and times of receipt, nothing decoded."""
         pairs = array("q")
         for received_ns, data in self.raw(topic):
             pairs.extend((self.stamp_ns(topic, received_ns, data), received_ns))
@@ -484,7 +484,7 @@ class _PoseReading:
 
 
 def _columns(rows: array[Any], count: int, kind: type[Number]) -> list[NDArray[Number]]:
-    """Rows that stand one behind the other, as arrays of their columns."""
+    """Return rows that stand one behind the other, as arrays of their columns."""
     return [np.array(column) for column in np.frombuffer(rows, kind).reshape(-1, count).T]
 
 

@@ -252,7 +252,7 @@ def attach_record(
 
 
 def log_source(summary: ImportSummary, who: str) -> None:
-    """Enters where a recording comes from into log L, beside the bag (METHOD 1)."""
+    """Enter the origin of a recording into log L, beside the bag (METHOD 1)."""
     record = summary.record
     details: dict[str, object] = {
         "generator": record.generator,
@@ -317,7 +317,7 @@ class CameraFacts:
         )
 
     def write(self, writer: BagWriter, stamp_ns: int) -> None:
-        """CameraInfo and mount, as far as they are known."""
+        """Write CameraInfo and mount, as far as they are known."""
         latched = offered_qos(20, transient_local=True)
         if self.lens is not None:
             writer.add_topic(INFO, INFO_TYPE, latched)
@@ -332,13 +332,13 @@ class CameraFacts:
 
 
 def pinhole(width_px: int, height_px: int, hfov_deg: float) -> Intrinsics:
-    """Square pixels, the principal point in the middle: fx = fy = (w / 2) / tan(hfov / 2)."""
+    """Return a lens of square pixels with its principal point in the middle."""
     focal_px = width_px / 2 / math.tan(math.radians(hfov_deg) / 2)
     return Intrinsics(width_px, height_px, focal_px, focal_px, width_px / 2, height_px / 2)
 
 
 def keep_every(fps: float, rate_hz: float | None) -> int:
-    """n, where every n-th frame is kept: the largest that leaves at least the wanted rate.
+    """Return the largest n of which every n-th frame leaves at least the wanted rate.
 
     Whole frames at an even spacing and never under 10 Hz by default, so that a frame is always
     near enough to a label (METHOD 6.1 allows 0.11 s).

@@ -342,7 +342,7 @@ def _check_finite(samples: Samples) -> None:
 def _with_heading(
     samples: Samples, body: Body, velocity: FloatArray, notes: list[str]
 ) -> tuple[Samples, bool]:
-    """Headings from the source, or from the motion where it has none.
+    """Add headings from the source, or from the motion where it has none.
 
     Returns:
         The samples, and whether the headings are the source's own.
@@ -385,7 +385,7 @@ def _check_turns(samples: Samples) -> None:
 def _with_speed(
     samples: Samples, body: Body, velocity: FloatArray, notes: list[str]
 ) -> tuple[Samples, bool]:
-    """Speeds from the source, or from the positions where it has none.
+    """Add speeds from the source, or from the positions where it has none.
 
     Returns:
         The samples, and whether the speeds are the source's own.
@@ -442,7 +442,7 @@ def _findings(samples: Samples, body: Body, course: Course, velocity: FloatArray
 
 
 def _with_rates(samples: Samples, body: Body, t_s: FloatArray, notes: list[str]) -> Samples:
-    """Yaw rate and acceleration where the source has none."""
+    """Add yaw rate and acceleration where the source has none."""
     turned = np.unwrap(samples["yaw_rad"])
     rate, acceleration = slopes(t_s, np.column_stack([turned, samples["speed_mps"]])).T
     derived = []

@@ -267,7 +267,7 @@ def _of_file(video: Video) -> list[str]:
 
 
 def _declared_states(speed_mps: float, last_ns: int) -> Iterator[ObjectState]:
-    """States at 50 Hz of a vehicle that drives straight along the map's x axis from its origin."""
+    """Yield the states at 50 Hz of a vehicle that drives along the map's x axis from its origin."""
     for k in range(last_ns // STATE_STEP_NS + 1):
         yield ObjectState(
             object_id=VUT_ID,

@@ -57,7 +57,7 @@ class BoxedFrame:
     objects: tuple[Boxed, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """One line of the file."""
+        """Return one line of the file."""
         return {
             "t_s": round(self.t_s, 6),
             "objects": [

@@ -17,7 +17,7 @@ _TOLERANCE_S = 1e-6
 
 
 def phase_problems(labels: Labels) -> list[str]:
-    """Phases that go back: approach, trigger, conflict, resolution follow each other (METHOD 1)."""
+    """Find phases that go back: they follow each other as METHOD 1 says."""
     problems = []
     for i, (before, after) in enumerate(pairwise(labels.labels), start=1):
         if PHASES.index(after.phase) < PHASES.index(before.phase):

@@ -341,7 +341,7 @@ def _check_same_event(recordings: Sequence[_Recording]) -> None:
 
 
 def _plan(recordings: Sequence[_Recording]) -> list[_Planned]:
-    """One plan for all (METHOD 5.2b), and a proposal for each that has states.
+    """Return one plan for all (METHOD 5.2b), and a proposal for each that has states.
 
     Raises:
         InputError: there is no plan, or a recording's phases aren't known.

@@ -72,7 +72,7 @@ class Timeline:
         return self.resolution_s - self.conflict_s
 
     def shown_s(self, t_s: float) -> float | None:
-        """Stamp of the frame shown at a time, the newest at or before it; None: there is none."""
+        """Return the stamp of the newest frame at or before a time; None without one."""
         newest = bisect_right(self.frames_s, t_s + _HALF_NS) - 1
         return None if newest < 0 else self.frames_s[newest]
 
@@ -156,7 +156,7 @@ def plan_labels(timelines: Sequence[Timeline]) -> Plan:
 
 
 def _places(triggers: int, conflicts: int) -> Iterator[PhasePosition]:
-    """All labels of a plan with so many in trigger and conflict."""
+    """Yield all labels of a plan with so many in trigger and conflict."""
     approaches = max(1, min(_MOST_APPROACH, USUAL_LABELS - 1 - triggers - conflicts))
     resolutions = max(1, USUAL_LABELS - triggers - conflicts - approaches)
     for k in range(approaches, 0, -1):
@@ -198,7 +198,7 @@ def _counts(timelines: Sequence[Timeline]) -> tuple[int, int]:
 
 
 def _possible(timelines: Sequence[Timeline], phase: str, lasts_s: Sequence[float]) -> range:
-    """Numbers of labels that a phase may have by its durations.
+    """Return numbers of labels that a phase may have by its durations.
 
     Raises:
         NoPlan: there is none.

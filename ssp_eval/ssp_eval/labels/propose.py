@@ -168,7 +168,7 @@ class Located:
     crop: Crop
 
     def timeline(self) -> Timeline:
-        """Its phases, to plan labels by.
+        """Return its phases, to plan labels by.
 
         Raises:
             NoPlan: the event isn't resolved within the recording.
@@ -190,7 +190,7 @@ class Located:
         )
 
     def by_plan(self, plan: Plan) -> Proposal:
-        """Labels of a scenario's plan (METHOD 5.2b)."""
+        """Return labels of a scenario's plan (METHOD 5.2b)."""
         timeline = self.timeline()
         times_s = [timeline.time_of(at) for at in plan.at]
         return self.proposal(times_s, plan.at, timeline.risk_s(plan))
@@ -254,7 +254,7 @@ def locate(truth: Truth) -> Located:
 
 
 def propose(truth: Truth) -> Proposal:
-    """Labels of one recording on a clock grid, for what no plan fits.
+    """Return labels of one recording on a clock grid, for what no plan fits.
 
     Raises:
         InputError: there is no VUT, no event, no conflict, or the clip is too short.
@@ -267,7 +267,7 @@ def propose(truth: Truth) -> Proposal:
 
 
 def propose_by_plan(truths: Sequence[Truth]) -> tuple[list[Proposal], str]:
-    """Labels of a scenario's recordings by one plan; each on a clock grid where there is none.
+    """Propose labels of recordings by one plan, or each on a clock grid without a plan.
 
     Returns:
         The proposals, and why there is no plan, empty where there is one.
@@ -328,7 +328,7 @@ def _critical_event(
 def grid_times(
     start_s: float, end_s: float, centre_s: tuple[float, float], source: str
 ) -> list[float]:
-    """Nine times 0.5 s apart, centred on a span such as that from trigger to conflict.
+    """Return nine times 0.5 s apart, centred on a span such as that from trigger to conflict.
 
     They lie inside the clip on a 0.1 s grid; where it ends too early or begins too late, they are
     shifted.

@@ -103,7 +103,7 @@ def is_unreviewed(path: Path) -> bool:
 
 
 def decided_fields(path: Path) -> frozenset[str]:
-    """Fields that an unfinished review has decided, such as ``labels[3]``.
+    """Return the fields that an unfinished review has decided, such as ``labels[3]``.
 
     Raises:
         InputError: the sidecar can't be read.
@@ -306,7 +306,7 @@ def _risk_change(text: str) -> dict[str, Any]:
 
 
 def _changes(text: str) -> dict[str, Any]:
-    """Slots and their new values in a typed line."""
+    """Return the slots and their new values in a typed line."""
     pairs = _PAIR.findall(text)
     if not pairs or _PAIR.sub("", text).strip():
         raise _BadLine("type slots and values, such as: motion=stationary conflict=null")

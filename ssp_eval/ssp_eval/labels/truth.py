@@ -239,7 +239,7 @@ class TruthObject(_Known):
     size: TruthSize
 
     def state(self, t_s: float) -> ObjectState:
-        """Its state at a clip time."""
+        """Return its state at a clip time."""
         return ObjectState(
             object_class=ObjectClass.from_word(self.object_class),
             role=Role[self.role.upper()],
@@ -329,7 +329,7 @@ def truth_from_file(
 
 
 def truth_from_bag(path: str | Path) -> Truth:
-    """Ground truth of a recording, in clip time: simulated, live, or another's with states."""
+    """Return the ground truth of a recording with states, in clip time."""
     return truth_of(read_source(Path(path)))
 
 

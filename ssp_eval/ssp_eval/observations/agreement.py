@@ -50,7 +50,7 @@ class Agreement:
         return tuple(row.field for row in self.rows if row.verdict in ("differ", "contradict"))
 
     def properties(self) -> dict[str, Property]:
-        """q(d, k); not determined where they differ or no observer could tell."""
+        """Return q(d, k); not determined where they differ or no observer could tell."""
         return self.answers.properties_by(self.by)
 
     def to_json(self) -> dict[str, Any]:
@@ -183,7 +183,7 @@ def _put(value: Any, parts: Sequence[str], new: Any) -> None:
 
 
 def _joined(key: str, values: Sequence[Any]) -> Any:
-    """Evidence and remarks of all observers."""
+    """Return evidence and remarks of all observers."""
     if key == "note":
         return "; ".join(dict.fromkeys(v for v in values if v))[:500] or None
     found = []

@@ -214,7 +214,7 @@ class Answers(Strict):
     log: Log = NO_LOG
 
     def seen(self) -> Iterator[tuple[str, Seen]]:
-        """Every group of answers that has evidence, by its path."""
+        """Yield every group of answers that has evidence, by its path."""
         for name in ("topology", "roles", "dominant_motion", "conflict_type", "passing_order"):
             yield name, getattr(self, name)
         for phase in EVENT_PHASES:
@@ -227,7 +227,7 @@ class Answers(Strict):
         yield "visibility.conflict_region", self.visibility.conflict_region
 
     def unanswered(self) -> tuple[str, ...]:
-        """Paths of what the observer couldn't tell, the declarations of the log left out."""
+        """Return the paths of unanswered fields, without the declarations of the log."""
         found = []
         for path, one in self.seen():
             for key, value in leaves(one.answers()):
@@ -236,7 +236,7 @@ class Answers(Strict):
         return tuple(found)
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
-        """Paths of what can't be together, and why; nothing of a sound observation."""
+        """Yield the paths of contradicting answers, and why they contradict."""
         roles = self.roles
         known = roles.participants
         vuts = [who for who, one in known.items() if one.role == "VUT"]
@@ -283,7 +283,7 @@ class Answers(Strict):
         return tuple(r for r in REASONS if getattr(self.source_gate, r).value is None)
 
     def properties_by(self, by: str) -> dict[str, Property]:
-        """q(d, k) in the words that are measured elsewhere (METHOD 4.2)."""
+        """Return q(d, k) in the words that are measured elsewhere (METHOD 4.2)."""
         order = self.passing_order
         return {
             TOPOLOGY: _property(self.topology, self._topology_words(), by),
@@ -361,12 +361,12 @@ class Observation(Answers):
         return sha256_json(value)
 
     def properties(self) -> dict[str, Property]:
-        """q(d, k), as this person saw them."""
+        """Return q(d, k), as this person saw them."""
         return self.properties_by(self.who)
 
 
 def leaves(value: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Path and value of everything in nested mappings."""
+    """Yield the path and value of everything in nested mappings."""
     for key, item in value.items():
         if isinstance(item, dict):
             yield from leaves(item, f"{before}{key}.")

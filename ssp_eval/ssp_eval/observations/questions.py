@@ -84,7 +84,7 @@ def cards(vut: str, targets: Sequence[str], has_log: bool) -> list[Card]:
 
 
 def _vocabularies(vut: str, targets: Sequence[str]) -> dict[str, Sequence[tuple[Any, str]]]:
-    """Value and text of the choices that several questions have, or that others define."""
+    """Return value and text of the choices that several questions have, or that others define."""
     lanes = [(n, str(n)) for n in range(MOST_LANES + 1)]
     words = {
         "segment": get_args(SegmentWord),
@@ -194,7 +194,7 @@ def _comment(ask: Ask) -> str:
 
 
 def _scalar(value: Any) -> str:
-    """JSON, but words without quotes."""
+    """Return JSON, but words without quotes."""
     plain = isinstance(value, str) and re.fullmatch(r"[\w ./]+", value)
     # A word that begins with a digit stays text where YAML would look for a number.
     return str(value) if plain and not value[0].isdigit() else json.dumps(value)

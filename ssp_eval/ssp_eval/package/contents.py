@@ -78,7 +78,7 @@ class Contents:
         return object_path(self.folder, entry.sha256)
 
     def data(self, entry: FileEntry) -> bytes:
-        """Its bytes.
+        """Return its bytes.
 
         Raises:
             InputError: they can't be read, or are more than anything of this kind holds.
@@ -97,7 +97,7 @@ class Contents:
             ) from error
 
     def text(self, entry: FileEntry) -> str:
-        """Its text.
+        """Return its text.
 
         Raises:
             InputError: as data, or it is not UTF-8.
@@ -326,7 +326,7 @@ class Index:
         return task.version
 
     def _bags(self) -> Sequence[FileEntry]:
-        """One MCAP file of each bag."""
+        """Return one MCAP file of each bag."""
         first: dict[str, FileEntry] = {}
         for entry in self.contents.of("recording"):
             whole = self.contents.beside(entry.path, "metadata.yaml") is not None
@@ -407,7 +407,7 @@ def _frames(bag: BagReader) -> dict[int, str]:
 def missing_parts(
     index: Index, cells: Mapping[str, Mapping[str, Any]], links: Iterable[Link]
 ) -> list[str]:
-    """One line for each part of P_s that is not there, by scenario.
+    """Return one line for each part of P_s that is not there, by scenario.
 
     Source video, K*, artefacts and recording of each domain, labels and log are needed; an audit
     too, without which no recording is admitted.

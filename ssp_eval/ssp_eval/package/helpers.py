@@ -1,4 +1,4 @@
-"""Calls that this process shares with others: what none of them has begun is done here."""
+"""Calls that are shared with helper processes; the main process does those not yet begun."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class Links:
         self.cells: dict[str, dict[str, Any]] = {}
 
     def derive(self) -> list[Link]:
-        """All links, in order."""
+        """Return all links, in order."""
         readers: dict[Role, Callable[[FileEntry], None]] = {
             "cell": self._cell,
             "audit": self._audit,

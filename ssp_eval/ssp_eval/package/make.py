@@ -116,7 +116,7 @@ def _of_mapping(value: dict[str, Any]) -> Role:
 
 
 def _mapping(file: Path, path: str) -> dict[str, Any]:
-    """Empty where the file holds none: it is evidence all the same, of nothing known here."""
+    """Return the mapping in a file; empty if it holds none, since it may be other evidence."""
     try:
         with file.open("rb") as stream:
             data = stream.read(MAX_TEXT_BYTES + 1)
@@ -152,7 +152,7 @@ class Source:
 
 
 def collect(folders: Sequence[Path], out: Path) -> list[Source]:
-    """All files of some folders, by path, but for hidden ones and for packages among them.
+    """Return all files of some folders, by path, but for hidden ones and for packages among them.
 
     Args:
         folders: none of which lies in another.
@@ -335,7 +335,7 @@ def _store_all(
 
 
 def _store(source: Source, role: Role, scratch: Path, copy: bool, progress: Progress) -> FileEntry:
-    """One file under its hash; the hash is of the bytes that are stored, whatever happens since."""
+    """Store one file under its hash, which is that of the bytes that are stored."""
     handle, name = tempfile.mkstemp(dir=scratch, prefix="incoming.")
     os.close(handle)
     incoming = Path(name)

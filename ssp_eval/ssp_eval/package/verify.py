@@ -215,7 +215,7 @@ def _keys(
 
 
 def _differences(at: str, told: Any, found: Any) -> Iterator[_Difference]:
-    """Field and text of each value that differs."""
+    """Yield field and text of each value that differs."""
     if isinstance(told, dict) and isinstance(found, dict):
         for key in sorted({*told, *found}):
             if key in told and key in found:
@@ -501,7 +501,7 @@ def _follow(
     on_step: Callable[[str], None],
     workers: int,
 ) -> None:
-    """Works the links out anew and compares them with the table."""
+    """Work the links out anew and compare them with the table."""
     contents = Contents(folder, package.files)
     found = work_out(contents, on_step, workers)
     verdict.notes += found.notes

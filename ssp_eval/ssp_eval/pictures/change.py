@@ -194,7 +194,7 @@ def _off_px(changed: NDArray[np.float32], box: Mask, road: Mask) -> int | None:
 
 
 def _of_ground(view: View) -> FloatArray:
-    """Shape (3, 3): turns (x, y, 1) on the ground of the map into homogeneous pixels."""
+    """Return the matrix that turns (x, y, 1) on the map's ground into homogeneous pixels."""
     lens, axes = view.intrinsics, view.rotation
     camera = np.array(lens.k()).reshape(3, 3)
     matrix: FloatArray = camera @ np.column_stack([axes[:, 0], axes[:, 1], -axes @ view.position_m])

@@ -84,7 +84,7 @@ def coarse(picture: Grey) -> Float32:
 
 
 def reduced_size(width_px: int, height_px: int) -> tuple[int, int]:
-    """Return width and height at which pictures of a size are compared."""
+    """Return the width and height at which pictures of a size are compared."""
     if width_px <= WIDTH_PX:
         return width_px, height_px
     return WIDTH_PX, round(height_px * WIDTH_PX / width_px)

@@ -171,7 +171,7 @@ class _Entries:
         return _Entry(self.stamps_ns[index], self._log_times_ns[index])
 
     def within(self, first_ns: int, last_ns: int) -> _Entries:
-        """Those whose stamps lie between two instants, ends included."""
+        """Return the frames whose stamps lie between two instants, ends included."""
         low = bisect_left(self.stamps_ns, first_ns)
         high = bisect_right(self.stamps_ns, last_ns)
         return _Entries([self[index] for index in range(low, high)])
@@ -425,7 +425,7 @@ class Clip(Closing):
         return tuple(Frame(stamp, found[stamp]) for stamp in sorted(found))
 
     def _history(self, now_ns: int, rules: Preprocessing) -> tuple[EgoSample, ...]:
-        """Ego samples up to a time, oldest first; empty when there is no state recent enough."""
+        """Return ego samples up to a time, oldest first; empty without a recent state."""
         if self._told.ego == "unknown":
             return ()
         newest = bisect_right(self._states.stamps_ns, now_ns) - 1

@@ -21,7 +21,7 @@ MIN_SHARE = 0.25
 
 
 def surface_points(state: ObjectState) -> FloatArray:
-    """Points all round a box in map, shape (24, 3): corners and middles of sides, at 3 heights."""
+    """Return points around a box in map, (24, 3): corners and middles of sides, at 3 heights."""
     corners = np.array(state.box.corners())
     ring = np.concatenate([corners, (corners + np.roll(corners, -1, axis=0)) / 2.0])
     rows = [np.column_stack([ring, np.full(len(ring), h * state.size.height_m)]) for h in _HEIGHTS]

@@ -225,7 +225,7 @@ def bound_event(event: Event, board: Storyboard, drawn: ClipPhases, sha256: str)
 
 
 def _events(board: Storyboard, drawn: ClipPhases) -> dict[str, Any]:
-    """Part E: exact starts, and evidence from each phase's first frame to the next phase's."""
+    """Return part E: exact starts, and evidence from each phase's first frame to the next."""
     ends = [*(drawn.first_frames[phase] for phase in PHASES), drawn.last_frame]
     part: dict[str, Any] = {"clip": {"start": _at(0.0, "s"), "end": _at(board.duration_s, "s")}}
     for phase, (first, last) in zip(PHASES, pairwise(ends), strict=True):

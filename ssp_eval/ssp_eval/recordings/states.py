@@ -220,7 +220,7 @@ def _sighting(t_s: float, source: str, state: ObjectState, sequence: int) -> Sig
 
 
 def _joined(reported: Mapping[str, _Reported], vut_id: str) -> StateSeries:
-    """States of all objects at the stamps of the VUT's, the others extrapolated to them."""
+    """Return states of all objects at the stamps of the VUT's, the others extrapolated to them."""
     series = StateSeries()
     if vut_id not in reported:
         return series

@@ -93,7 +93,7 @@ class SameDrive:
 
 
 def tracks_of(sightings: Iterable[Sighting], ids: Iterable[str]) -> list[dict[str, Track]]:
-    """Tracks by id, once for each kind of source: the world's, and the participants' own."""
+    """Return tracks by id, once for each kind of source: the world's, and the participants' own."""
     wanted = frozenset(ids)
     rows: dict[bool, dict[str, dict[float, complex]]] = {}
     for one in sightings:
@@ -165,7 +165,7 @@ class _Pair:
         self.moves = np.nan_to_num(chords.max(axis=0)) > moving_m
 
     def place_m(self, which: int, times_s: Numbers) -> Places:
-        """Places of one of the two at any time, between its states; NaN in gaps."""
+        """Return the places of one of the two at any time, between its states; NaN in gaps."""
         track = self.tracks[which]
         found: Places = self._splines[which](times_s)
         after = np.clip(np.searchsorted(track.times_s, times_s), 1, len(track) - 1)
@@ -178,7 +178,7 @@ class _Pair:
         return _GRID_S * float(self.moves[inside].sum())
 
     def between(self, first_s: float, last_s: float) -> tuple[Track, ...]:
-        """States of both from one time to another, as they were recorded."""
+        """Return the states of both from one time to another, as they were recorded."""
         parts = []
         for track in self.tracks:
             i, j = (int(np.searchsorted(track.times_s, t_s)) for t_s in (first_s, last_s))
@@ -207,7 +207,7 @@ def _reversed(one: SameDrive) -> SameDrive:
 
 
 def _lags(a: _Pair, b: _Pair) -> list[float]:
-    """Shifts at which distances and speeds agree best: time of a = time of b + shift."""
+    """Return shifts at which distances and speeds agree best: time of a = time of b + shift."""
     needed = round(SAME_MOTION_S / _GRID_S)
     n, m = len(a.grid_s), len(b.grid_s)
     lags = range(needed - m, n - needed + 1)
@@ -276,7 +276,7 @@ def _laid(a: _Pair, b: _Pair, span_s: tuple[float, float], lag_s: float) -> Same
 
 
 def _shape_m(tracks: Iterable[Track]) -> float:
-    """Rms departure from straight lines at constant speed, in m."""
+    """Return the rms departure from straight lines at constant speed, in m."""
     squares = []
     for track in tracks:
         basis = np.vstack([np.ones(len(track)), track.times_s - track.times_s.mean()])

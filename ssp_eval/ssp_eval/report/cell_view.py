@@ -133,7 +133,7 @@ class Walks:
         yield WalkStep("K*", facts.event_version, says=says or "as declared for this video")
 
     def _asked(self, index: int, judgement: Judgement) -> Iterator[WalkStep]:
-        """Raw output, request and frames: of the request that the record came from."""
+        """Yield the raw output, request and frames: of the request that the record came from."""
         requests = self._asked_for
         if judgement.record is not None:
             at = (k for k, r in enumerate(requests) if r.get("t_s") == judgement.record_t_s)

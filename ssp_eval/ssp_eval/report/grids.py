@@ -89,7 +89,7 @@ def _is_empty(table: Table, place: int) -> bool:
 
 
 def _spoken(column: Column, text: str) -> str:
-    """Names of scenarios as words, a count of none as a dot."""
+    """Return names of scenarios as words, a count of none as a dot."""
     if column.key in STAGE_NAMES or column.key == NONE:
         return "·" if text == "0" else text
     return text.replace("_", " ") if column.key == "scenario" else text

@@ -138,7 +138,7 @@ def _write_large(
     expected: Sequence[str],
     carried: str,
 ) -> Path:
-    """Details of one cell after the other, so that memory holds one cell's pictures of words."""
+    """Write the details cell by cell, so that memory holds one cell's pictures of words."""
     audits = audit_pages(out, (load_facts(file) for file in files))
     named = named_audits([out], (load_facts(file) for file in files))
     details = DetailFiles(out, environment(), audits)
@@ -162,7 +162,7 @@ def _write_large(
 
 
 def audit_pages(out: Path, cells: Iterable[CellFacts]) -> dict[str, str]:
-    """Pages of the audits that the cells go by, where they lie in the campaign folder.
+    """Return pages of the audits that the cells go by, where they lie in the campaign folder.
 
     Returns:
         Path from the report by hash of the audit, those of the first scenario first.

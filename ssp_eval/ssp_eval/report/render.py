@@ -236,7 +236,7 @@ def _title(models: Sequence[str], scenarios: Sequence[str]) -> str:
 
 
 def _audit_links(cells: Sequence[CellData], audits: Mapping[str, str]) -> dict[str, str]:
-    """Page of the audit by scenario."""
+    """Return the page of the audit by scenario."""
     found: dict[str, str] = {}
     for cell in cells:
         page = audits.get(cell.audit_sha256 or "")
@@ -315,7 +315,7 @@ def _stages(cell: CellData) -> str:
 
 
 def _short(value: float | None) -> float | None:
-    """Enough digits to sort by and to show."""
+    """Return a number with enough digits to sort by and to show."""
     return None if value is None else round(value, 6)
 
 
@@ -396,7 +396,7 @@ def render(
 
 
 def _of_recordings(constants: Sequence[OfScenario]) -> dict[Place, float]:
-    """IVCS of the best blind constant by scenario and domain."""
+    """Return IVCS of the best blind constant by scenario and domain."""
     rows = constant_rows(constants)
     return {(row.scenario, row.domain): row.ivcs for row in rows if row.ivcs is not None}
 
@@ -494,7 +494,7 @@ def source(name: str) -> Markup:
 
 
 def script_json(value: Any) -> str:
-    """JSON that can stand in a script element, whatever its texts hold.
+    """Return JSON that can stand in a script element, whatever its texts hold.
 
     A text could end the element, or open a comment and a script in it, so that its end isn't seen.
     """

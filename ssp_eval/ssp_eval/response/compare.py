@@ -254,7 +254,7 @@ def _aligned(
 def _on_common_clock(
     drives: tuple[Drive, Drive], starts: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Both on time since the trigger, from 0.2 s before the earlier braking; None: too short."""
+    """Return both over time since the trigger, from 0.2 s before the earlier braking."""
     spans = []
     for drive, start_s in zip(drives, starts, strict=True):
         zero_s = drive.trigger_s

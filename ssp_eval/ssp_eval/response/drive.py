@@ -88,7 +88,7 @@ class Braking:
 
 
 def strong(drives: Sequence[Drive]) -> float | None:
-    """Acceleration below which one of some drives brakes, m/s²; None: none of them decelerates.
+    """Return the acceleration below which a drive brakes, m/s²; None if none decelerates.
 
     It follows the strongest of them, so that a gentle braking counts and noise beside it doesn't.
     """

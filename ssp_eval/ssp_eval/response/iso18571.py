@@ -105,7 +105,7 @@ def _without_drawing() -> Iterator[None]:
 
 
 def _shifted(metric: Any) -> tuple[FloatArray, FloatArray, int, float]:
-    """Both curves behind the shift with the largest correlation, the shift and the correlation.
+    """Return both curves after the best-correlated shift, the shift, and the correlation.
 
     It takes the place of the package's own: of shifts that correlate equally well the least one
     counts, and on straight pieces the last digit would choose.

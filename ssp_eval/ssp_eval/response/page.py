@@ -65,7 +65,7 @@ def _from(curve: CurveEntry, braking_s: float) -> CurveEntry:
 
 
 def curve_plot(reference: tuple[str, CurveEntry], comparison: tuple[str, CurveEntry]) -> str:
-    """Both accelerations, aligned at the braking, with the reference's corridors, as SVG.
+    """Return both accelerations, aligned at the braking, with the reference's corridors, as SVG.
 
     Args:
         reference: domain and curve.

@@ -164,7 +164,7 @@ def _changes(
 
 
 def relative_difference(value: float | None, reference: float | None) -> float | None:
-    """(value − reference) / |reference|, from unrounded values; None if it has no meaning."""
+    """Return (value − reference) / |reference|, unrounded; None if it has no meaning."""
     if value is None or reference is None or reference == 0:
         return None
     return (value - reference) / abs(reference)

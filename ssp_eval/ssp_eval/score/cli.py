@@ -33,12 +33,12 @@ DISCLAIMER = "IVCS is no safety certificate."
 
 
 def format_ratio(value: float | None) -> str:
-    """Three decimals, ``–`` for null (METHOD 6.11)."""
+    """Return three decimals, ``–`` for null (METHOD 6.11)."""
     return NULL if value is None else f"{value:.3f}"
 
 
 def format_response(rsr: int, rl_s: float | None) -> str:
-    """``S@1.50`` with the latency in seconds, or ``F`` (METHOD 6.9)."""
+    """Return ``S@1.50`` with the latency in seconds, or ``F`` (METHOD 6.9)."""
     return f"S@{rl_s:.2f}" if rsr and rl_s is not None else "F"
 
 
@@ -141,7 +141,7 @@ def _cases(folders: tuple[Path, ...]) -> list[tuple[str, Path]]:
 
 
 def _files(folder: Path) -> tuple[Path, Path]:
-    """Labels file and records file of a folder.
+    """Return labels file and records file of a folder.
 
     Raises:
         InputError: there is no such folder, or it has several labels files.

@@ -255,7 +255,7 @@ class RecordBlocks:
         )
 
     def columns(self) -> RecordColumns:
-        """All records so far, in the order in which they came."""
+        """Return all records so far, in the order in which they came."""
         t_s, text_valid, answer, grid, x_m, y_m, x_count, y_count = (
             np.concatenate(parts) for parts in zip(*self._blocks, strict=True)
         )

@@ -72,7 +72,7 @@ _INTERACTION = [SLOTS.index(name) for name in INTERACTION_SLOTS]
 
 
 def _values(slot: str) -> list[Value]:
-    """Every value that a slot can have, in the order of its codes."""
+    """Return every value that a slot can have, in the order of its codes."""
     if slot != "objects":
         return list(VOCABULARIES[slot])
     return [
@@ -193,11 +193,11 @@ class LabelTerms:
     risk_onset_s: float
 
     def __len__(self) -> int:
-        """N, the number of labels."""
+        """Return N, the number of labels."""
         return len(self.matched)
 
     def term(self, name: str) -> np.ndarray:
-        """(N,) what a label adds to a sum of METRICS; that of its slots together (6.11)."""
+        """Return each label's addend to a sum of METRICS, (N,), its slots together (6.11)."""
         if name == LABELS:
             return np.ones(len(self), dtype=np.int64)
         column: np.ndarray = getattr(self, name)

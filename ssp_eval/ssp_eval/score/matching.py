@@ -50,7 +50,7 @@ class _Optima:
             self._rows[j] = row
 
     def error_s(self, j: int, i: int) -> float:
-        """|t_i − τ_j|."""
+        """Return |t_i − τ_j|."""
         return abs(self._records_s[i] - self._labels_s[j])
 
     def of(self, j: int, i: int) -> _Best:

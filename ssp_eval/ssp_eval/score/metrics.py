@@ -143,14 +143,14 @@ SUMMED = tuple(dict.fromkeys(x for m in RATIOS for x in (m.numerator, m.denomina
 
 
 def ratio(sums: np.ndarray, denominators: np.ndarray) -> Numbers:
-    """Σ / denominator, NaN where the denominator is 0 (METHOD 6.11)."""
+    """Return Σ / denominator, NaN where the denominator is 0 (METHOD 6.11)."""
     result = np.full(len(sums), np.nan)
     np.divide(sums, denominators, out=result, where=denominators > 0)
     return result
 
 
 def ratios(sums: Mapping[str, np.ndarray]) -> dict[str, Numbers]:
-    """All metrics that are ratios, from the sums of their terms by name."""
+    """Return all metrics that are ratios, from the sums of their terms by name."""
     return {m.name: ratio(sums[m.numerator], sums[m.denominator]) for m in RATIOS}
 
 

@@ -57,7 +57,7 @@ class Motion:
 
 
 def step_of(thresholds: Thresholds) -> float:
-    """Δt of METHOD 6.6, half of the interval that a trajectory must cover, s."""
+    """Return Δt of METHOD 6.6, half of the interval that a trajectory must cover, s."""
     return thresholds.support_end_s / 2
 
 
@@ -174,7 +174,7 @@ def driven(records: RecordColumns, thresholds: Thresholds) -> Driven:
 
 
 def lon_action(motion: Motion, thresholds: Thresholds = DEFAULT) -> Whole:
-    """Codes of the longitudinal action (METHOD 6.6): stop, decelerate, maintain, accelerate."""
+    """Return longitudinal action codes (METHOD 6.6): stop, decelerate, maintain, accelerate."""
     accel = motion.accel_mps2
     return np.select(
         [
@@ -188,7 +188,7 @@ def lon_action(motion: Motion, thresholds: Thresholds = DEFAULT) -> Whole:
 
 
 def lat_action(motion: Motion, thresholds: Thresholds = DEFAULT) -> Whole:
-    """Codes of the lateral action (METHOD 6.6): left, straight, right."""
+    """Return lateral action codes (METHOD 6.6): left, straight, right."""
     return np.select(
         [
             thresholds.at_least(motion.shift_m, thresholds.lateral_shift_m),
@@ -200,7 +200,7 @@ def lat_action(motion: Motion, thresholds: Thresholds = DEFAULT) -> Whole:
 
 
 def feasible(motion: Motion, thresholds: Thresholds = DEFAULT) -> Flags:
-    """F of METHOD 6.6: no step goes backwards, too fast or too fast sideways, |a| is bounded."""
+    """Return F of METHOD 6.6: no step backwards, too fast or too fast sideways, |a| bounded."""
     accel_mps2: Numbers = np.abs(motion.accel_mps2)
     result = thresholds.at_most(accel_mps2, thresholds.max_accel_mps2)
     for forward_m, left_m in zip(motion.forward_steps_m, motion.left_steps_m, strict=True):

@@ -141,7 +141,7 @@ def _seen(vocabulary: Sequence[str], words: Iterable[str | None]) -> list[str | 
 
 
 def _objects(sets: Iterable[tuple[str, ...] | None]) -> list[tuple[str, ...] | None]:
-    """Every set of the classes that labels name; the empty one where a label has it.
+    """Return every set of the classes that labels name; the empty one where a label has it.
 
     A set that a label has stands in the label's order, the critical object first.
     """

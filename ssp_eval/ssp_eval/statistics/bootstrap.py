@@ -60,7 +60,7 @@ def resampled_scores(
 
 
 def weighted_ivcs(scores: Mapping[str, Numbers]) -> Numbers:
-    """IVCS of arrays of components (METHOD 6.10), NaN as 0."""
+    """Return IVCS of arrays of components (METHOD 6.10), NaN as 0."""
     total = np.zeros_like(scores["rsr"])
     for name, weight in ivcs_weights().items():
         total += weight * np.nan_to_num(scores[name])
@@ -239,7 +239,7 @@ def bootstrap_records(
 
 
 def clip_generator(seed: int, row: CellRow, count: int) -> np.random.Generator:
-    """Random numbers for drawing from the count labels of a cell, the same for all of a clip."""
+    """Return random numbers to draw from a cell's labels, the same for all cells of a clip."""
     return generator(seed, "records", row.scenario, row.domain, str(count))
 
 

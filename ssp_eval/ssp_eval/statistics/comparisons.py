@@ -231,7 +231,7 @@ def holm(comparisons: Sequence[Comparison]) -> list[Comparison]:
 
 
 def step_down(values: Sequence[float | None]) -> list[float | None]:
-    """Holm's correction: the k-th least p times m − k + 1, none less than one before it."""
+    """Apply Holm's correction: the k-th least p times m − k + 1, never decreasing."""
     present = sorted((p, i) for i, p in enumerate(values) if p is not None)
     found: list[float | None] = [None] * len(values)
     reached = 0.0

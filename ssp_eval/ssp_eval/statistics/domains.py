@@ -153,7 +153,7 @@ Model = tuple[str, str]
 
 
 def _parts(cells: Iterable[Cell]) -> list[tuple[str, str, str, list[Model]]]:
-    """Each two domains with each scenario, and with all, and the places that both have."""
+    """Return each two domains with each scenario, and with all, and the places that both have."""
     there: dict[str, set[Model]] = {}
     for cell in cells:
         if cell.admitted:

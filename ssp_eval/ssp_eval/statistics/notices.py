@@ -250,7 +250,7 @@ def _of_thresholds(rows: Sequence[CellRow]) -> Iterable[Notice]:
 
 
 def _absent(rows: Sequence[CellRow]) -> list[str]:
-    """Models that weren't asked about a recording that another was asked about.
+    """Return models that weren't asked about a recording that another was asked about.
 
     Not every recording has twins, or is asked about again: that one has none isn't a gap.
     """
@@ -374,7 +374,7 @@ def _comparability(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterab
 
 
 def _several(told: Iterable[tuple[str, str, str | None]]) -> list[str]:
-    """Names that have several values in one run.
+    """Name those that have several values in one run.
 
     Args:
         told: run, name and value.
@@ -386,7 +386,7 @@ def _several(told: Iterable[tuple[str, str, str | None]]) -> list[str]:
 
 
 def _outside(cells: Sequence[CellData]) -> Iterable[Notice]:
-    """Scored recordings that stay out of domain means, by what the audit says of them."""
+    """Yield the scored recordings that stay out of domain means, by what the audit says of them."""
     found: dict[str, list[CellData]] = {}
     for cell in cells:
         if cell.score is not None and cell.admission != ADMITTED:
@@ -431,7 +431,7 @@ def _label_plans(rows: Sequence[CellRow], cells: Sequence[CellData]) -> Iterable
 
 
 def _of_renderers(cells: Sequence[CellData]) -> Iterable[Notice]:
-    """Domains whose pictures one renderer drew (METHOD 4.4)."""
+    """Yield the domains whose pictures one renderer drew (METHOD 4.4)."""
     found: dict[str, set[str]] = {}
     for cell in cells:
         if cell.facts.clip.renderer is not None:
@@ -447,7 +447,7 @@ def _of_renderers(cells: Sequence[CellData]) -> Iterable[Notice]:
 
 
 def _of_carla(cells: Sequence[CellData]) -> Iterable[Notice]:
-    """Bodies of CARLA, which aren't of the size or the physics that the run reckons with."""
+    """Yield bodies of CARLA, which aren't of the size or the physics that the run reckons with."""
     found = {
         (cell.scenario, cell.domain): cell.facts.clip.carla
         for cell in cells
@@ -473,7 +473,7 @@ def _of_drivers(cells: Sequence[CellData]) -> Iterable[Notice]:
 
 
 def _of_rules(cells: Sequence[CellData]) -> Iterable[Notice]:
-    """Cells and imports that were made before and after an update of the rules."""
+    """Yield cells and imports that were made before and after an update of the rules."""
     earlier = sorted(
         f"{cell.scenario} / {cell.domain} / {cell.model}"
         for cell in cells

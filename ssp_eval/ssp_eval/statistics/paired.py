@@ -49,7 +49,7 @@ class Test:
 
 @lru_cache(maxsize=1 << 12)
 def mcnemar(more: int, fewer: int) -> Test:
-    """McNemar's test of discordant pairs: exact, and mid-p.
+    """Return McNemar's test of discordant pairs: exact, and mid-p.
 
     p = 2 P(X ≤ min(more, fewer)), at most 1, with X binomial (more + fewer, ½).
     mid-p = p − P(X = min), and 1 − ½ P(X = more) where both are equal (Fagerland, Lydersen and
@@ -70,7 +70,7 @@ def mcnemar(more: int, fewer: int) -> Test:
 
 
 def signed_rank(differences: Sequence[float]) -> Test:
-    """Wilcoxon's signed rank; differences of 0 are left out.
+    """Return Wilcoxon's signed rank; differences of 0 are left out.
 
     Exact for up to EXACT_UNITS units, with ties too, where scipy's isn't; beyond by its normal
     approximation.
@@ -106,7 +106,7 @@ def _chances(ranks: tuple[int, ...]) -> Numbers:
 
 
 def hodges_lehmann(differences: Sequence[float]) -> tuple[float | None, Interval]:
-    """Hodges and Lehmann's estimate of a shift: the median of all means of two differences.
+    """Return Hodges and Lehmann's estimate of a shift: the median of all means of two differences.
 
     The interval, 95 %, has the signed rank's ends: the c-th least and the c-th largest of these
     means, 2 P(W < c) ≤ 5 %. Fewer than six differences have none.
@@ -172,14 +172,14 @@ class Shares:
 
 
 def rate_interval(rate: float, n: int) -> Interval:
-    """Wilson's interval of a share of n units, 95 %; a single unit has none."""
+    """Return Wilson's interval of a share of n units, 95 %; a single unit has none."""
     if n < 2:
         return NO_INTERVAL
     return Interval(*wilson_interval(rate, n, LEVEL))
 
 
 def paired_difference(shares: Shares, n: int) -> Interval:
-    """Newcombe's interval of the difference of two paired shares, 95 %.
+    """Return Newcombe's interval of the difference of two paired shares, 95 %.
 
     Method 10 of Newcombe, Statistics in Medicine 17:2635–2650, 1998: Wilson's intervals of both
     shares, squared and added with the correlation φ of the pairs, which is corrected for

@@ -78,7 +78,7 @@ def cluster_interval(sums: Sequence[float], sizes: Sequence[float]) -> Interval:
 
 
 def generator(seed: int, *names: str) -> np.random.Generator:
-    """Random numbers that depend on the seed and on what they are for, on no order of work."""
+    """Return random numbers that depend on seed and purpose, not on the order of work."""
     digest = int(sha256_json([seed, *names]).removeprefix("sha256:"), 16)
     return np.random.default_rng(digest)
 
@@ -131,7 +131,7 @@ class NanMean:
 
 
 def weighted_sums(weights: Numbers, values: Numbers) -> Numbers:
-    """Σ_i w_bi v_i for each b, added in the order of i.
+    """Return Σ_i w_bi v_i for each b, added in the order of i.
 
     Args:
         weights: (B, N).
@@ -262,7 +262,7 @@ def block_draws(count: int, block: int, resamples: int, rng: np.random.Generator
 
 
 def without_blocks(count: int, block: int) -> Numbers:
-    """Weights with each block of consecutive labels left out in turn, for a jackknife.
+    """Return the weights with each block of consecutive labels left out in turn, for a jackknife.
 
     Returns:
         (count, count).

@@ -157,7 +157,7 @@ def scale(rows: Iterable[CellRow]) -> str:
 
 
 def merged(rows: Sequence[CellRow]) -> list[CellRow]:
-    """One row per cell, with the means of the metrics over its runs; RL over successes only.
+    """Return one row per cell, with the means of the metrics over its runs; RL over successes only.
 
     Runs that were scored with different thresholds stay apart.
 

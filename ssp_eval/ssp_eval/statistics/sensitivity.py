@@ -82,7 +82,7 @@ def signs(values: Numbers) -> Numbers:
 
 
 def kendall_tau(first: Numbers, second: Numbers) -> Numbers:
-    """Kendall's τ_b of two orders as signs gives them; NaN where one is all ties."""
+    """Return Kendall's τ_b of two orders as signs gives them; NaN where one is all ties."""
     agree = np.sum(first * second, axis=-1)
     norm = np.sqrt(np.sum(np.abs(first), axis=-1) * np.sum(np.abs(second), axis=-1))
     tau = np.full(np.shape(agree), np.nan)

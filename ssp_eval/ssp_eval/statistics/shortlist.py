@@ -76,7 +76,7 @@ def shortlist(
 
 
 def _with_outages(cells: Sequence[CellData]) -> list[LeftOut]:
-    """Events whose answers an outage cost: nothing can be said of their models' response."""
+    """Return events that lost answers to an outage, so that a model's response is unknown."""
     lost: dict[str, set[str]] = {}
     for cell in cells:
         missing = losses_text(outages(cell.facts.answers.missing_by_kind))
@@ -206,7 +206,7 @@ def _reasons(
 
 
 def _ranked(events: Sequence[Listed], most: int) -> list[Listed]:
-    """Candidates by priority, the best first; the rest, and those beyond the most, without rank."""
+    """Rank candidates by priority, at most so many; the rest follow without rank."""
     candidates = [one for one in events if one.reasons]
     order = ranks({str(place): one.priority for place, one in enumerate(candidates)})
     listed = [

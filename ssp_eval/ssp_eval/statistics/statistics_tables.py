@@ -45,7 +45,7 @@ _NOTES = (
 
 
 def failures_by_cell(cells: Sequence[CellData]) -> Table:
-    """Every scored cell in the order given, controls too."""
+    """Return every scored cell in the order given, controls too."""
     rows: tuple[tuple[Value, ...], ...] = tuple(
         (cell.scenario, cell.domain, cell.model, cell.score.n, *_counts(cell))
         for cell in cells
@@ -56,7 +56,7 @@ def failures_by_cell(cells: Sequence[CellData]) -> Table:
 
 
 def failures_by_model(cells: Sequence[CellData]) -> Table:
-    """Every model and control over all its scored cells, controls last."""
+    """Return every model and control over all its scored cells, controls last."""
     groups: dict[tuple[bool, str], list[CellData]] = {}
     for cell in cells:
         if cell.score is not None:
@@ -115,7 +115,7 @@ _FEW_NOTE = (
 
 
 def words(*keys: str) -> tuple[Column, ...]:
-    """Columns of text with these keys."""
+    """Return columns of text with these keys."""
     return tuple(Column(key, key.replace("_", " "), "text") for key in keys)
 
 
@@ -144,7 +144,7 @@ def _few(counts: Iterable[int]) -> list[str]:
 def cells_over_records(
     cells: Mapping[tuple[str, ...], Mapping[str, Estimate]], resamples: int
 ) -> Table:
-    """Every cell, metric by metric."""
+    """Return every cell, metric by metric."""
     rows = [
         (*key, metric, *_interval(estimates[metric]))
         for key, estimates in cells.items()
@@ -177,7 +177,7 @@ def _named(by: Group, key: Group) -> tuple[str, str]:
 def groups_over_records(
     groups: Mapping[Group, Mapping[Group, Mapping[str, Estimate]]], resamples: int
 ) -> Table:
-    """Means by group, each cell's labels resampled."""
+    """Return means by group, each cell's labels resampled."""
     rows = [
         (*_named(by, key), metric, *_interval(one)[:3], one.bias, one.unit, one.n)
         for by, found in groups.items()
@@ -202,7 +202,7 @@ def groups_over_records(
 
 
 def over_cells(groups: Mapping[Group, Mapping[Group, Sequence[Estimate]]], resamples: int) -> Table:
-    """Mean IVCS by group, the cells resampled, and whole scenarios of them."""
+    """Return mean IVCS by group, the cells resampled, and whole scenarios of them."""
     found = [
         (*_named(by, key), *_interval(one)[:5], *_ends(one.student), one.unit, one.n)
         for by, estimates in groups.items()
@@ -285,7 +285,7 @@ def runs_table(found: Stability) -> Table:
 
 
 def statistics_tables(found: Statistics, resamples: int) -> list[Table]:
-    """All that there is to show, most general first."""
+    """Return all tables that there is something to show in, most general first."""
     tables = []
     if found.records is not None:
         tables.append(groups_over_records(found.records.groups, resamples))
@@ -299,7 +299,7 @@ def statistics_tables(found: Statistics, resamples: int) -> list[Table]:
 
 
 def comparison_table(comparisons: Iterable[Comparison]) -> Table:
-    """Paired comparisons, with what so few pairs can't show."""
+    """Return paired comparisons, with what so few pairs can't show."""
     listed = list(comparisons)
     rows = [
         (

@@ -179,12 +179,12 @@ def by_column(table: Table | None) -> list[dict[str, Value]]:
 
 
 def counted(count: int, word: str) -> str:
-    """``1 cell``, ``2 cells``."""
+    """Return a count with its noun: ``1 cell``, ``2 cells``."""
     return f"{count} {word}{'' if count == 1 else 's'}"
 
 
 def some(names: Sequence[str], separator: str = ", ") -> str:
-    """All of a few names, of many the first and how many more there are."""
+    """Return a few names in full, of many the first ones and the number of the rest."""
     if len(names) <= MOST_NAMED:
         return separator.join(names)
     return f"{separator.join(names[:NAMED])}{separator}and {len(names) - NAMED} more"
@@ -208,7 +208,7 @@ COUNT = Column("n", "n", "count")
 
 
 def in_order(group: Iterable[str]) -> list[tuple[int, str]]:
-    """Key that sorts domains in their own order and everything else by name."""
+    """Return the key that sorts domains in their own order and everything else by name."""
     return [domain_order(key) for key in group]
 
 
@@ -273,13 +273,13 @@ _PACKAGES = r"% needs \usepackage{booktabs} and \usepackage[T1]{fontenc}"
 
 
 def latex_text(text: str) -> str:
-    """Words as LaTeX sets them literally; line breaks become spaces, other controls go."""
+    """Return words as LaTeX sets them literally; line breaks become spaces, other controls go."""
     words = " ".join(text.split())
     return "".join(_LATEX.get(c, c) for c in words if unicodedata.category(c) != "Cc")
 
 
 def to_latex(table: Table) -> str:
-    r"""One ``table`` environment with booktabs rules and its notes, for ``\input`` into a paper.
+    r"""Return a ``table`` environment with booktabs rules and notes, for ``\input`` into a paper.
 
     Letters beyond Latin and Greek ones need an engine with Unicode fonts.
     """
@@ -366,7 +366,7 @@ def _plain(value: Value) -> str | float | None:
 
 
 def to_csv(table: Table) -> str:
-    """Comma-separated, every digit; a mean has its n in a column beside it.
+    """Return comma-separated values with every digit; a mean has its n in the next column.
 
     There is nothing but a header and the rows, so that any reader takes it; see to_notes.
     """

@@ -83,7 +83,7 @@ _BEHIND = (
 
 
 def matrix_table(rows: Sequence[CellRow]) -> Table:
-    """Every run of every cell, controls and lost ones too (METHOD 6.13)."""
+    """Return every run of every cell, controls and lost ones too (METHOD 6.13)."""
     runs, seeds = any(row.run for row in rows), any(row.seed is not None for row in rows)
     constants = constants_in(one_scale(rows))
     columns = (
@@ -232,7 +232,7 @@ def names_below(
 
 
 def _rank_changes(found: Ranking, name: str) -> str:
-    """``2 in cut_in, 1 in vru_crossing`` for each pair; of many scenarios the range."""
+    """Return ``2 in cut_in, 1 in vru_crossing`` for each pair; of many scenarios the range."""
     changes = [change for change in found.changes if change.subject == name]
     if not changes:
         return ""
@@ -346,7 +346,7 @@ def _seeing_row(
 
 
 def answerers_table(rows: Sequence[CellRow]) -> Table:
-    """Means of the harness's own answerers.
+    """Return means of the harness's own answerers.
 
     Args:
         rows: of controls without a condition; valid ones, one per cell.
@@ -384,7 +384,7 @@ MEAN_TABLES = tuple(name for name, _, _ in _GROUPINGS)
 
 
 def all_tables(rows: Sequence[CellRow], reference: str | None = None) -> list[Table]:
-    """Every table that rows alone give.
+    """Return every table that rows alone give.
 
     Raises:
         InputError: no cell is of that model.
@@ -461,7 +461,7 @@ def _key_columns(by: Iterable[str]) -> tuple[Column, ...]:
 def mean_table(
     cells: Sequence[Cell], name: str, title: str, by: Sequence[str], notes: Sequence[str]
 ) -> Table:
-    """One grouping of METHOD 6.13, n with each mean."""
+    """Return one grouping of METHOD 6.13, n with each mean."""
     groups = sorted(means(cells, by).items(), key=lambda one: in_order(one[0]))
     rows: list[tuple[Value, ...]] = [
         (*key, found["ivcs"].n, *(found[column.key] for column in MEANS)) for key, found in groups
@@ -512,7 +512,7 @@ def uneven(cells: Sequence[Cell], subject: str) -> list[str]:
 
 
 def strata_table(cells: Sequence[Cell], notes: Sequence[str]) -> Table:
-    """IVCS within each scenario and domain: how far the models lie apart, and which leads."""
+    """Tabulate IVCS within each scenario and domain: spread of the models, and the leader."""
     groups: dict[tuple[str, str], list[Cell]] = {}
     for cell in cells:
         if cell.admitted:

@@ -191,7 +191,7 @@ class World:
 
 
 def draw(factual: Factual, worlds: Sequence[World]) -> Iterator[tuple[int, list[Picture]]]:
-    """Each recorded frame once: its stamp, and its picture in every world."""
+    """Yield each recorded frame once: its stamp, and its picture in every world."""
     done: set[int] = set()
     for tick in factual.ticks:
         seen = [(world.camera, world.see(tick)) for world in worlds]

@@ -1,1 +1,1 @@
-"""CARLA 0.9.16: what a server says, what is put where, and the connection to it."""
+"""CARLA 0.9.16: the connection to a server, its facts, and the placement of actors."""

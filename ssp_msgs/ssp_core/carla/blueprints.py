@@ -1,4 +1,4 @@
-"""The choice of a body for each object: by its class, then by the nearest size."""
+"""The choice of a body for each object, by its class, then by the nearest size."""
 
 from __future__ import annotations
 

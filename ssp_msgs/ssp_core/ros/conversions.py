@@ -1,4 +1,4 @@
-"""Facts that several nodes tell of, as messages."""
+"""Messages for facts that several nodes publish."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A driver of the VUT as a session in one process asks it: question, answer, and what came of it.
+"""A driver of the VUT as a session in one process asks it: question, answer, and result.
 
 A driver gets its own motion and the centre line of its lane (METHOD 8.2). What a privileged driver
 knows beside that stands in one field of its own, which is empty for all others.
@@ -428,7 +428,7 @@ def try_driver(name: str, options: Mapping[str, Any]) -> None:
 
 
 def history_of(states: Sequence[ObjectState]) -> tuple[EgoSample, ...]:
-    """Return states of the VUT as samples in the frame of the last one.
+    """Return the states of the VUT as samples in the frame of the last one.
 
     Args:
         states: in time order, at least one.

@@ -1,4 +1,4 @@
-"""The VUT of a world's own process: what it reports, and who leads it where it gets no plans."""
+"""The VUT in the world's own process: its reports, and its driver if it gets no plans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The frames of the questions to a driver that sees: drawn when they are asked for, and once."""
+"""The frames for a seeing driver's questions: each drawn once, on demand."""
 
 from __future__ import annotations
 

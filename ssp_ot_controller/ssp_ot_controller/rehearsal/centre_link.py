@@ -1,4 +1,4 @@
-"""The connection of an object with the one control centre that may drive it, without I/O.
+"""The connection of an object to the only control centre that may drive it, without I/O.
 
 Everything that changes who is connected, and what waits to be sent, lives here. Nothing here reads
 a clock.

@@ -1,4 +1,4 @@
-"""``ssp iso probe``: what a test object does of what ISO 22133 promises."""
+"""``ssp iso probe``: measurement of how far a test object keeps to ISO 22133."""
 
 from __future__ import annotations
 

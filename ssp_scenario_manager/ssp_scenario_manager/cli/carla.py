@@ -1,4 +1,4 @@
-"""``ssp carla``: what a CARLA server does of what a run relies on."""
+"""``ssp carla``: measurements of the functions of a CARLA server that a run relies on."""
 
 from __future__ import annotations
 

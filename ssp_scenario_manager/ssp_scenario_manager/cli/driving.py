@@ -1,4 +1,4 @@
-"""The driver of ``ssp run``: asked for, made once, and refused where it may not drive."""
+"""The driver of ``ssp run``: parsed, created once, and refused where it may not drive."""
 
 from __future__ import annotations
 

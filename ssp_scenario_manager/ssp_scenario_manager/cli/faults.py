@@ -1,4 +1,4 @@
-"""``ssp faults``: every fault at every stage of a run, and what came of it."""
+"""``ssp faults``: every fault at every stage of a run, with its result."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Says what is installed on this host, what is missing, and what is connected to a session."""
+"""Diagnosis of this host: installed and missing parts, and the connections of a session."""

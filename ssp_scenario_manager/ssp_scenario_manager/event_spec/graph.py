@@ -60,17 +60,17 @@ class _Edge:
 
 
 def _said(value: dict[str, Any], paths: Iterable[str]) -> dict[str, Any]:
-    """Return fields of the K* by path, a list or a mapping as it stands."""
+    """Return the fields of the K* by path, a list or a mapping as it stands."""
     return {path: get(value, path) for path in paths}
 
 
 def _below(value: dict[str, Any], path: str) -> list[str]:
-    """Return paths of everything that the K* says below a path."""
+    """Return the paths of everything that the K* says below a path."""
     return [f"{path}.{name}" for name in granules(get(value, path))]
 
 
 def _places(event: Event) -> list[str]:
-    """Return places that the participants start in, the VUT's lane first."""
+    """Return the places that the participants start in, the VUT's lane first."""
     found = (who.region.place for who in event.participants.values())
     return list(dict.fromkeys(("vut_lane", *found)))
 

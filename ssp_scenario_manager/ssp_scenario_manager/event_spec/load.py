@@ -267,7 +267,7 @@ def safety_critical_fields(event: Event, value: Mapping[str, Any] | None = None)
 
 
 def uncovered(event: Event, value: Mapping[str, Any] | None = None) -> list[str]:
-    """Return paths of the fields that part U doesn't cover, or not wholly; args as above.
+    """Return the paths of the fields that part U doesn't cover, or not wholly; args as above.
 
     A field is what a person judges as one (`granules`).
     """
@@ -313,7 +313,7 @@ def seal_event(event: Event, paths: Iterable[str] | None = None) -> Event:
 
 
 def _below(entries: Mapping[str, Doubt]) -> dict[str, list[str]]:
-    """Return entries below an entry, with none between, by their holder."""
+    """Return the entries below an entry, with none between, by their holder."""
     found: dict[str, list[str]] = {}
     for path in entries:
         holder = owner(join(split(path)[:-1]), entries)

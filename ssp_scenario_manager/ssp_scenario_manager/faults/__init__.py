@@ -1,1 +1,1 @@
-"""The fault matrix: every fault at every stage of a run, with what must come of it."""
+"""The fault matrix: every fault at every stage of a run, with the required result."""

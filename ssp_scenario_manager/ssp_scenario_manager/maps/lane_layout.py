@@ -149,7 +149,7 @@ def _sampled(road: RoadRecord, section: Section, start_m: float, end_m: float) -
 
 
 def _intervals(road: RoadRecord, section: Section) -> list[tuple[float, float, list[_Track]]]:
-    """Return parts of a section in which no record ends, and where the lanes lie in each."""
+    """Return the parts of a section in which no record ends, and where the lanes lie in each."""
     start, end = section.start_m, section.end_m
     offsets = _active(road.offsets, start, end)
     cubics = [*offsets, *(c for lane in section.lanes for c in (*lane.widths, *lane.borders))]

@@ -42,7 +42,7 @@ class Leg:
     end_s_m: float
 
     def places(self) -> FloatArray:
-        """Return places along its middle, near enough to each other for its bends."""
+        """Return the places along its middle, near enough to each other for its bends."""
         length = self.end_s_m - self.start_s_m
         step = _STRAIGHT_STEP_M if self.block.line.is_straight else _BEND_STEP_M
         s = np.linspace(self.start_s_m, self.end_s_m, max(2, math.ceil(length / step) + 1))

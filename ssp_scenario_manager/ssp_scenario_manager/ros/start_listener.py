@@ -1,4 +1,4 @@
-"""Hears who is connected to a live session before its start, for the summary above the prompt."""
+"""The connections of a live session before its start, for the summary above the prompt."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class Record:
         return [s for r in self.reports for s in r.truths if s.object_id == object_id]
 
     def arrived(self, object_id: str) -> list[ObjectState]:
-        """Return states of one object as they arrived at the manager, in that order."""
+        """Return the states of one object as they arrived at the manager, in that order."""
         return [
             s
             for r in self.reports

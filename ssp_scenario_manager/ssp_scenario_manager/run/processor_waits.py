@@ -106,7 +106,7 @@ def _nodes_of(who: str) -> tuple[str, ...]:
 
 
 def with_busy_machine(outcome: RunOutcome, reason: str) -> RunOutcome:
-    """Put the machine first among the reasons, for which our side answers; empty: change none."""
+    """Put a busy machine, a harness failure, first among the reasons; empty: change nothing."""
     if not reason or outcome.ok:
         return outcome
     return RunOutcome(Verdict.INVALID_HARNESS, (reason, *outcome.reasons))

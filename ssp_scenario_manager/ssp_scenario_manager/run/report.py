@@ -39,7 +39,7 @@ FLOORS = (0.02, 0.05, 0.05)
 
 
 def differences(states: Sequence[ObjectState], previous: Reference | None) -> FloatArray:
-    """Return states minus reference, by quantity, shape (n, 3).
+    """Return the states minus reference, by quantity, shape (n, 3).
 
     Args:
         states: of the object, in order.
@@ -64,7 +64,7 @@ def differences(states: Sequence[ObjectState], previous: Reference | None) -> Fl
 def bands(
     states: Sequence[ObjectState], previous: Reference | None, until_ns: int
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return middles and half widths of the noise before an instant; None: too few states.
+    """Return the middles and half widths of the noise before an instant; None: too few states.
 
     Both are by quantity, shape (3,).
 

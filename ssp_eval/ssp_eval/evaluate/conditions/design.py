@@ -77,7 +77,7 @@ def stages_of(
 
 
 def balanced_rows(count: int, rows: int, rng: random.Random) -> list[tuple[int, ...]]:
-    """Orders of some things, in each of which everything stands once.
+    """Return orders of some things, in each of which everything stands once.
 
     They are rows of Williams squares (Australian Journal of Scientific Research A 2:149, 1949)
     whose things and rows are drawn: in each square, of as many rows as things, everything stands at

@@ -121,7 +121,7 @@ NO_AUDIT = Admission()
 
 
 def load_admissions(files: Iterable[Path]) -> dict[str, Admission]:
-    """Admissions by the hash of the bag.
+    """Return admissions by the hash of the bag.
 
     Args:
         files: audits, or folders with an audit.json.

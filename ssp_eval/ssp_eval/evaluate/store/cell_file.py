@@ -197,7 +197,7 @@ def outages(losses: Mapping[str, int]) -> dict[str, int]:
 
 
 def losses_text(losses: Mapping[str, int]) -> str:
-    """``2 answers missing: bridge died``; empty where none is missing."""
+    """Return a text such as ``2 answers missing: bridge died``; empty where none is missing."""
     parts = [
         f"{count} answer{'s' if count > 1 else ''} missing: {kind}"
         for kind, count in losses.items()

@@ -199,7 +199,7 @@ def model_facts(model: ModelSpec, labels_sha256: str, clip_start_ns: int) -> dic
 
 
 def _content(path: Path) -> list[str]:
-    """Hashes of the files with the answers of a recording (recorded.read_stored)."""
+    """Return the hashes of the files with the answers of a recording (recorded.read_stored)."""
     if path.is_file():
         files = [path]
     elif (path / RAW_FILE).is_file():

@@ -318,7 +318,7 @@ class CellData:
 
 
 def load_cells(out: Path, on_cell: Callable[[], None] = lambda: None) -> list[CellData]:
-    """All cells of a campaign, by scenario, domain and model.
+    """Return all cells of a campaign, by scenario, domain and model.
 
     Raises:
         InputError: it is no campaign folder, or a file in it is damaged.
@@ -401,7 +401,7 @@ _BLOCK = 32
 
 
 def read_cells(files: Sequence[Path], audits: KeptAudits) -> Iterator[CellData]:
-    """Cells in the order of their files, scored again; see load_cells.
+    """Yield cells in the order of their files, scored again; see load_cells.
 
     Raises:
         InputError: a file of a cell is damaged.
@@ -422,7 +422,7 @@ def read_cells(files: Sequence[Path], audits: KeptAudits) -> Iterator[CellData]:
 
 
 def _read_cell(file: Path, audits: KeptAudits) -> CellData:
-    """One cell without its score; refused where it isn't as `ssp evaluate` left it."""
+    """Return one cell without its score; refused where it isn't as `ssp evaluate` left it."""
     folder = file.parent
     try:
         value = read_json_mapping(file)

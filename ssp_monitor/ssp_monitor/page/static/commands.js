@@ -65,7 +65,7 @@ export async function abort(tell) {
     }
     tell(null, tries, answer.text);
     if (performance.now() - began > ABORT_GIVE_UP_MS) {
-      const text = "nobody answered for a minute: use the emergency stop";
+      const text = "no answer for a minute: use the emergency stop";
       tell({ accepted: false, answered: false, text, missing: [] }, tries);
       return;
     }

@@ -1,4 +1,4 @@
-"""Reads a bag from end to end and says everything that is wrong with it."""
+"""Reading a whole bag, and reporting everything that is wrong with it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cuts a span of time and some topics out of a bag, so that what is left can be understood."""
+"""Cutting a span of time and some topics out of a bag, so that the rest stays readable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The beginning of a bag that is made of another one: what both announce, and what it is."""
+"""The beginning of a bag that is derived from another: shared topics, and its origin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Makes a closed, indexed bag of what can be read of a recording that was cut off or is damaged."""
+"""Repair of a recording that was cut off or is damaged, into a closed and indexed bag."""
 
 from __future__ import annotations
 

@@ -214,7 +214,7 @@ def participation_of(
 
 
 def written_topics(bag: BagReader) -> frozenset[str]:
-    """Topics of which the recorder wrote messages, by its report; empty without one.
+    """Return topics of which the recorder wrote messages, by its report; empty without one.
 
     Raises:
         InputError: the report can't be read.

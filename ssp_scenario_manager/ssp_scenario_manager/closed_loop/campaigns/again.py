@@ -27,8 +27,8 @@ class RowRun:
         run: as it was driven.
         task: folder of its event's task.
         kept: answers that a model repeats; None: it is asked anew, or the driver is a baseline.
-        asks_anew: a model whose answers aren't kept, since our side failed its run.
-        before: what the row says of it; None: our side failed it.
+        asks_anew: a model whose answers aren't kept, since the harness failed in its run.
+        before: what the row says of it; None: the harness failed in it.
     """
 
     start: Start

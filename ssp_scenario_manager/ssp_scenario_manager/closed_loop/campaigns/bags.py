@@ -36,8 +36,8 @@ Bags = Literal["all", "failed", "none"]
 def bag_rows(plan: LoopPlan, rows: Sequence[Row], which: Bags) -> Iterator[int]:
     """Yield the numbers of the rows whose runs are recorded, from 1.
 
-    A prescribed motion drives in no session. A model whose run our side failed has no answers to
-    repeat.
+    A prescribed motion drives in no session. A model has no answers to repeat if the harness failed
+    in its run.
 
     Args:
         plan: of the campaign.

@@ -213,7 +213,7 @@ def _both(
 
 
 def _lost(failure: Failure) -> _Found:
-    """Return what is found of a row that our side failed as often as it is tried: no measure."""
+    """Return the result of a row in which every try ended in a harness failure: no measure."""
     outcome = Outcome(HARNESS, failure.at_s, failure.why, None, None, 0.0, starved=False)
     severity = Severity(None, None, None, None, None, None)
     return _Found(outcome, dict.fromkeys(CHAIN), severity, "")
@@ -255,7 +255,7 @@ def _run(
     event: bool,
     kept: KeptAnswers | None,
 ) -> Drove | Failure:
-    """Drive once, and again while our side failed and more tries are left (METHOD 8.7).
+    """Drive once, and repeat after a harness failure while tries are left (METHOD 8.7).
 
     Args:
         job: names the driver.

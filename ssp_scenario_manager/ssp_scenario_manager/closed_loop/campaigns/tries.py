@@ -1,7 +1,7 @@
-"""Drives of a row that our side failed, each repeated at most twice over all calls (METHOD 8.7).
+"""Harness failures of a row's drives, each repeated at most twice over all calls (METHOD 8.7).
 
-Those of a model lie beside its answers, so that a campaign that is cut off and goes on asks it no
-more often than one that isn't.
+A model's failures are kept beside its answers, so that an interrupted and resumed campaign asks the
+model no more often than an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _SCHEMA: Literal["ssp.driven_tries/1"] = "ssp.driven_tries/1"
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """The time and the reason of a drive that our side failed."""
+    """The time and the reason of a harness failure."""
 
     at_s: float
     why: str
@@ -32,7 +32,7 @@ class Failure:
 
 @dataclass(slots=True)
 class Tries:
-    """The drives of one row that our side failed.
+    """The harness failures in the drives of one row.
 
     Args:
         event: in the event, in their order.

@@ -1,4 +1,4 @@
-"""A run that is driven again, held against what it was: it is the same, or no valid result."""
+"""A repeated run compared with the original: it is identical, or no valid result."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ class Before:
 
 
 def failed_for(why: str) -> dict[str, Any]:
-    """Return what ``result.json`` says of an outcome that our side failed."""
+    """Return the entries of ``result.json`` for a harness failure."""
     return {"outcome": HARNESS, "why": why, "severity": None}
 
 
 def before_of_row(path: Path, number: int, row: Row) -> Before | None:
-    """Return what a row of a campaign says of its run; None: our side failed it.
+    """Return what a row of a campaign says of its run; None after a harness failure.
 
     Args:
         path: of ``runs.csv``.
@@ -77,9 +77,9 @@ def before_of_row(path: Path, number: int, row: Row) -> Before | None:
 
 
 def before_of_folder(folder: Path) -> Before | None:
-    """Return what a run's folder says of it; None: it didn't end, or our side failed it.
+    """Return what a run's folder says of it; None without an end, or after a harness failure.
 
-    None, too, of a session of several processes that an operator aborted: no run repeats that.
+    None, too, for a session of several processes that an operator aborted: no run repeats that.
 
     Raises:
         InputError: its ``result.json`` is damaged, or is that of no driven run of this version.

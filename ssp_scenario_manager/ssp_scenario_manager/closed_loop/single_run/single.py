@@ -1,4 +1,4 @@
-"""One driven run: what a person asks for, its start, and what ``result.json`` says of it."""
+"""One driven run: the request, its start, and its entries in ``result.json``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A failed check with all that a person needs to mend it; what the predicates of C1–C5 share."""
+"""A failed check with all that a person needs to mend it; shared by the predicates of C1–C5."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Form: whether a mapping can be read as a K*, and all that keeps it from that."""
+"""Form: the check whether a mapping can be read as a K*, with every obstacle."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The beginnings of a K*: a video and questions to a vision model, its kind, or an older form."""
+"""The beginnings of a K*: a video and questions to a vision model, or a blank of its kind."""

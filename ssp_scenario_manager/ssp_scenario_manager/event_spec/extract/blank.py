@@ -100,7 +100,7 @@ class ByHand:
 
 
 def changed_by_hand(event: Event) -> list[ByHand]:
-    """Return fields that were changed in the file and still name the template as their source.
+    """Return the fields that were changed in the file and still name the template as their source.
 
     What a person reviewed as it is now is left out.
     """

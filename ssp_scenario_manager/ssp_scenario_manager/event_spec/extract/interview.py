@@ -176,7 +176,7 @@ class Store:
         self._save()
 
     def describe(self, keys: Iterable[str]) -> dict[str, dict[str, str]]:
-        """Return hashes of the requests and of the answers that were used, for the log."""
+        """Return the hashes of the requests and of the answers that were used, for the log."""
         found = {}
         for key in keys:
             entry = self._questions[key]

@@ -1,1 +1,1 @@
-"""The probe: asks an object for what ISO 22133 promises; the gateway knows its report alone."""
+"""The probe of an object against ISO 22133; the gateway only knows its report."""

@@ -1,4 +1,4 @@
-"""Asks an object for what ISO 22133 promises, stage by stage, and records what it does.
+"""Stage by stage, a probe asks an object for everything ISO 22133 requires, and records it.
 
 Whatever ends a probe that has armed the object, HEAB abort for a second is the last that is sent.
 """
