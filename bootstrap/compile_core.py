@@ -53,6 +53,7 @@ MODULES = {
         "safety/samples",
         "safety/stopping",
         "safety/window",
+        "world/obstacles",
     ),
     "ssp_ot_controller/ssp_ot_controller": (
         "bodies/dynamics",
