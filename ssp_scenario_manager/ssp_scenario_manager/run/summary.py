@@ -95,10 +95,10 @@ def _kind(spec: RunSpec, setup: LiveSetup, object_id: str) -> str:
     """Tell whether a real object moves with it."""
     if object_id == spec.vut.id:
         topic = setup.receiver.get("odometry") or setup.receiver.get("navsat")
-        return f"real, by {topic}" if topic else "assumed real: another node publishes its states"
+        return f"real, by {topic}" if topic else "assumed real (another node publishes its states)"
     address = setup.bodies.get(object_id)
     if address is None:
-        return "assumed real: another host controls it"
+        return "assumed real (another host controls it)"
     return "mirror, nothing real moves" if address == "mirror" else f"real, body {address}"
 
 

@@ -44,7 +44,7 @@ def test_who_is_real_and_how_far_from_the_start(
     mirrored = summary(run, LiveSetup({"ot1": "mirror"}), facts, {"ot1": here, "vut": vut})
     assert any("ot1, mirror, nothing real moves" in line for line in mirrored)
     elsewhere = summary(run, LiveSetup({}), facts, {"ot1": here, "vut": vut})
-    assert any("ot1, assumed real: another host controls it" in line for line in elsewhere)
+    assert any("ot1, assumed real (another host controls it)" in line for line in elsewhere)
     late = replace(facts, ages_s={"ot1": 7.0})
     assert any(
         "NOT CONNECTED, last heard 7.0 s" in t for t in summary(run, setup, late, {"ot1": here})
