@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from xml.etree.ElementTree import Element
@@ -133,35 +134,66 @@ def _length(element: Element, attribute: str) -> float:
     return number(element, attribute, 0.0, low=-_FARTHEST_M, high=_FARTHEST_M)
 
 
-def crossings_of(
-    crosswalks: Sequence[Crosswalk], line: ReferenceLine, lanes_m: Collection[float]
-) -> Iterator[Crossing]:
-    """Yield the zebras on a road's driving lanes, in order along the road.
-
-    Outlines that lie beside one another are one crossing. It leads over the whole road if the
-    middle of each driving lane lies under one of them; where it lies under none, as on a sidewalk,
-    there is no zebra on the road.
+@dataclass(frozen=True, slots=True)
+class Zebra:
+    """The outlines of a road's crosswalks that lie beside one another.
 
     Args:
-        crosswalks: of the road.
-        line: of the road.
-        lanes_m: offsets of the middles of the driving lanes, m.
+        s_m: arc length of their middle.
+        half_m: half of their length along the road.
+        borders_m: right and left border of each.
     """
-    extents = sorted(crosswalk.extent(line) for crosswalk in crosswalks)
+
+    s_m: float
+    half_m: float
+    borders_m: tuple[tuple[float, float], ...]
+
+
+def zebras_of(crosswalks: Sequence[Crosswalk], line: ReferenceLine) -> list[Zebra]:
+    """Return a road's zebras, in order along its line."""
     groups: list[list[tuple[float, float, float, float]]] = []
-    for extent in extents:
-        if groups and extent[0] <= max(other[1] for other in groups[-1]) + _REFUGE_M:
+    ends: list[float] = []
+    for extent in sorted(crosswalk.extent(line) for crosswalk in crosswalks):
+        if groups and extent[0] <= ends[-1] + _REFUGE_M:
             groups[-1].append(extent)
+            ends[-1] = max(ends[-1], extent[1])
         else:
             groups.append([extent])
-    for group in groups:
-        covered = [any(right <= y <= left for _, _, right, left in group) for y in lanes_m]
-        if not any(covered):
-            continue
-        low, high = min(extent[0] for extent in group), max(extent[1] for extent in group)
-        along = round((low + high) / 2.0, 6), round((high - low) / 2.0, 6)
+            ends.append(extent[1])
+    return [
+        Zebra(
+            round((group[0][0] + end) / 2.0, 6),
+            round((end - group[0][0]) / 2.0, 6),
+            tuple((right, left) for _, _, right, left in group),
+        )
+        for group, end in zip(groups, ends, strict=True)
+    ]
+
+
+def crossings_between(
+    zebras: Sequence[Zebra], low_m: float, high_m: float, lanes_m: Collection[float]
+) -> Iterator[Crossing]:
+    """Yield the zebras on the driving lanes of a part of a road, in order along the road.
+
+    A zebra leads over the whole road if the middle of each driving lane lies under one of its
+    outlines; where it lies under none, as on a sidewalk, there is no zebra on the road.
+
+    Args:
+        zebras: of the road, in order.
+        low_m: where the part begins, along the road.
+        high_m: where it ends.
+        lanes_m: offsets of the middles of the driving lanes, m.
+    """
+    first = bisect_left(zebras, low_m, key=_middle)
+    for zebra in zebras[first : bisect_right(zebras, high_m, key=_middle)]:
+        covered = [any(right <= y <= left for right, left in zebra.borders_m) for y in lanes_m]
         if all(covered):
-            yield Crossing(*along)
-        else:
-            right, left = min(extent[2] for extent in group), max(extent[3] for extent in group)
-            yield Crossing(*along, False, round(right, 6), round(left, 6))
+            yield Crossing(zebra.s_m, zebra.half_m)
+        elif any(covered):
+            right = min(right for right, _ in zebra.borders_m)
+            left = max(left for _, left in zebra.borders_m)
+            yield Crossing(zebra.s_m, zebra.half_m, False, round(right, 6), round(left, 6))
+
+
+def _middle(zebra: Zebra) -> float:
+    return zebra.s_m

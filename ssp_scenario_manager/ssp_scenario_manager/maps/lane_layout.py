@@ -8,9 +8,10 @@ gets narrower than 2 m, is no driving lane there.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, zip_longest
+from typing import TypeVar
 
 import numpy as np
 
@@ -35,6 +36,8 @@ DRIVING = frozenset(
         "slipLane",
     }
 )
+
+_Record = TypeVar("_Record")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,14 +91,23 @@ def _values(cubics: Sequence[Cubic], s: FloatArray, middle_m: float) -> FloatArr
     return found
 
 
-def _active(cubics: Sequence[Cubic], start_m: float, end_m: float) -> list[Cubic]:
-    """Return the records that hold somewhere between two arc lengths."""
-    first = max(0, bisect_right(cubics, start_m, key=_start) - 1)
-    return list(cubics[first : bisect_left(cubics, end_m, key=_start)])
+def active(
+    records: Sequence[_Record], start_m: float, end_m: float, key: Callable[[_Record], float]
+) -> Sequence[_Record]:
+    """Return the records that hold somewhere between two arc lengths, each up to the next one.
+
+    Args:
+        records: in order.
+        start_m: the first arc length.
+        end_m: the second one.
+        key: gives the arc length from which a record holds.
+    """
+    first = max(0, bisect_right(records, start_m, key=key) - 1)
+    return records[first : bisect_left(records, end_m, key=key)]
 
 
-def _start(cubic: Cubic) -> float:
-    return cubic.s_m
+def _start(record: Cubic | Mark) -> float:
+    return record.s_m
 
 
 def _is_open(lane: LaneRecord, at_m: float) -> bool:
@@ -151,7 +163,7 @@ def _sampled(road: RoadRecord, section: Section, start_m: float, end_m: float) -
 def _intervals(road: RoadRecord, section: Section) -> list[tuple[float, float, list[_Track]]]:
     """Return the parts of a section in which no record ends, and where the lanes lie in each."""
     start, end = section.start_m, section.end_m
-    offsets = _active(road.offsets, start, end)
+    offsets = active(road.offsets, start, end, _start)
     cubics = [*offsets, *(c for lane in section.lanes for c in (*lane.widths, *lane.borders))]
     places = [c.s_m for c in cubics]
     places += [s for lane in section.lanes for s, _ in lane.closed]
@@ -289,9 +301,10 @@ def may_change(a: Slot, b: Slot, stretch: Stretch) -> bool:
         marks = stretch.section.centre_marks
     else:
         marks = next(lane.marks for lane in stretch.section.lanes if lane.id == inner)
+    here = active(marks, stretch.start_m, stretch.end_m, _start)
     allowed = 0.0
-    for i, mark in enumerate(marks):
-        end = marks[i + 1].s_m if i + 1 < len(marks) else stretch.end_m
+    for mark, following in zip_longest(here, here[1:]):
+        end = stretch.end_m if following is None else following.s_m
         length = min(end, stretch.end_m) - max(mark.s_m, stretch.start_m)
         if length > 0.0 and _lets_through(mark, inwards=b.id == inner, rising=b.id > a.id):
             allowed += length

@@ -10,6 +10,8 @@ isn't well-formed is an error.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -21,10 +23,11 @@ from ssp_core.hashing import sha256_file
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_core.world.scenery import shifted
 from ssp_scenario_manager.maps.block import LEFT_HAND, Library, RoadType
-from ssp_scenario_manager.maps.crossings import crossings_of
+from ssp_scenario_manager.maps.crossings import Zebra, crossings_between, zebras_of
 from ssp_scenario_manager.maps.lane_layout import (
     Slot,
     Stretch,
+    active,
     direction_fault,
     may_change,
     stretches,
@@ -78,6 +81,8 @@ _SHOULDER_M = 0.5
 _VERGE_M = 1.0
 # A stretch that ends this near to a road's end goes to its end.
 _AT_END_M = 0.01
+# Roads of no length that follow one another are looked through so far.
+_MOST_PASSED = 100
 
 
 _OTHER_END: dict[End, End] = {"start": "end", "end": "start"}
@@ -136,18 +141,13 @@ def _side(outward: list[Slot], stretch: Stretch, edge: tuple[Mark, ...]) -> Side
 def _rules(road: RoadRecord, stretch: Stretch, along: bool) -> Rules:
     """Return speed limit and lane changes for one direction of travel."""
     own = [slot for slot in stretch.slots if slot.driving and slot.along == along]
-    limits = []
-    for i, (s, _, speed) in enumerate(road.types):
-        end = road.types[i + 1][0] if i + 1 < len(road.types) else road.length_m
-        if speed is not None and s < stretch.end_m and end > stretch.start_m:
-            limits.append(speed)
+    span = stretch.start_m, stretch.end_m
+    found = [speed for _, _, speed in active(road.types, *span, _from)]
     ids = {slot.id for slot in own}
     for lane in stretch.section.lanes:
-        for i, (s, speed) in enumerate(lane.speeds):
-            end = lane.speeds[i + 1][0] if i + 1 < len(lane.speeds) else stretch.section.end_m
-            here = s < stretch.end_m and end > stretch.start_m
-            if lane.id in ids and speed is not None and here:
-                limits.append(speed)
+        if lane.id in ids:
+            found += [speed for _, speed in active(lane.speeds, *span, _from)]
+    limits = [speed for speed in found if speed is not None]
     # From right to left as the drivers see it.
     ordered = own if along else own[::-1]
     pairs = list(pairwise(ordered))
@@ -158,15 +158,17 @@ def _rules(road: RoadRecord, stretch: Stretch, along: bool) -> Rules:
     )
 
 
+def _from(record: tuple[float, *tuple[object, ...]]) -> float:
+    return record[0]
+
+
 def _road_type(road: RoadRecord, at_m: float) -> RoadType:
-    word = "unknown"
-    for s, found, _ in road.types:
-        if s <= at_m:
-            word = found
+    index = bisect_right(road.types, at_m, key=_from) - 1
+    word = road.types[index][1] if index >= 0 else "unknown"
     return _ROAD_TYPES.get(word, "any")
 
 
-def _way(road: RoadRecord, line: ReferenceLine, stretch: Stretch) -> Way:
+def _way(road: RoadRecord, line: ReferenceLine, stretch: Stretch, zebras: Sequence[Zebra]) -> Way:
     low, high = stretch.start_m, min(stretch.end_m, line.length_m)
     if high >= road.length_m - _AT_END_M:
         high = line.length_m
@@ -199,8 +201,7 @@ def _way(road: RoadRecord, line: ReferenceLine, stretch: Stretch) -> Way:
         against=_rules(road, stretch, False),
         crossings=tuple(
             zebra.at(zebra.s_m - low)
-            for zebra in crossings_of(road.crosswalks, line, [slots[i].y_m for i in driving])
-            if low <= zebra.s_m <= high
+            for zebra in crossings_between(zebras, low, high, [slots[i].y_m for i in driving])
         ),
         junction=road.junction,
         left_hand=road.left_hand,
@@ -237,10 +238,11 @@ def _add_road(found: _Map, road: RoadRecord) -> None:
         found.rejected.append((name, str(error)))
         return
     found.lines[road.id] = line
+    zebras = zebras_of(road.crosswalks, line)
     for stretch in steady:
         if min(stretch.end_m, line.length_m) - stretch.start_m <= _AT_END_M:
             continue
-        way = _way(road, line, stretch)
+        way = _way(road, line, stretch, zebras)
         found.spans[road.id].append((len(found.ways), stretch.start_m, stretch.end_m))
         found.ways.append(way)
 
@@ -256,7 +258,7 @@ def _way_end(found: _Map, road_id: str, end: End) -> WayEnd | None:
         if road.length_m > _AT_END_M or beyond is None or beyond.contact is None:
             return None
         passed.add(road_id)
-        if beyond.id not in found.roads or beyond.id in passed:
+        if beyond.id not in found.roads or beyond.id in passed or len(passed) > _MOST_PASSED:
             return None
         road_id, end = beyond.id, beyond.contact
     index, low, high = found.spans[road_id][0 if end == "start" else -1]

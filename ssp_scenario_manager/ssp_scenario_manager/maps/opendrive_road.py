@@ -335,16 +335,17 @@ def _lane(element: Element, base_m: float) -> LaneRecord:
     for tag in ("width", "border"):
         found = [_cubic(child, base_m, "sOffset") for child in element.findall(tag)]
         cubics[tag] = tuple(sorted(found, key=lambda cubic: cubic.s_m))
+    speeds = [
+        (base_m + number(child, "sOffset", 0.0, high=LONGEST_ROAD_M), _speed(child))
+        for child in element.findall("speed")
+    ]
     return LaneRecord(
         id=whole(element, "id"),
         type=text(element, "type", "none"),
         widths=cubics["width"],
         borders=cubics["border"],
         marks=_marks(element, base_m),
-        speeds=tuple(
-            (base_m + number(child, "sOffset", 0.0, high=LONGEST_ROAD_M), _speed(child))
-            for child in element.findall("speed")
-        ),
+        speeds=tuple(sorted(speeds, key=lambda speed: speed[0])),
         closed=_closed(element, base_m),
         direction=_word(element, "direction", _DIRECTIONS),
         travel=_travel(element),

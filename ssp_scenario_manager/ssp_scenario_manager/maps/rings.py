@@ -56,7 +56,7 @@ def _onward(block: Block, known: Mapping[str, Block]) -> list[Block]:
     found: list[tuple[float, list[Block]]] = []
     for name in block.exits:
         chain, turned_rad = [block], 0.0
-        while name in known and known[name] not in chain:
+        while name in known and known[name] not in chain and len(chain) <= _MOST_BLOCKS:
             turned_rad += _seam_rad(chain[-1], known[name]) + _turn_rad(known[name])
             chain.append(known[name])
             if chain[-1].junction is None or len(chain[-1].exits) != 1:
@@ -108,15 +108,15 @@ def with_rings(library: Library) -> Library:
         if len(junctions) > 1 and _is_round(way):
             rings.setdefault(junctions, set()).update(one.block_id for one in way)
     shared = Counter(name for junctions in rings for name in junctions)
+    inside: dict[str, list[str]] = {}
+    for one in library.blocks:
+        if one.junction is not None:
+            inside.setdefault(one.junction, []).append(one.block_id)
     names: dict[str, str] = {}
     for junctions, way_ids in rings.items():
         if all(shared[name] == 1 for name in junctions):
-            name = _NAME + min(junctions)
-            names |= {
-                one.block_id: name
-                for one in library.blocks
-                if one.junction in junctions or one.block_id in way_ids
-            }
+            ids = way_ids.union(*(inside[name] for name in junctions))
+            names |= dict.fromkeys(ids, _NAME + min(junctions))
 
     def of_ring(block: Block) -> Block:
         if block.block_id not in names:

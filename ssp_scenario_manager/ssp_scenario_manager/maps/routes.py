@@ -8,6 +8,7 @@ curvature are therefore those of any block.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -57,6 +58,8 @@ _MOST_VIA = 4
 _MOST_VIA_RING = 20
 # Routes of one junction whose conflicts are looked for.
 MOST_ROUTES = 200
+# Steps from road to road inside one junction, of which most may lead nowhere.
+_MOST_STEPS = 20_000
 # Conflicts are looked for at this step, as far as this beyond the junction; routes join where their
 # middles are this near.
 _STEP_M = 0.5
@@ -72,20 +75,48 @@ ARM_M = 60.0
 _LEAST_ANGLE_RAD = 0.05
 
 
-def _follow(chain: list[tuple[Block, BlockLane]], known: dict[str, Block]) -> Iterator[list[Leg]]:
+class _Effort:
+    """The work on the routes of each junction, and the junctions on which it has ended early."""
+
+    def __init__(self) -> None:
+        self.full: dict[str, str] = {}
+        self._steps: Counter[str] = Counter()
+        self._found: Counter[str] = Counter()
+
+    def step(self, junction: str) -> None:
+        """Count a step from road to road."""
+        self._steps[junction] += 1
+        if self._steps[junction] > _MOST_STEPS:
+            many = f"more than {_MOST_STEPS} ways over its roads would have to be looked at"
+            self.full.setdefault(junction, many)
+
+    def found(self, junction: str) -> None:
+        """Count a route."""
+        self._found[junction] += 1
+        if self._found[junction] > MOST_ROUTES:
+            many = f"has more than {MOST_ROUTES} routes, which aren't looked at"
+            self.full.setdefault(junction, many)
+
+
+def _follow(
+    chain: list[tuple[Block, BlockLane]], known: dict[str, Block], effort: _Effort
+) -> Iterator[list[Leg]]:
     """Yield the ways on from the end of a chain of lanes, whose first is the approach."""
     block, lane = chain[-1]
+    effort.step(block.junction or "")
     for name in block.exits:
         after = known.get(name)
         if after is None:
             continue
+        if (block.junction or "") in effort.full:
+            return
         pairs = lane_pairs(block, after)
         onward = [b for apart_m, a, b in pairs if a is lane and apart_m <= LANES_MEET_M]
         for other in onward[:1]:
             if after.junction == block.junction:
                 most = _MOST_VIA_RING if is_ring(block.junction) else _MOST_VIA
                 if len(chain) <= most and all(one is not after for one, _ in chain):
-                    yield from _follow([*chain, (after, other)], known)
+                    yield from _follow([*chain, (after, other)], known, effort)
                 continue
             (first, entry), *inside = chain
             yield [
@@ -95,7 +126,7 @@ def _follow(chain: list[tuple[Block, BlockLane]], known: dict[str, Block]) -> It
             ]
 
 
-def _chains(blocks: Sequence[Block], junction: str | None) -> Iterator[list[Leg]]:
+def _chains(blocks: Sequence[Block], junction: str | None, effort: _Effort) -> Iterator[list[Leg]]:
     """Yield the lanes of each route, from the approach to the exit."""
     known = {block.block_id: block for block in blocks}
     for block in blocks:
@@ -107,7 +138,7 @@ def _chains(blocks: Sequence[Block], junction: str | None) -> Iterator[list[Leg]
                 continue
             for apart_m, one, other in lane_pairs(before, block):
                 if apart_m <= LANES_MEET_M:
-                    yield from _follow([(before, one), (block, other)], known)
+                    yield from _follow([(before, one), (block, other)], known, effort)
 
 
 def _joined_line(legs: Sequence[Leg]) -> tuple[ReferenceLine, list[float]]:
@@ -365,14 +396,18 @@ def routes_of(
     by_junction: dict[str, dict[str, Block]] = {}
     refused = []
     known = {block.block_id: block for block in library.blocks}
-    for legs in _chains(library.blocks, junction):
+    effort = _Effort()
+    for legs in _chains(library.blocks, junction, effort):
         inner = legs[1].block
         try:
             route = _route(legs, known)
         except Unusable as error:
             refused.append((f"route over {inner.block_id} {legs[1].lane.name}", str(error)))
             continue
-        by_junction.setdefault(inner.junction or "", {})[route.block_id] = route
+        own = by_junction.setdefault(inner.junction or "", {})
+        if route.block_id not in own:
+            effort.found(inner.junction or "")
+        own[route.block_id] = route
     led: set[str] = set()
     for routes in by_junction.values():
         led.update(*(route.passage.via for route in routes.values() if route.passage is not None))
@@ -381,15 +416,14 @@ def routes_of(
         for block in library.blocks
         if block.junction is not None
         and junction in (None, block.junction)
+        and block.junction not in effort.full
         and block.block_id not in led
     ]
     found: list[Block] = []
+    refused += [(f"junction {name}", why) for name, why in sorted(effort.full.items())]
     for name, routes in sorted(by_junction.items()):
-        if len(routes) > MOST_ROUTES:
-            many = f"has {len(routes)} routes, and more than {MOST_ROUTES} aren't looked at"
-            refused.append((f"junction {name}", many))
-            continue
-        found += _with_conflicts([route for _, route in sorted(routes.items())])
+        if name not in effort.full:
+            found += _with_conflicts([route for _, route in sorted(routes.items())])
     return found, refused
 
 

@@ -171,6 +171,8 @@ _READ = ("normal", "internal")
 _PARALLEL_M = 0.5
 # A wider gap than this between the directions parts the road in two.
 _MEDIAN_M = 3.0
+# No road has more edges between its ends than these; each is held against all that lead back.
+_MOST_BACK = 64
 _ROAD_TYPES: dict[str, RoadType] = {
     "motorway": "motorway",
     "trunk": "motorway",
@@ -285,6 +287,11 @@ def _way(edge: Edge, back: list[Edge], left_hand: bool) -> Way:
     own = _beside(line, edge, along=True, middle=longest)
     if own is None:
         raise Unusable("its lanes aren't parallel")
+    if len(back) > _MOST_BACK:
+        raise Unusable(
+            f"{len(back)} edges lead back from its end to its start, and at most {_MOST_BACK} "
+            "are looked at"
+        )
     oncoming, far_side = _oncoming(line, own, back)
     lanes = sorted([*own, *oncoming], key=lambda lane: lane.y_m)
     right, left = _sides(edge)

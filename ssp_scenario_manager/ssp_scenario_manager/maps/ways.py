@@ -38,6 +38,7 @@ _MEET_RAD = 0.01
 _DRIFT_M = 0.05
 # Joined ways end where more would be of no use, or would run back beside themselves.
 _LONGEST_M = 2000.0
+_MOST_PIECES = 2000
 _MOST_TURN_RAD = 3.0
 
 
@@ -164,6 +165,8 @@ def joined(a: Way, b: Way) -> Way | None:
     """Join two ways, b after a; None if they differ, don't meet, or it would get too long."""
     length = a.line.length_m + b.line.length_m
     if not (_lanes_agree(a, b) and _rules_agree(a, b)) or length > _LONGEST_M:
+        return None
+    if len(a.line.pieces) + len(b.line.pieces) > _MOST_PIECES:
         return None
     end, start = a.line.pose(a.line.length_m), b.line.pose(0.0)
     if (
