@@ -84,7 +84,7 @@ _SPEAKER = re.compile(
 )
 _OPENS_OWN = re.compile(
     rf"\s*(?:<s>|<bos>|<\|begin_of_text\|>|<\|(?:im_|hy_)?{_SELF}(?:_token|_start)?\|>"
-    rf"(?:\s*{_SELF}?\s*<\|im_middle\|>)?|<\|start_of_turn_token\|>"
+    rf"(?:\s*(?:{_SELF}\s*)?<\|im_middle\|>)?|<\|start_of_turn_token\|>"
     rf"|<\|(?:im_start|start_header_id|header_start|start_of_role|start|begin|turn)\|?>\s*{_SELF}\b"
     rf"\s*(?:<\|(?:im_sep|end_header_id|header_end|end_of_role|message)\|>)?"
     rf"|<start_of_turn>\s*model\s*|<role>\s*{_SELF}\s*</role>|\[\|{_SELF}\|\]|\]~b\]{_SELF}\b"
@@ -136,9 +136,10 @@ def split_answer(output: str) -> AnswerText:
     if text != output:
         notes.append("reasoning was left out")
         text = text.strip()
-    own = text
-    while (opening := _OPENS_OWN.match(own)) is not None:
-        own = own[opening.end() :]
+    begin = 0
+    while (opening := _OPENS_OWN.match(text, begin)) is not None:
+        begin = opening.end()
+    own = text[begin:]
     ends = [match.start() for match in (_END.search(own), _SPEAKER.search(own)) if match]
     if ends:
         end = min(ends)

@@ -11,6 +11,7 @@ import shutil
 import stat
 import tempfile
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -59,8 +60,8 @@ def parse_strict(text: str | bytes) -> Any:
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     mapping = dict(pairs)
     if len(mapping) < len(pairs):
-        keys = [key for key, _ in pairs]
-        raise KeyTwiceError(next(key for key in keys if keys.count(key) > 1))
+        counts = Counter(key for key, _ in pairs)
+        raise KeyTwiceError(next(key for key, count in counts.items() if count > 1))
     return mapping
 
 
@@ -108,6 +109,7 @@ class Closing(ABC):
 
 
 MAX_TEXT_BYTES = 8 << 20
+_MOST_TAG_DIRECTIVES = 100
 _BLOCK_BYTES = 1 << 16
 # An escape for half of a surrogate pair, in JSON or in YAML.
 _SURROGATE = re.compile(r"\\[uU]0*[dD][89a-fA-F]")
@@ -186,6 +188,8 @@ def _parse(text: str) -> Any:
     if text.lstrip().startswith("{"):
         with suppress(ValueError):
             return parse_strict(text)
+    if text.count("\n%TAG") > _MOST_TAG_DIRECTIVES:  # libyaml compares each with all before it
+        raise ValueError(f"it has more than {_MOST_TAG_DIRECTIVES} %TAG directives")
     return yaml.load(text, Loader=CoreLoader)
 
 

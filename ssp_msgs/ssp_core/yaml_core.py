@@ -24,7 +24,11 @@ _FLOAT = re.compile(
 )
 _BOOLEAN = re.compile(r"(?:true|True|TRUE|false|False|FALSE)\Z")
 _NULL = re.compile(r"(?:~|null|Null|NULL|)\Z")
-_ZEROS = re.compile(r"([-+]?)0+([0-9][0-9_]*(?:\.[0-9]*)?(?:[eE][-+]?[0-9]+)?)\Z")
+# The zeros in front end in one way only, so that a long text is read once.
+_ZEROS = re.compile(
+    r"([-+]?)(?:0++(?=[1-9])|0+(?=0(?![0-9])))"
+    r"([0-9][0-9_]*(?:\.[0-9]*)?(?:[eE][-+]?[0-9]+)?)\Z"
+)
 
 
 class CoreLoader(Composer, yaml.CSafeLoader):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -108,3 +110,12 @@ def test_no_output_raises_and_full_width_keeps_its_places(output):
     part = split_answer(output)
     assert len(part.text) <= len(output)
     assert len(plain_width(output)) == len(output)
+
+
+@pytest.mark.parametrize(
+    "output", ["<s>" * 1_000_000 + "stop", "<|im_assistant|>" + " " * 60_000 + "stop"]
+)
+def test_a_long_opening_is_read_once(output):
+    began = time.process_time()
+    assert split_answer(output).text.strip() == "stop"
+    assert time.process_time() - began < 8.0

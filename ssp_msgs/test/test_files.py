@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -23,6 +24,7 @@ from ssp_core.files import (
     TAKEN_FILE,
     load_model,
     new_folder,
+    parse_json_line,
     parse_mapping,
     parse_model,
     put_in_place,
@@ -37,6 +39,7 @@ from ssp_core.files import (
 from ssp_core.model_errors import field_path
 from ssp_core.run_file.faults import FaultFile
 from ssp_core.run_file.values import Finite, Strict
+from ssp_core.yaml_core import number_remedy
 
 FILE_PER_TEST = settings(
     max_examples=100,
@@ -195,10 +198,11 @@ def test_not_utf8_names_the_byte(tmp_path: Path) -> None:
         ("a: !!int 0150", 1, "leading zero: write 150"),
         ("a: !!float 1:30", 1, "without a colon"),
         ("a: !!bool on", 1, "no boolean"),
+        ("%TAG !a! b\n" * 102 + "---\na: 1\n", None, "more than 100 %TAG directives"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(
-    tmp_path: Path, text: str, line: int, says: str
+    tmp_path: Path, text: str, line: int | None, says: str
 ) -> None:
     error = failure(put(tmp_path, text))
     assert error.line == line
@@ -225,6 +229,16 @@ def test_scalars_that_pyyaml_stumbles_over(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize("text", ["", "- 1\n", "word\n", "[1, 2]", "3", "null"])
 def test_the_top_must_be_a_mapping(tmp_path: Path, text: str) -> None:
     assert "mapping at its top" in failure(put(tmp_path, text)).problem
+
+
+def test_a_long_text_is_read_once() -> None:
+    keys = ",".join(f'"k{i}":0' for i in range(60_000))
+    began = time.process_time()
+    with pytest.raises(InputError) as caught:
+        parse_json_line(f'{{{keys},"k59999":1}}', "large.jsonl", 1)
+    assert caught.value.field == "k59999"
+    assert number_remedy("0" * 60_000 + "x") == "write a number"
+    assert time.process_time() - began < 8.0
 
 
 def test_deep_nesting_is_an_input_error(tmp_path: Path) -> None:

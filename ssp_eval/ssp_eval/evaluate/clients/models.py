@@ -189,7 +189,7 @@ _SECRET_NAME = re.compile(
 )
 # By value: what the vendors give out, an authorization header, a password in an address.
 _VALUE = re.compile(
-    r"\b(?:sk|pk|rk|hf|gsk|xai|ghp|AIza)[-_]?[A-Za-z0-9_-]{20,}|\b[Bb]earer\s+\S{8,}|://[^/\s@]+:[^/\s@]+@"
+    r"\b(?:sk|pk|rk|hf|gsk|xai|ghp|AIza)[-_]?[A-Za-z0-9_-]{20,}|\b[Bb]earer\s+\S{8,}|://[^/\s@:]*:[^/\s@]+@"
 )
 _REMEDY = "put it into an environment variable and name that with the option api_key_env"
 
