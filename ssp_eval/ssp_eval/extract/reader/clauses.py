@@ -107,12 +107,14 @@ def view(reading: Reading) -> View:
     ]
     told = _told(reading, clauses)
     last = clauses[-1].sentence + 1 if clauses else 1
+    users = sum(hit.kind == "user" for hit in reading.hits)
     features = []
     for at, one in enumerate(clauses):
         known = seen[at].features | told[at]
         known.update(_around(at, clauses, seen))
         known.add(f"pos:{min(4, 5 * one.sentence // last)}")
         known.add(f"len:{min(last, 6)}")
+        known.add(f"users:{min(users, 3)}")
         known.update(f"no:{name}" for name in SLOT_NAMES if getattr(reading.slots, name) is None)
         features.append(known)
     return View(clauses, features, _classes(reading, inside, features, critical))
