@@ -86,7 +86,7 @@ def test_a_session_of_which_nothing_tells_what_it_lacks_is_refused(
     data[data.index(b'{"topics": []}') + 3] ^= 1
     file.write_bytes(data)
     recover(bag, tmp_path / "without")
-    with pytest.raises(InputError, match=r"has no recording\.json: nothing tells"):
+    with pytest.raises(InputError, match=r"has no recording\.json: which part"):
         read_recording(tmp_path / "without")
 
 

@@ -248,7 +248,7 @@ def test_a_probe_is_of_the_server_that_was_used(facts: Provenance) -> None:
         assert words(one) == [
             f"{PROBE_FILE} is of gpu7:2000, the server was {address}" for _ in range(refused)
         ]
-        assert ("of gpu7:2000: that" in server_disclosures(one)["probe of CARLA"]) == told
+        assert ("of gpu7:2000: only your word" in server_disclosures(one)["probe of CARLA"]) == told
 
 
 def test_what_a_server_moved_is_held_against_its_probe_too(facts: Provenance) -> None:

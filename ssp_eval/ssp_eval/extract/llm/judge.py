@@ -11,6 +11,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.checks import check
@@ -239,7 +240,7 @@ class TextUnderReview:
         place = sum(one.stop <= first for one in others)
         hits = [*others[:place], hit, *others[place:]]
         flags = scopes(self.words, hits, sentences(hits))[place]
-        if flags & ~_allowed(proposal, self.words[first]):
+        if flags & ~_allowed(proposal, self.words[first]) or self._is_left_open(first, stop):
             return "the text doesn't assert it"
         wrong = (
             "user" if proposal.slot in _ACTIONS else "ego" if proposal.slot == "motion" else None
@@ -247,6 +248,18 @@ class TextUnderReview:
         if self._subject(place, hits, first, stop) == wrong:
             return "the text doesn't assert it of the right one"
         return ""
+
+    def _is_left_open(self, first: int, stop: int) -> bool:
+        """Tell whether the rules see a verb of a quote in a choice that the text doesn't make."""
+        return any(
+            hit.kind == "verb" and first <= hit.first < stop
+            for hit, flags in zip(self.hits, self._scopes, strict=True)
+            if flags & Scope.DENIED and flags & Scope.POSSIBLE
+        )
+
+    @cached_property
+    def _scopes(self) -> Sequence[Scope]:
+        return scopes(self.words, self.hits, sentences(self.hits))
 
     def _subject(self, place: int, hits: list[Hit], first: int, stop: int) -> str:
         """Return the kind of the subject of a quote's clause, or of a quote that starts with it."""
