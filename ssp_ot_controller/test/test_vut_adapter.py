@@ -124,5 +124,5 @@ def test_without_a_datum_it_says_what_is_missing(
         arguments(run_file), env=session_environment(domain), capture_output=True, text=True
     )
     assert done.returncode == 1
-    assert "datum: isn't there" in done.stderr
+    assert "datum: is missing" in done.stderr
     assert "Traceback" not in done.stderr

@@ -426,7 +426,11 @@ def test_what_a_card_says_of_a_model_is_what_its_driver_does() -> None:
         ("mine", {"backend": "http", "url": "http://a", "centre_line": 1}, "centre_line"),
         ("mine", {"backend": "http", "url": "http://a", "api_key": "x"}, "is a secret's place"),
         ("oracle", {"backend": "http"}, "oracle"),
-        ("mine", {"attached": True}, r"mine\.attached.*runs already.*end that node.*\"backend\""),
+        (
+            "mine",
+            {"attached": True},
+            r"mine\.attached.*already running.*end that node.*\"backend\"",
+        ),
     ],
 )
 def test_a_driver_that_can_not_be_is_refused_with_what_there_is(
