@@ -12,19 +12,21 @@ from enum import StrEnum
 from unicodedata import decimal
 
 _REASONING = (
-    "think|thinking|thought|thoughts|reasoning|reason|analysis|scratch_?pad|reflection|cot"
-    "|chain_of_thought|monologue|deliberation"
+    "think|thinking|thought|thoughts|reasoning|reason|analysis|scratch[-_]?pad|reflection|cot"
+    "|chain[-_]?of[-_]?thoughts?|monologue|deliberation"
 )
+# Any word may stand before one that means thinking alone; "scene_analysis" heads an answer.
 _IN_TAG = (
-    rf"(?:\w{{1,12}}:)?(?:{_REASONING}|\w{{1,12}}_(?:think|thoughts?|monologue))"
-    "(?:_process|_steps)?"
+    rf"(?:\w{{1,12}}:)?(?:(?:(?:inner|internal|private|hidden|deep)[-_]?)?(?:{_REASONING})"
+    r"|[\w-]{1,14}[-_](?:think|thinking|thoughts?|reasoning|monologue|scratch[-_]?pad))"
+    "(?:[-_]?(?:process|steps?|content|block|trace))?"
 )
 # A mark of reasoning in the spellings of models: <think>, [THINK], <seed:think>, ◁think▷,
 # <|begin_of_thought|>, <|START_THINKING|>. Each may carry attributes, and servers may escape its
 # brackets. Square brackets also head sections ("[Reasoning]"), so that only words that head none
 # are marks in them.
 _MARK = re.compile(
-    rf"(?P<begin>(?:<|&lt;)\s?{_IN_TAG}(?:\s[^<>]{{0,80}})?(?:>|&gt;)|\[think(?:ing)?\]"
+    rf"(?P<begin>(?:<|&lt;)\s?{_IN_TAG}(?:\s[^<>]{{0,80}})?(?:>|&gt;)|[\[{{]think(?:ing)?[\]}}]"
     rf"|<\|(?:begin_of_|start_|begin_)?(?:{_REASONING})(?:_start|_begin)?\|>|◁think▷|<unused94>|<\|inner_prefix\|>"
     # Granite and Apriel; gpt-oss where its marks were taken out, but not its channels' names.
     r"|(?P<heading>^[ \t]*here(?: is|'s|’s) my thought process:|\A\s*/think\n"
@@ -32,7 +34,7 @@ _MARK = re.compile(
     r"|<details>\s*<summary>\s*(?:thought|thinking|reasoning)\b[^<>]{0,60}</summary>)"
     r"|^[ \t]*here are my reasoning steps:"
     r"|(?-i:\Aanalysis(?=[A-Z])|assistant(?:analysis|commentary)(?=[ A-Z])))"
-    rf"|(?P<end>(?:<\s?/|&lt;/)\s?{_IN_TAG}\s*(?:>|&gt;)|\[/think(?:ing)?\]"
+    rf"|(?P<end>(?:<\s?/|&lt;/)\s?{_IN_TAG}\s*(?:>|&gt;)|[\[{{]/think(?:ing)?[\]}}]"
     rf"|<\|/?end_(?:of_)?(?:{_REASONING})\|>|<\|(?:{_REASONING})_end\|>|<\|/(?:{_REASONING})\|>"
     r"|◁/think▷|<unused95>|<\|inner_suffix\|>"
     r"|\[begin final response\]|<\|content\|>|(?-i:assistantfinal))"
@@ -72,12 +74,23 @@ _END = re.compile(
     re.IGNORECASE,
 )
 # A line that opens a turn: the speaker's name and a colon, perhaps in bold or as a heading, or the
-# name alone, which is left of a template whose marks were taken out.
+# name alone, which is left of a template whose marks were taken out. A human with a number or a
+# remark is a speaker only where somebody speaks: "Human 1: crosses" is a road user.
 _NAMED = r"(?:user|human|system|assistant|tool|instruction)"
+_REMARK = r"(?:[ \t]*#?\d{1,2}(?!\d))?(?:[ \t]*\([^()\n]{1,30}\))?"
+_SPEECH = (
+    r"(?=[^\n]{0,300}(?:\?|\b(?:you|your|please)\b)"
+    r"|[ \t*_]*(?:\n[ \t]*)?(?:i|we|ok|okay|thanks?|now)\b)"
+)
 _SPEAKER = re.compile(
-    rf"^[ \t]*(?:>[ \t]*)?(?:#{{1,6}}[ \t]*)?(?:\*\*?|__?)?{_NAMED}(?:\*\*?|__?)?[ \t]*:"
-    rf"|^[ \t]*\[{_NAMED}\][ \t]*(?::|$)|^[ \t]*<{_NAMED}>[ \t]*$|<(?:user|human)>[ \t]*:"
-    rf"|^#{{1,6}}[ \t]*{_NAMED}[ \t]*$"
+    r"^[ \t]*(?:>[ \t]*)?(?:#{1,6}[ \t]*)?(?:\*\*?|__?)?"
+    rf"(?:{_NAMED}(?:\*\*?|__?)?[ \t]*:|(?:user|assistant){_REMARK}(?:\*\*?|__?)?[ \t]*:"
+    rf"|human{_REMARK}(?:\*\*?|__?)?[ \t]*:{_SPEECH}|(?:user|human)[ \t]+[-–—](?=\s){_SPEECH})"
+    rf"|^[ \t]*\[{_NAMED}\][ \t]*(?::|$)|^[ \t]*\({_NAMED}\)[ \t]*:"
+    r"|^[ \t]*\{\s*\"role\"\s*:\s*\"(?:user|human|system|tool)\""
+    rf"|^[ \t]*<{_NAMED}>[ \t]*$|<(?:user|human)>[ \t]*:"
+    r"|^[ \t]*<(?:user>|human>(?!(?s:.{0,2000}?)</human>))"
+    rf"|^#{{1,6}}[ \t]*{_NAMED}[ \t]*$|^[ \t]*(\*\*|__)(?:user|human|assistant)\1[ \t]*$"
     r"|(?-i:^(?:user|system|assistant)[ \t]*$|(?<=\n\n)(?:User|Human|Assistant)[ \t]*$"
     r"|(?<=[.!?\])}`*])(?:user|assistant)\n\n)",
     re.IGNORECASE | re.MULTILINE,
@@ -90,8 +103,10 @@ _OPENS_OWN = re.compile(
     rf"|<start_of_turn>\s*model\s*|<role>\s*{_SELF}\s*</role>|\[\|{_SELF}\|\]|\]~b\]{_SELF}\b"
     rf"|<(?:extra_id_1|special_1[0-2])>\s*{_SELF}\b|\[/inst\]"
     r"|\[assistant\](?:[ \t]*:|[ \t]*(?=\n))|<assistant>[ \t]*(?=\n)"
-    r"|(?:#{1,6}[ \t]*)?(?:\*\*|__)?(?:assistant|response)(?:\*\*|__)?[ \t]*:(?:\*\*|__)?[ \t]*"
-    r"|(?:#{1,6}[ \t]*(?:assistant|response)|(?-i:assistant))[ \t]*(?=\n))",
+    rf"|(?:#{{1,6}}[ \t]*)?(?:\*\*|__)?(?:assistant{_REMARK}|\(assistant\)|response)(?:\*\*|__)?"
+    r"[ \t]*:(?:\*\*|__)?[ \t]*"
+    r"|(?:#{1,6}[ \t]*(?:assistant|response)|\*\*(?:assistant|response)\*\*"
+    r"|__(?:assistant|response)__|(?-i:assistant))[ \t]*(?=\n))",
     re.IGNORECASE,
 )
 # Digits, brackets and signs of full width, which some models write; one character each, so that
