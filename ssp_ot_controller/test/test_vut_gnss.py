@@ -150,6 +150,53 @@ def test_a_vehicle_may_slip_and_drive_backwards(turned_rad: float) -> None:
         receiver.take(receiver.place(0.1 * k, float(k), 0.0))
 
 
+@pytest.mark.parametrize("speeds", [True, False])
+@pytest.mark.parametrize("rate_hz", [5.0, 10.0, 20.0, 50.0, 100.0])
+@pytest.mark.parametrize("turned_rad", [math.pi, -2.0])
+def test_a_heading_that_jumps_on_the_way_gives_no_state(
+    turned_rad: float, rate_hz: float, speeds: bool
+) -> None:
+    """It would read as reversing, with the vehicle's box the wrong way round."""
+    receiver = Receiver(speeds=speeds)
+    told: dict[float, str] = {}
+    for k in range(1, round(6.0 * rate_hz)):
+        t_s = k / rate_hz
+        # Its way is a bend; the heading is wrong from 1 s to 2 s, and from 3 s on.
+        way_rad = 0.3 * t_s
+        wrong = 1.0 <= t_s < 2.0 or t_s >= 3.0
+        receiver.hear(t_s - 0.004, way_rad + (turned_rad if wrong else 0.0), 9.0)
+        x_m, y_m = 30.0 * math.sin(way_rad), -30.0 * math.cos(way_rad)
+        told[t_s] = ""
+        try:
+            receiver.take(receiver.place(t_s, x_m, y_m))
+        except Unusable as error:
+            told[t_s] = str(error)
+    for t_s, why in told.items():
+        if 1.0 <= t_s < 2.0 or t_s >= 3.0:
+            assert re.match(r"heading: it jumped by [+-]1\d\d degrees .* [89]\.\d m/s; ", why)
+        else:
+            assert not why or (t_s == 1 / rate_hz and "unknown at the first fix" in why)
+
+
+@pytest.mark.parametrize("speeds", [True, False])
+@pytest.mark.parametrize("rate_hz", [5.0, 10.0, 100.0])
+def test_a_vehicle_that_stops_and_reverses_keeps_its_states(rate_hz: float, speeds: bool) -> None:
+    """So does one whose heading was corrected at rest."""
+    receiver = Receiver(speeds=speeds)
+    x_m, speed_told = 0.0, 0.0
+    for k in range(round(9.0 * rate_hz)):
+        t_s = k / rate_hz
+        speed_mps = 6.0 - 3.0 * min(max(t_s - 2.0, 0.0), 4.0) if t_s > 1.0 else 0.0
+        x_m += speed_mps / rate_hz
+        receiver.hear(t_s, 0.0 if t_s > 0.5 else math.pi, abs(speed_mps))
+        if not k and not speeds:
+            with pytest.raises(Unusable, match="unknown at the first fix"):
+                receiver.take(receiver.place(t_s, x_m, 0.0))
+        else:
+            speed_told = receiver.take(receiver.place(t_s, x_m, 0.0)).speed_mps
+    assert speed_told == pytest.approx(-6.0, abs=1e-3)
+
+
 def test_a_heading_is_carried_on_to_the_time_of_the_fix() -> None:
     receiver = Receiver()
     for k in range(100):

@@ -34,6 +34,9 @@ _DRIVES_MPS = 3.0
 # Faster than this a receiver whose heading is the course over ground must tell one.
 _TELLS_COURSE_MPS = 1.0
 _MOST_ACROSS = 0.5
+# No vehicle that drives turns so far within so long: its source's heading has jumped.
+_JUMP_RAD = math.pi / 2.0
+_JUMP_S = 1.0
 _HIGHEST_M = 1e5
 
 
@@ -127,6 +130,7 @@ class GnssStates:
         self._by_course = start_yaw_rad is not None
         self._yaw_rad = (start_yaw_rad or 0.0) + lever.yaw_left_rad
         self._yaw_rate_radps = 0.0
+        self._jumped_rad = 0.0
         self._heading_ns: int | None = None
         self._speed: Speed | None = None
         self._last: tuple[int, float, float] | None = None
@@ -164,6 +168,9 @@ class GnssStates:
             turned_rad = wrap_angle(yaw_rad - self._yaw_rad)
             # One from before is of a clock that was set back.
             rate = 0.0 if dt_s < 0.0 else smoothed_rate(self._yaw_rate_radps, turned_rad, dt_s)
+            if abs(turned_rad) > _JUMP_RAD and 0.0 < dt_s <= _JUMP_S:
+                # Another jump leads back.
+                self._jumped_rad, rate = 0.0 if self._jumped_rad else turned_rad, 0.0
             self._yaw_rate_radps = rate
         self._heading_ns, self._yaw_rad = heading.stamp_ns, yaw_rad
 
@@ -244,6 +251,8 @@ class GnssStates:
     def _forward_mps(self, stamp_ns: int, x_m: float, y_m: float, yaw_rad: float) -> float:
         """Return the velocity of the unit along the vehicle's heading."""
         velocity = self._by_places(stamp_ns, x_m, y_m)
+        speed_mps = self._speed_mps(stamp_ns, velocity)
+        self._check_jump(speed_mps)
         vx, vy = velocity or (0.0, 0.0)
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
         along_mps, across_mps = c * vx + s * vy, c * vy - s * vx
@@ -254,13 +263,29 @@ class GnssStates:
                 "against east, north and up, and is --unit right?"
             )
         if not self._hears_speeds:
+            return along_mps
+        return -speed_mps if along_mps < -_BACKWARDS_MPS else speed_mps
+
+    def _speed_mps(self, stamp_ns: int, velocity: tuple[float, float] | None) -> float:
+        """Return the speed at a fix, as it is told or by the places."""
+        if not self._hears_speeds:
             if velocity is None:
                 raise Unusable("speed: unknown at the first fix, and the first after a pause")
-            return along_mps
+            return math.hypot(*velocity)
         speed = self._speed
         self._near("velocity", None if speed is None else speed.stamp_ns, stamp_ns)
-        speed_mps = 0.0 if speed is None else speed.speed_mps
-        return -speed_mps if along_mps < -_BACKWARDS_MPS else speed_mps
+        return 0.0 if speed is None else speed.speed_mps
+
+    def _check_jump(self, speed_mps: float) -> None:
+        """Raise Unusable where the heading has jumped on the way, which would read as reversing."""
+        if abs(speed_mps) <= _TELLS_COURSE_MPS:
+            self._jumped_rad = 0.0
+        if self._jumped_rad:
+            raise Unusable(
+                f"heading: it jumped by {math.degrees(self._jumped_rad):+.0f} degrees while the "
+                f"vehicle drives, {speed_mps:.1f} m/s; it counts again when it is back, or below "
+                f"{_TELLS_COURSE_MPS:g} m/s"
+            )
 
     def _by_places(self, stamp_ns: int, x_m: float, y_m: float) -> tuple[float, float] | None:
         """Return velocity in the site's frame by differences; None at first and after a pause."""
