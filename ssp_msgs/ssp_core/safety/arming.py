@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from itertools import combinations, product
 
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds
@@ -19,7 +20,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety import limits as judge
 from ssp_core.safety.body_status import BodyStatus
-from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.consistency import ConsistencyWatch
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
@@ -80,6 +81,7 @@ class Need(Enum):
         "states of {who} are {measured:.3f} s old when they come, limit for triggers "
         "{limit:g} s (limits.trigger_age_s)"
     )
+    STATED = "the state of {who} passes a limit: {detail}"
     APART = "{who} is {measured:.2f} m from {detail}, limit {limit:g} m"
 
 
@@ -236,6 +238,11 @@ class Situation:
             return state
         return replace(state, yaw_rad=one.start.yaw_rad)
 
+    def as_judged(self, one: ParticipantSpec, state: ObjectState) -> Sequence[ObjectState]:
+        """Return a state, and beside it the one as stated, which an armed session is judged by."""
+        stated = self.state_of(one.id)
+        return (state,) if stated is None or stated is state else (state, stated)
+
     def state_of(self, object_id: str) -> ObjectState | None:
         """Return the newest state of the VUT or of an object."""
         own = object_id in (names.VUT_ID, self.spec.vut.id)
@@ -385,7 +392,7 @@ def _in_place(at: Situation) -> Iterator[Obstacle]:
             which = " or ".join(control.name for control in wanted)
             detail = f"{state.control_state.name}, not {which}"
             yield Obstacle(Need.CONTROL, participant.id, detail=detail)
-        if not state.is_finite:
+        if not all(one.is_finite for one in at.as_judged(participant, state)):
             yield Obstacle(Need.FINITE, participant.id)
         else:
             yield from _at_its_start(at, participant, state)
@@ -412,8 +419,15 @@ def _at_its_start(
         yield Obstacle(Need.STAYING, who, *went, f" in {judge.STOOD_S:g} s")
     if watch is not None and watch.doubt is not None:
         yield Obstacle(Need.CONSISTENT, who, detail=watch.doubt.text)
-    excess_m = box_excess_m(state.box, at.spec.geofence)
+    boxes = [one.box for one in at.as_judged(participant, state)]
+    excess_m = max(box_excess_m(box, at.spec.geofence) for box in boxes)
     yield from _passed(Need.INSIDE, who, judge.outside_geofence(excess_m))
+    for passed in judge.stated(state, limits):
+        if passed.code is not SafetyCode.LOCALISATION:
+            meaning = MEANINGS[passed.code]
+            limit = f"limit {passed.limit:g} {meaning.unit}"
+            detail = f"{meaning.limit_name} {passed.measured:+.2f} {meaning.unit}, {limit}"
+            yield Obstacle(Need.STATED, who, detail=detail)
 
 
 def _young_for_triggers(at: Situation) -> Iterator[Obstacle]:
@@ -427,15 +441,15 @@ def _young_for_triggers(at: Situation) -> Iterator[Obstacle]:
 
 def _apart(at: Situation) -> Iterator[Obstacle]:
     """Find pairs that would break the separation limit as soon as the run starts."""
-    everyone, limits = [state for _, state in at.present], at.spec.limits
-    for i, state in enumerate(everyone):
-        for other in everyone[:i]:
-            if not (state.is_finite and other.is_finite):
-                continue
-            if judge.separation(other, state, limits) is not None:
-                gap_m = box_distance(other.box, state.box)
-                who, limit_m = state.object_id, limits.separation_m
-                yield Obstacle(Need.APART, who, gap_m, limit_m, other.object_id)
+    limits = at.spec.limits
+    everyone = [at.as_judged(one, state) for one, state in at.present]
+    for (i, ours), (k, others) in combinations(enumerate(everyone), 2):
+        pairs = [(a, b) for a, b in product(ours, others) if a.is_finite and b.is_finite]
+        near = [pair for pair in pairs if judge.separation(*pair, limits) is not None]
+        if near:
+            gap_m = min(box_distance(a.box, b.box) for a, b in near)
+            who, other = everyone[k][0].object_id, everyone[i][0].object_id
+            yield Obstacle(Need.APART, who, gap_m, limits.separation_m, other)
 
 
 def _silent(sign: SignOfLife, silence_s: float, why: str = "") -> Iterator[Obstacle]:

@@ -19,7 +19,7 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.consistency import ConsistencyWatch
 from ssp_core.safety.contradiction import HOLDS_S
 from ssp_core.value_class import value_class
-from ssp_core.vocabulary import ObjectClass
+from ssp_core.vocabulary import ControlState, ObjectClass
 
 # What is slower stands.
 STANDSTILL_MPS = 0.05
@@ -102,7 +102,7 @@ def _extent(size: Size) -> str:
 def outside_geofence(excess_m: float) -> LimitViolation | None:
     """Check how far the object's box sticks out of the fence, m.
 
-    ``ssp_core.safety.fence.excess_m`` computes it.
+    ``ssp_core.safety.fence`` computes it, here and on the way since the last state.
     """
     return _judge(SafetyCode.OUTSIDE_GEOFENCE, excess_m, 0.0)
 
@@ -206,6 +206,24 @@ def error_yaw(error_rad: float, limits: Limits) -> LimitViolation | None:
 def localisation(state: ObjectState, limits: Limits) -> LimitViolation | None:
     """Check the stated uncertainty of the position, m, one sigma."""
     return _judge(SafetyCode.LOCALISATION, state.position_std_m, limits.position_std_m)
+
+
+def stated(state: ObjectState, limits: Limits) -> list[LimitViolation]:
+    """Check what a state says of itself beside place and speed: uncertainty, and errors.
+
+    Errors count off the reference that it states, if it does.
+    """
+    found = [localisation(state, limits)]
+    if state.reference_id and state.control_state is ControlState.RUNNING:
+        # Who brakes for another reason leaves its reference, and brakes harder than one asks.
+        found.append(over_acceleration(state, limits))
+    if state.reference_id:
+        found.append(
+            error_longitudinal(state.error_longitudinal_m, limits)
+            or error_lateral(state.error_lateral_m, limits)
+            or error_yaw(state.error_yaw_rad, limits)
+        )
+    return [passed for passed in found if passed is not None]
 
 
 def position_jump(before: ObjectState, state: ObjectState, limits: Limits) -> LimitViolation | None:

@@ -19,7 +19,7 @@ from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.safety.liveness import SILENCES
-from ssp_core.vocabulary import ControlState, Verdict
+from ssp_core.vocabulary import Verdict
 from ssp_core.world.plant import LimitFact
 
 # A manager whose own timer comes so late blames nobody for that time.
@@ -206,17 +206,8 @@ def violations(
         passed = [
             judge.over_speed(state, limits),
             judge.outside_geofence(excess_m),
-            judge.localisation(state, limits),
+            *judge.stated(state, limits),
         ]
-        if state.reference_id and state.control_state is ControlState.RUNNING:
-            # Who brakes for another reason leaves its reference, and brakes harder than one asks.
-            passed.append(judge.over_acceleration(state, limits))
-        if state.reference_id:
-            passed.append(
-                judge.error_longitudinal(state.error_longitudinal_m, limits)
-                or judge.error_lateral(state.error_lateral_m, limits)
-                or judge.error_yaw(state.error_yaw_rad, limits)
-            )
         found += [
             of_object(one, state.object_id, state.stamp_ns) for one in passed if one is not None
         ]

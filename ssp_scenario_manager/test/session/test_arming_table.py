@@ -16,6 +16,7 @@ from ssp_core.safety.link_quality import Exchange
 from ssp_core.safety.liveness import SILENCES, WATCHED, SignOfLife, signs_of_life
 from ssp_core.safety.object_rules import rules_of
 from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_scenario_manager.session import limits as session_limits
 from ssp_scenario_manager.session.supervision import LivenessMonitor
 from tests.support.runs import cut_in_run
 
@@ -160,3 +161,81 @@ def test_what_ends_an_armed_session_keeps_it_from_being_armed(
     if liveness.violations(run, SessionPhase.ARMED, NOW_NS, NOW_NS):
         for gate in (Gate.ARM, Gate.START):
             assert what_is_missing(driver, liveness, gate)
+
+
+VALUE = st.one_of(st.floats(-3.0, 3.0), st.just(math.nan))
+CHANGES: dict[str, st.SearchStrategy[Any]] = {
+    "x_m": VALUE,
+    "y_m": VALUE,
+    "yaw_rad": VALUE,
+    "speed_mps": st.one_of(st.floats(-0.1, 0.1), st.just(math.nan)),
+    "acceleration_mps2": st.one_of(st.floats(-10.0, 10.0), st.just(math.nan)),
+    "position_std_m": st.floats(0.0, 1.0),
+    "error_longitudinal_m": VALUE,
+    "error_lateral_m": VALUE,
+    "error_yaw_rad": VALUE,
+    "control_state": st.sampled_from(ControlState),
+}
+
+
+@pytest.mark.parametrize("by_course", [[], ["vut", "ot1"]])
+@settings(
+    max_examples=300,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+@given(data=st.data())
+def test_states_that_end_an_armed_session_keep_it_from_being_armed(
+    make_driver: Any, by_course: list[str], data: st.DataObject
+) -> None:
+    """Whatever the manager judges by one state, it asks for before."""
+    run = RUNS[1]
+    # Little is left beside the starts, so that a turned box sticks out or is too near.
+    limits = run.limits.model_copy(
+        update={"separation_m": 35.0, "heading_by_course": by_course, "start_region_m": 3.0}
+    )
+    fence = ((-3.5, -1.5), (60.0, -1.5), (60.0, 5.0), (-3.5, 5.0))
+    run = run.model_copy(update={"limits": limits, "geofence": fence})
+    driver = in_place(make_driver, run, signs_of_life(run)[0], 0.0)
+    assert not what_is_missing(driver, heard(run, {}), Gate.START)
+    for who, state in (("vut", driver.vut), *driver.targets.items()):
+        reference_id = data.draw(st.sampled_from(["", "of an earlier run"]))
+        drawn = {"reference_id": reference_id, "control_state": state.control_state}
+        for name in data.draw(st.lists(st.sampled_from(sorted(CHANGES)), max_size=2)):
+            drawn[name] = data.draw(CHANGES[name], f"{who} {name}")
+        for axis in drawn.keys() & {"x_m", "y_m"}:
+            drawn[axis] += getattr(state, axis)
+        driver.move(who, **drawn)
+    present = [driver.vut, *driver.targets.values()]
+    if found := session_limits.violations(present, run):
+        for gate in (Gate.ARM, Gate.START):
+            assert what_is_missing(driver, heard(run, {}), gate), found
+
+
+def test_an_error_off_a_reference_of_before_is_named(make_driver: Any) -> None:
+    driver = in_place(make_driver, RUNS[1], signs_of_life(RUNS[1])[0], 0.0)
+    driver.move("ot1", reference_id="an earlier run", error_lateral_m=-1.5)
+    assert what_is_missing(driver, heard(RUNS[1], {}), Gate.ARM) == [
+        "the state of ot1 passes a limit: error_lateral -1.50 m, limit 0.8 m"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("yaw_rad", "says"),
+    [
+        (math.nan, "vut has a state with a value that is no number"),
+        (math.pi / 2.0, "vut is outside the geofence by 0.60 m, limit 0 m"),
+    ],
+)
+def test_the_heading_that_is_stated_at_rest_counts_for_fence_and_separation_too(
+    make_driver: Any, yaw_rad: float, says: str
+) -> None:
+    """An armed session is judged by what is stated."""
+    run = RUNS[1]
+    limits = run.limits.model_copy(update={"heading_by_course": ["vut"]})
+    fence = ((-10.0, -6.0), (300.0, -6.0), (300.0, 3.0), (-10.0, 3.0))
+    run = run.model_copy(update={"limits": limits, "geofence": fence})
+    driver = in_place(make_driver, run, signs_of_life(run)[0], 0.0)
+    driver.move("vut", yaw_rad=yaw_rad)
+    missing = what_is_missing(driver, heard(run, {}), Gate.ARM)
+    assert says in [text for text in missing if text.startswith("vut")]
+    assert session_limits.violations([driver.vut], run)
