@@ -21,6 +21,13 @@ MORE = {
     "separation": {SafetyCode.SEPARATION, SafetyCode.COLLISION},
     "stamp_ahead": {SafetyCode.CLOCK_OFFSET},
     "link_violations": {SafetyCode.LINK_DELAY, SafetyCode.CLOCK_OFFSET},
+    "stated": {
+        SafetyCode.LOCALISATION,
+        SafetyCode.OVER_ACCELERATION,
+        SafetyCode.ERROR_LONGITUDINAL,
+        SafetyCode.ERROR_LATERAL,
+        SafetyCode.ERROR_YAW,
+    },
     "follow": {SafetyCode.POSITION_JUMP, SafetyCode.STATE_FROZEN},
 }
 
