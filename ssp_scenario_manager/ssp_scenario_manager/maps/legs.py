@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ssp_core.geometry import FloatArray, Pose2, wrap_angle
+from ssp_core.world.reference_line import NotOneToOne
 from ssp_scenario_manager.maps.block import Block, BlockLane, headings
+from ssp_scenario_manager.maps.reference_line import Unusable
 
 # A lane goes on in another that begins this near to its end, in this direction.
 LANES_MEET_M = 0.3
@@ -42,15 +45,25 @@ class Leg:
     end_s_m: float
 
     def places(self) -> FloatArray:
-        """Return the places along its middle, near enough to each other for its bends."""
+        """Return the places along its middle, near enough to each other for its bends.
+
+        Raises:
+            Unusable: the lane comes back beside itself.
+        """
         length = self.end_s_m - self.start_s_m
         step = _STRAIGHT_STEP_M if self.block.line.is_straight else _BEND_STEP_M
         s = np.linspace(self.start_s_m, self.end_s_m, max(2, math.ceil(length / step) + 1))
-        return self.block.line.to_map_many(s, self.lane.y_m)
+        try:
+            return self.block.line.to_map_many(s, self.lane.y_m)
+        except NotOneToOne as error:
+            raise Unusable(f"{self.block.block_id} {self.lane.name}: {error}") from error
 
 
-def _lane_pose(block: Block, lane: BlockLane, s_m: float) -> Pose2:
-    return Pose2(*block.line.to_map(s_m, lane.y_m), block.line.pose(s_m).yaw_rad)
+def _lane_pose(block: Block, lane: BlockLane, s_m: float) -> Pose2 | None:
+    """Return a lane's pose; None where a block that comes back beside itself has none there."""
+    with suppress(NotOneToOne):
+        return Pose2(*block.line.to_map(s_m, lane.y_m), block.line.pose(s_m).yaw_rad)
+    return None
 
 
 def lane_pairs(before: Block, after: Block) -> Iterator[tuple[float, BlockLane, BlockLane]]:
@@ -59,6 +72,8 @@ def lane_pairs(before: Block, after: Block) -> Iterator[tuple[float, BlockLane, 
         end = _lane_pose(before, one, before.length_m)
         for other in after.forward_lanes:
             start = _lane_pose(after, other, 0.0)
+            if end is None or start is None:
+                continue
             if abs(wrap_angle(end.yaw_rad - start.yaw_rad)) <= _MEET_RAD:
                 yield math.hypot(end.x_m - start.x_m, end.y_m - start.y_m), one, other
 

@@ -20,7 +20,7 @@ import numpy as np
 from ssp_core.geometry import FloatArray, wrap_angle
 from ssp_core.run_file.road import JunctionRoad, Lane
 from ssp_core.run_file.values import Start
-from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_scenario_manager.maps.block import (
     Block,
     BlockLane,
@@ -152,6 +152,10 @@ def _joined_line(legs: Sequence[Leg]) -> tuple[ReferenceLine, list[float]]:
     chords = [float(np.hypot(*np.diff(xy, axis=0).T).sum()) for xy in places]
     for i in range(1, len(places)):
         chords[i] += math.dist(places[i - 1][-1], places[i][0])
+    try:
+        line.to_map_many(np.arange(0.0, line.length_m, _STEP_M), 0.0)
+    except NotOneToOne as error:
+        raise Unusable(f"comes back beside itself: {error}") from error
     # Corners that are rounded off shorten the line by a few millimetres.
     ends = np.cumsum(chords)
     return line, [float(end) for end in ends * (line.length_m / ends[-1])]

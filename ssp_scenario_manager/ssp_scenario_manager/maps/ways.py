@@ -12,7 +12,7 @@ import numpy as np
 
 from ssp_core.geometry import FloatArray, wrap_angle
 from ssp_core.run_file.road import MOST_SCENERY, SceneryItem
-from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_core.world.scenery import Clearance, reversed_item, shifted
 from ssp_scenario_manager.maps.block import (
     Block,
@@ -327,6 +327,9 @@ def junction_areas(through: Sequence[Block]) -> dict[str, tuple[ConflictArea, ..
 
 # Offsets stay this far from the centre of curvature, as a share of the radius.
 _REACH = 0.95
+# A line that turns by less comes nowhere back beside itself; places of others are tried at a step.
+_LEAST_LOOP_RAD = 3.0
+_LOOP_STEP_M = 0.5
 
 
 def block_id(way: Way, forward: bool) -> str:
@@ -459,6 +462,24 @@ def _tight(way: Way) -> str | None:
     return None
 
 
+def _beside_itself(way: Way) -> str | None:
+    """Give the reason why a way in a junction comes too near to itself; None: it doesn't."""
+    turned_rad = float(np.ptp(headings(way.line, _joints(way.line))))
+    if way.junction is None or turned_rad < _LEAST_LOOP_RAD:
+        return None
+    s = np.linspace(0.0, way.line.length_m, math.ceil(way.line.length_m / _LOOP_STEP_M) + 1)
+    for name, y_m in (("its line", 0.0), *((lane.name, lane.y_m) for lane in way.lanes)):
+        try:
+            way.line.to_map_many(s, y_m)
+        except NotOneToOne as error:
+            return f"turns by {math.degrees(turned_rad):.0f} degrees, and of {name}, {error}"
+    return None
+
+
+def _joints(line: ReferenceLine) -> FloatArray:
+    return np.cumsum([0.0, *(piece.length_m for piece in line.pieces)])
+
+
 def in_known_junctions(
     ways: Sequence[Way], junctions: Collection[str]
 ) -> tuple[list[Way], list[tuple[str, str]]]:
@@ -489,7 +510,11 @@ def network_blocks(
         contacts: pairs of ends that meet.
     """
     joined_ways, meets = _joined_ways(ways, contacts)
-    tight = {i: why for i, way in enumerate(joined_ways) if (why := _tight(way)) is not None}
+    tight = {
+        i: why
+        for i, way in enumerate(joined_ways)
+        if (why := _tight(way) or _beside_itself(way)) is not None
+    }
     rejected = [(joined_ways[i].name, why) for i, why in tight.items()]
 
     def neighbours(end: WayEnd, *, entering: bool) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from ssp_core.geometry import FloatArray
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.maps.block import Library
 from ssp_scenario_manager.maps.load import load_library
+from ssp_scenario_manager.maps.routes import routes_of
 from tests.support.map_blocks import blocks, only
 
 Made = Any
@@ -149,6 +151,39 @@ def test_lanes_beyond_the_centre_of_curvature_have_no_coordinates(made: Made, wo
     assert "3.5 m from the reference line on the inner side of a bend of 3.3 m" in str(
         library.rejected
     )
+
+
+FULL_CIRCLE = '<arc curvature="0.08"/>'
+
+
+def test_a_way_in_a_junction_that_comes_back_beside_itself_is_refused(
+    made: Made, words: Words
+) -> None:
+    """Its places have two arc lengths each, which ended `ssp maps` in a traceback."""
+    circle = words.at(0, 0, 0, 78.54, FULL_CIRCLE)
+    made.road("sw", 78.54, geometry=circle, junction="9")
+    made.road("we", 20.0, geometry=words.at(0, 40, 0, 20), junction="9")
+    library = load_library(made.add('<junction id="9"/>').write())
+    assert sorted(blocks(library)) == ["road we backward", "road we forward"]
+    ((name, why),) = library.rejected
+    assert name == "road sw"
+    assert why.startswith("turns by 360 degrees, and of its line, offset 0 m at arc length 0 m has")
+
+
+def test_a_route_over_a_road_that_comes_back_beside_itself_is_refused(
+    words: Words, crossroads: Path
+) -> None:
+    text = crossroads.read_text()
+    head, _, tail = text.partition('<road id="n" length="60.0"')
+    shape, _, rest = tail.partition("</planView>")
+    circle = words.at(0, 10, math.pi / 2, 78.54, FULL_CIRCLE)
+    shape = shape.partition("<planView>")[0] + f"<planView>{circle}"
+    crossroads.write_text(f'{head}<road id="n" length="78.54"{shape}</planView>{rest}')
+    found, refused = routes_of(load_library(crossroads))
+    assert {one.exits for one in found} == {("road e forward",), ("road w forward",)}
+    ((name, why),) = refused
+    assert name == "road sn forward"
+    assert "none of its lanes continues one" in why
 
 
 def test_straight_parts_of_bent_roads_are_blocks_too(made: Made, words: Words) -> None:
