@@ -333,6 +333,7 @@ class StepwiseClient:
     """
 
     def __init__(self, node: Node, run: RunSpec, run_file: str) -> None:
+        self._run_file, self._word_holds = run_file, False
         self._script = RunScript(run_file, time.monotonic_ns())
         self._token = run.session_token
         self._session = SessionPhase.IDLE
@@ -340,6 +341,7 @@ class StepwiseClient:
         self._waiting: Any = None
         self._asked_at = 0.0
         self._start_asked_at: float | None = None
+        self._disarm_asked_at = 0.0
         self._refusal: tuple[str, ...] = ()
         self._load = node.create_client(LoadScenario, names.LOAD_SCENARIO)
         self._commands = {
@@ -353,6 +355,30 @@ class StepwiseClient:
         }
         node.create_subscription(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
 
+    def begin(self, not_after_ns: int = 0) -> None:
+        """Begin with the first step, or go on from where the session stands on a person's word.
+
+        Args:
+            not_after_ns: the word holds until then, on the system clock; 0: no word.
+        """
+        now_ns, self._word_holds = time.monotonic_ns(), bool(not_after_ns)
+        self._waiting, self._start_asked_at, self._refusal = None, None, ()
+        if not_after_ns:
+            start_by_ns = now_ns + not_after_ns - time.time_ns()
+            self._script = RunScript(self._run_file, now_ns, start_by_ns, self._run_file)
+        else:
+            self._script = RunScript(self._run_file, now_ns)
+
+    @property
+    def not_in_time(self) -> tuple[str, ...] | None:
+        """Return what kept the run from starting while the word held; None while it may start."""
+        return self._script.problems if self._script.not_in_time else None
+
+    @property
+    def stays_armed(self) -> bool:
+        """Tell whether the session says that it is armed, whatever its objects say."""
+        return self._session is SessionPhase.ARMED
+
     @property
     def is_armed(self) -> bool:
         """Tell whether the session and every object say that they are armed."""
@@ -363,7 +389,7 @@ class StepwiseClient:
         """List the reasons why the run can't start; empty while it may, or when it has."""
         asked = self._start_asked_at
         late = asked is not None and time.monotonic() - asked > START_PATIENCE_S
-        if late and self._session is SessionPhase.ARMED and self._refusal:
+        if late and not self._word_holds and self._session is SessionPhase.ARMED and self._refusal:
             return self._refusal
         return self._script.problems
 
@@ -397,8 +423,10 @@ class StepwiseClient:
         self._waiting.add_done_callback(partial(self._on_answer, self._waiting))
 
     def give_up(self) -> None:
-        """Disarm what can't be started."""
-        if self._session is SessionPhase.ARMED:
+        """Disarm what can't be started; asked again, where it doesn't."""
+        waited_s = time.monotonic() - self._disarm_asked_at
+        if self._session is SessionPhase.ARMED and waited_s >= ANSWER_S:
+            self._disarm_asked_at = time.monotonic()
             why = "the run can't start"
             request = SessionCommand.Request(
                 requested_by=WHO, reason=why, session_token=self._token

@@ -202,7 +202,12 @@ class _Following:
                     return Followed(word)
                 not_after_ns = word
             self._interrupt.may_stand_still = self._live is None
-            if self._by_hand is None and not self._client.under_way:
+            if self._client.under_way:
+                # Led from elsewhere.
+                self._by_hand = None
+            elif self._by_hand is not None:
+                self._by_hand.begin(not_after_ns)
+            else:
                 self._client.begin(str(run_file), not_after_ns)
             outcome = self._wait()
             self._interrupt.may_stand_still = True
@@ -422,8 +427,10 @@ class _Following:
             self._client.spin(0.05)
             self._look_at_waits()
             self._inject()
-            if (missing := self._client.not_in_time) is not None and not self._told:
+            leads = self._client if self._by_hand is None else self._by_hand
+            if (missing := leads.not_in_time) is not None and not self._told:
                 self._say(f"not started within {HOLDS_S:g} s: {'; '.join(missing)}")
+                self._disarm()
                 self._client.ask_again()
                 return None
             outcome = self._client.outcome or self._cannot_start()
@@ -511,11 +518,16 @@ class _Following:
         if self._by_hand is None or not self._by_hand.problems:
             return None
         problems = self._by_hand.problems
-        self._by_hand.give_up()
-        deadline = time.monotonic() + LAST_WORDS_S
-        while self._by_hand.is_armed and time.monotonic() < deadline:
-            self._client.spin(0.05)
+        self._disarm()
         return RunOutcome(Verdict.INVALID_HARNESS, problems)
+
+    def _disarm(self) -> None:
+        """Disarm a session that is led step by step; it may be armed once more."""
+        self._armed_at = None
+        deadline = time.monotonic() + LAST_WORDS_S
+        while self._by_hand and self._by_hand.stays_armed and time.monotonic() < deadline:
+            self._by_hand.give_up()
+            self._client.spin(0.05)
 
     def _hear_the_end(self, hands: FaultEndpoints, *, session: bool) -> None:
         """Take messages still on their way: ticks until all stand, and the session's last word."""

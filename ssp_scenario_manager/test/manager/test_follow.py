@@ -10,7 +10,7 @@ from unittest.mock import MagicMock
 import pytest
 
 from ssp_core import names
-from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run import follow
 from ssp_scenario_manager.run.word import TypedWords
@@ -401,3 +401,56 @@ def test_lines_that_do_not_count_while_a_session_drives_are_answered_once_each(
         os.close(write)
     assert said == ['only "abort" counts now'] * 4 + ["abort typed: aborting the session"]
     assert outcome.reasons == ("abort typed",)
+
+
+def test_a_run_that_is_held_armed_for_its_faults_asks_again_when_the_word_runs_out(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It goes step by step; what isn't started by then is disarmed first."""
+    read, write = os.pipe()
+    group, said = MagicMock(), list[str]()
+    group.ended.return_value = []
+    client, now_ns = quiet_client(was_armed=True), [0]
+    client.loaded, client.outcome = (), None
+    by_hand = MagicMock(not_in_time=None, is_armed=True, stays_armed=True, problems=())
+    by_hand.lacks.return_value = []
+    typed_s: list[float] = []
+
+    def give_up() -> None:
+        by_hand.is_armed = by_hand.stays_armed = False
+
+    def spin(timeout_s: float) -> None:
+        now_ns[0] += round(timeout_s * 1e9)
+        if len(typed_s) < said.count(follow.PROMPT):
+            typed_s.append(now_ns[0] / 1e9)
+            os.write(write, b"start\n")
+        elif by_hand.begin.call_count == 1:
+            by_hand.not_in_time = ("ot1 moves",)
+        elif by_hand.begin.call_count == 2:
+            assert by_hand.give_up.called
+            client.outcome = RunOutcome(Verdict.VALID, ())
+        assert client.spin.call_count < SPINS
+
+    client.spin.side_effect, by_hand.give_up.side_effect = spin, give_up
+    by_hand.begin.side_effect = lambda _: setattr(by_hand, "not_in_time", None)
+    clock = MagicMock(
+        monotonic=lambda: now_ns[0] / 1e9, monotonic_ns=lambda: now_ns[0], time_ns=lambda: now_ns[0]
+    )
+    replace_session(monkeypatch, client, read, clock)
+    monkeypatch.setattr(follow, "StepwiseClient", lambda *_: by_hand)
+    monkeypatch.setattr(follow, "FaultEndpoints", MagicMock())
+    monkeypatch.setattr(follow.faults, "FaultInjector", MagicMock())
+    monkeypatch.setattr(follow._Following, "_followed", lambda _, outcome: MagicMock(is_=outcome))
+    live = MagicMock(start_at_once=False, remappings=())
+    faulty = run.model_copy(update={"faults": [Fault(kind="operator_abort")]})
+    given = (Path("run.yaml"), Path("bag"), said.append, follow.Interrupt(), live)
+    try:
+        followed = follow.follow(faulty, group, *given)
+    finally:
+        os.close(read)
+        os.close(write)
+    assert followed.is_ == RunOutcome(Verdict.VALID, ())  # type: ignore[attr-defined]
+    assert "not started within 10 s: ot1 moves" in said
+    until_s = [one.args[0] / 1e9 for one in by_hand.begin.call_args_list]
+    assert until_s == pytest.approx([at_s + 10.0 for at_s in typed_s], abs=0.2)
+    assert not client.begin.called
