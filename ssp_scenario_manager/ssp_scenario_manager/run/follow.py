@@ -65,6 +65,8 @@ LOOK_S = 8.0
 # From the first sign of an abort to the session's result. The manager gives up waiting for a
 # standstill before; whatever keeps it from that, the run has a verdict within half a minute.
 RESULT_S = 25.0
+# With the objects' standstill after it, where nobody leads them any more.
+VERDICT_S = 28.0
 # For what a session that has given its result, or gives up, still has to say.
 LAST_WORDS_S = 8.0
 
@@ -444,7 +446,7 @@ class _Following:
                 outcome = RunOutcome(Verdict.INVALID_HARNESS, (silent,))
             if silent or names.SCENARIO_MANAGER in self._told:
                 # Nobody is left to give a result; the objects stop by themselves.
-                self._let_objects_stop()
+                self._let_objects_stop(VERDICT_S - self._unled_s())
                 break
             if self._told and not self._client.session.was_armed:
                 # Nothing was armed: there is nothing that has to come to stand.
@@ -537,12 +539,18 @@ class _Following:
                 return
             self._client.spin(0.05)
 
-    def _let_objects_stop(self) -> None:
+    def _unled_s(self) -> float:
+        """Return the time since the manager was heard last, or trouble began."""
+        trouble = self._client.session.trouble
+        since_s = 0.0 if trouble is None else time.monotonic() - trouble[0]
+        return max(self._client.silent_s, since_s)
+
+    def _let_objects_stop(self, limit_s: float = STANDSTILL_S) -> None:
         """Give objects without a leader the time to notice it, and to come to a standstill."""
         hands = self._hands or FaultEndpoints(self._client.node, self._spec, time.monotonic())
         began_s = hands.wall_s
         until_s = self._spec.limits.heartbeat_s + NOTICED_S
-        while hands.wall_s - began_s < STANDSTILL_S:
+        while hands.wall_s - began_s < limit_s:
             self._client.spin(0.1)
             heard_s = hands.heard_at()
             waited_s = hands.wall_s - began_s

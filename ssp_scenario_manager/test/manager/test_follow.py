@@ -92,35 +92,75 @@ def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
     assert client.spin.call_count < 5
 
 
+class Truth:
+    """What is heard of a world of which nothing stands, on the clock of a test.
+
+    Args:
+        lives: it tells of itself until the end.
+    """
+
+    def __init__(self, now_s: list[float], *, lives: bool) -> None:
+        self._now_s, self._lives = now_s, lives
+        self._began_s = now_s[0]
+
+    @property
+    def wall_s(self) -> float:
+        return self._now_s[0]
+
+    def heard_at(self) -> float:
+        return self._now_s[0] if self._lives else self._began_s
+
+    def all_stand(self) -> bool:
+        return False
+
+
+@pytest.mark.parametrize(
+    ("mode", "lives"), [("live", False), ("live", True), ("lockstep", False), ("lockstep", True)]
+)
+@pytest.mark.parametrize("silent", [False, True])
 def test_a_manager_that_lives_and_gives_no_result_doesnt_keep_the_run(
-    run: RunSpec, monkeypatch: pytest.MonkeyPatch
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch, silent: bool, mode: str, lives: bool
 ) -> None:
-    """The verdict comes within half a minute, even if a clock that was set delays the result."""
+    """The verdict comes within half a minute, even if a clock that was set delays the result.
+
+    Nor does a world that never stands.
+    """
     now_s = [100.0]
     manager = MagicMock()
-    group = MagicMock(processes={names.SCENARIO_MANAGER: manager})
+    world = {names.SIL_WORLD: MagicMock(returncode=None)} if mode == "lockstep" else {}
+    group = MagicMock(processes={names.SCENARIO_MANAGER: manager, **world})
     group.ended.return_value = []
     client = quiet_client(was_armed=True)
     client.outcome = None
 
     def spin(timeout_s: float) -> None:
         now_s[0] += timeout_s
-        if now_s[0] >= 140.0 and client.session.trouble is None:
+        if now_s[0] >= 140.0 and silent:
+            client.silent_s = now_s[0] - 140.0
+        elif now_s[0] >= 140.0 and client.session.trouble is None:
             client.session.trouble = now_s[0], "clock_offset ot1: -5 s, limit 0.05 s"
         assert now_s[0] < 180.0, "the run was not ended in time"
 
     client.spin.side_effect = spin
     monkeypatch.setattr(follow, "RunClient", lambda *_, **__: client)
+    monkeypatch.setattr(follow, "FaultEndpoints", lambda *_: Truth(now_s, lives=lives))
     monkeypatch.setattr(follow, "time", MagicMock(monotonic=lambda: now_s[0]))
-    monkeypatch.setattr(follow._Following, "_let_objects_stop", lambda _: None)
     outcome = follow.follow(
-        run, group, Path("run.yaml"), Path("bag"), MagicMock(), follow.Interrupt()
+        run.model_copy(update={"mode": mode}),
+        group,
+        Path("run.yaml"),
+        Path("bag"),
+        MagicMock(),
+        follow.Interrupt(),
     ).outcome
-    assert follow.RESULT_S <= now_s[0] - 140.0 < 30.0
+    since_s = follow.SILENT_S if silent else follow.RESULT_S
+    assert since_s <= now_s[0] - 140.0 < 29.0
     assert manager.kill.called
     assert outcome.verdict is Verdict.INVALID_HARNESS
     assert outcome.reasons == (
-        "scenario_manager gave no result 25 s after clock_offset ot1: -5 s, limit 0.05 s",
+        "scenario_manager silent for 10 s"
+        if silent
+        else "scenario_manager gave no result 25 s after clock_offset ot1: -5 s, limit 0.05 s",
     )
 
 
