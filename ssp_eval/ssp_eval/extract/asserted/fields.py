@@ -38,8 +38,17 @@ _FIELD_END = (
     r"(?=\s*(?:[,;}\])\n|(]|\.(?:\s|$)|$)|\s{2}|(?<=[✓✔☑✅✗✘☒❌])\s"
     r"|(?<=[\"'])\s*/?>|(?<=[\"'])\s+[\w-]{2,30}=[\"'])"  # of a tag's attribute
 )
-# {"pedestrian": {"present": false}}
-_NESTED = r"(?:\{\s*[\"'](?:present|detected|visible|exists|active|selected|needed)[\"']\s*:\s*)"
+_SHARE_KEY = r"(?:score|prob\w*|confidence|p|weight|likelihood|share)"
+# {"pedestrian": {"present": false}}, {"brake": {"prob": 0.8}}, and the same as lines of YAML.
+_NESTED = (
+    r"(?:(?:\{\s*(?:[\"']\w{2,20}[\"']\s*:\s*(?:[\"'][^\"'{}\n]{0,200}[\"']|[\w.]{1,12})\s*,\s*){0,2}"
+    r"[\"']|(?<=[ \t]))(?:(?:present|detected|visible|exists|active|selected|needed)"
+    rf"|(?P<shared>{_SHARE_KEY}))[\"']?\s*:\s*)"
+)
+# What else stands in the object, or below the name, of a share.
+_REST = re.compile(
+    r"[^{}\n]{0,400}(?:\n[ \t][^{}\n]{0,400}){0,8}\n?\}|(?:\n[ \t][^{}\n]{0,400}){1,8}"
+)
 _FIELD = re.compile(
     rf"(?P<key>{QUOTES}{NAME}{QUOTES})(?:\s*[:=]{QUOTES}\s*{_NESTED}?"
     rf"(?P<value>{QUOTES}(?:{_WORD_VALUE}|{_SHARE}){QUOTES})"
@@ -53,8 +62,10 @@ _FIELD = re.compile(
     rf"|\bp(?:rob(?:ability)?)?\((?P<of>{NAME})\)\s*[:=]\s*(?P<share>{_SHARE}){_FIELD_END}"
     # {"action": "brake", "score": 0.8}
     r"|\{\s*[\"'](?:action|label|name|option|class|man(?:o?eu|eu)ver|manoeuvre|plan)[\"']\s*:\s*"
-    rf"[\"'](?P<label>{NAME})[\"']\s*,\s*[\"'](?:score|prob\w*|confidence|p|weight|likelihood)[\"']"
+    rf"[\"'](?P<label>{NAME})[\"']\s*,\s*[\"']{_SHARE_KEY}[\"']"
     rf"\s*:\s*(?P<score>{_SHARE})\s*\}}"
+    # ["brake", 0.8]
+    rf"|[\[(]\s*(?P<paired>{QUOTES}{NAME}{QUOTES})\s*,\s*(?P<with>{_SHARE})\s*[\])]"
     # brake (80 %), 80 % brake
     rf"|(?P<before>{NAME})\s*[(\[](?P<beside>{_SHARE}|{_WORD_VALUE})[)\]]"
     rf"|(?P<first>\d+(?:\.\d+)?\s*%)\s+(?:for\s+|to\s+)?(?P<behind>{NAME}){_FIELD_END}"
@@ -74,13 +85,14 @@ _PARTS = (
     ("cell", "in_cell"),
     ("of", "share"),
     ("label", "score"),
+    ("paired", "with"),
     ("before", "beside"),
     ("behind", "first"),
     ("ahead", "follows"),
     ("ticked", "sign"),
 )
-# Of the last four forms one alone is a remark: "I brake (80 %)".
-_NEVER_ALONE = frozenset({"label", "before", "behind", "ahead"})
+# Of these forms one alone is a remark: "I brake (80 %)".
+_NEVER_ALONE = frozenset({"label", "paired", "before", "behind", "ahead"})
 # A motion as a field's name, of a road user that is named elsewhere.
 _OF_MOTION = frozenset({"motion"})
 _NAMES_MOTION = re.compile(
@@ -88,6 +100,7 @@ _NAMES_MOTION = re.compile(
     r"|same direction|(?:crossing|cutting in)(?: from (?:the )?(?:left|right))?)"
 )
 _MOST_INDENT = 40  # of a field's line
+_SLACK = 0.05  # of what rounded shares have together
 _LEAST_RATED = 2  # conflicts in one object
 # {"conflict": {"potential": 0.2, "active": 0.8}}
 _RATED_CONFLICTS = re.compile(
@@ -101,7 +114,8 @@ _RATED = re.compile(
 )
 _MAY_HOLD_FIELD = re.compile(
     rf"(?:[:=>|→?]|[-–—]\s)[\s\"'*_]{{0,4}}(?:{_WORD_VALUE}|{_SHARE}[\"'*]*(?:[\s,;}}\])|<]|$))"
-    rf"|[(\[](?:{_SHARE}|{_WORD_VALUE})[)\]]|%[\s,;.]|=[\"']|\w[ \t]+{_SIGN}",
+    rf"|[(\[](?:{_SHARE}|{_WORD_VALUE})[)\]]|%[\s,;.]|=[\"']|\w[ \t]+{_SIGN}"
+    rf"|[a-z][\"']?\s*,\s*{_SHARE}\s*[\])]",
     re.IGNORECASE,
 )
 # Behind a field that says no more than its name.
@@ -115,6 +129,8 @@ class _Field:
     key_span: tuple[int, int]
     slots: frozenset[str]
     never_alone: bool
+    after: int  # where its object ends
+    paired: bool = False
 
     @property
     def start(self) -> int:
@@ -154,11 +170,18 @@ def fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
         if value == "reply" and (count > 2 or slots - ACTIONS):
             continue
         if slots:
-            alone = name in _NEVER_ALONE
+            alone = name in _NEVER_ALONE or match["shared"] is not None
+            if name == "paired" and slots - ACTIONS:
+                continue
             bare = re.search(r"[^\"'*_ ].*[^\"'*_ ]|[^\"'*_ ]", match[name], re.DOTALL)
             start, end = bare.span() if bare is not None else (0, len(match[name]))
             span = match.start(name) + start, match.start(name) + end
-            found.append(_Field(said, match.span(), span, slots, alone))
+            after = match.end()
+            if match["shared"] is not None:
+                behind = match.start() + len(match.group().rstrip())
+                rest = _REST.match(text, behind)
+                after = after if rest is None else rest.end()
+            found.append(_Field(said, match.span(), span, slots, alone, after, name == "paired"))
     for group in _groups(text, found):
         for one, holds in zip(group, _holding(group), strict=True):
             if holds is False:
@@ -180,7 +203,7 @@ def conflicts(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
             said = one["value"].strip("\"'").lower()
             if "conflict" in values_of(f"conflict: {words(one['name'])}"):
                 slots = frozenset({"conflict"})
-                group.append(_Field(said, one.span(), one.span("name"), slots, False))
+                group.append(_Field(said, one.span(), one.span("name"), slots, False, one.end()))
         held = [one for one, holds in zip(group, _holding(group), strict=True) if holds]
         if len(group) < _LEAST_RATED:
             continue
@@ -204,7 +227,7 @@ def _groups(text: str, fields: Sequence[_Field]) -> Iterator[list[_Field]]:
     """Fields side by side, of the same slots."""
     group: list[_Field] = []
     for one in fields:
-        between = text[group[-1].end : one.start] if group else ""
+        between = text[group[-1].after : one.start] if group else ""
         if group and (len(between) > 8 or re.search(r"[\w}\]]", between)):
             yield group
             group = []
@@ -216,8 +239,13 @@ def _groups(text: str, fields: Sequence[_Field]) -> Iterator[list[_Field]]:
 def _holding(group: Sequence[_Field]) -> list[bool | None]:
     """Tell whether each field of a group asserts its name; None where its value can't say."""
     found: list[bool | None] = []
+    # Pairs whose numbers aren't shares may be actions with their times.
+    pairs = [one.value for one in group if one.paired]
+    whole = sum(float(value.rstrip("% ").replace("−", "-")) for value in pairs)
+    percent = any("%" in value for value in pairs) or abs(whole - 100.0) < _SLACK * 100.0
+    no_shares = not percent and whole > 1.0 + _SLACK
     for one in group:
-        if one.never_alone and len(group) == 1:
+        if (one.never_alone and len(group) == 1) or (one.paired and no_shares):
             found.append(None)
         elif one.value in _YES | _NO:
             found.append(one.value in _YES)

@@ -12,14 +12,19 @@ from ssp_eval.extract.asserted.labels import NAME, Values, words
 _ROMAN = ("i", "ii", "iii", "iv", "v", "vi", "vii", "viii")
 _MARKS = r"(?:viii|vii|vi|iv|v|iii|ii|i|[A-Ha-h]|[0-9])"
 _ITEM = re.compile(
-    r"(?:(?<=\s)|(?<=^))\*{0,2}(?:(?:option|choice|action|candidate)\s+)?\(?"
-    rf"(?P<mark>{_MARKS})(?P<close>[).:]|\s?=)\s+(?=\S)",
+    r"(?:(?<=\s)|(?<=^))\*{0,2}(?:(?:option|choice|action|candidate)\s+)?[(\[]?"
+    rf"(?P<mark>{_MARKS})(?:\*\*)?(?P<close>[).:\]]|\s?=)(?:\*\*)?:?\s+(?=\S)",
     re.MULTILINE | re.IGNORECASE,
 )
 # "Plan A - brake; Plan B - keep": a dash closes the mark of one that is called an option.
 _CALLED_ITEM = re.compile(
     rf"\b(?:option|choice|candidate|plan|strategy)\s+(?P<mark>{_MARKS})(?P<close>\s[-–—])\s+(?=\S)",
     re.IGNORECASE,
+)
+# Lines that begin with a letter beside signs, where one is picked: "A - brake", "| A | brake |".
+_LINE_ITEM = re.compile(
+    r"^[^A-Za-z0-9\n]{0,4}(?P<mark>[A-H])[ \t]{0,2}[^A-Za-z0-9\s][^A-Za-z0-9\n]{0,4}(?=\w)",
+    re.MULTILINE,
 )
 # Marks that are drawn as one sign, and key by key: Ⓐ, 🅰, 🇦, ①, 1️⃣; each run in its order.
 _DRAWN_RUNS = (
@@ -90,6 +95,7 @@ class _Option:
     start: int
     begin: int  # behind the mark
     end: int
+    loose: bool  # options only where one of them is picked
 
 
 def other_options(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
@@ -117,7 +123,7 @@ def _option_spans(text: str, values_of: Values) -> Iterator[tuple[int, int]]:
             line = plain[: options[0].start].rstrip().rpartition("\n")[2]
             before = _PICK.search(line)
             picked = _picked(before) if before and _picked(before) <= marks else picked
-        if not picked and not _are_options(text, options, values_of):
+        if not picked and (options[0].loose or not _are_options(text, options, values_of)):
             continue
         called = _CALLED.search(text, max(0, options[0].start - 40), options[0].start)
         if picked and called:  # it would make a quotation of the chosen
@@ -146,6 +152,12 @@ def _lists(text: str) -> Iterator[list[_Option]]:
             _Mark(m.start(), m.end(), m["sign"].translate(_DRAWN)[0], "drawn")
             for m in _DRAWN_MARK.finditer(text)
         ]
+    known = {m.start("mark") for m in _ITEM.finditer(text)}
+    marks += [
+        _Mark(m.start(), m.end(), m["mark"], "line")
+        for m in _LINE_ITEM.finditer(text)
+        if m.start("mark") not in known
+    ]
     if "{" in text:
         marks += [_Mark(m.start(), m.end(), m["mark"], "key") for m in _KEYED_MARK.finditer(text)]
     run: list[_Mark] = []
@@ -182,7 +194,7 @@ def _options(text: str, run: Sequence[_Mark]) -> list[_Option]:
             ends = _VALUE_END if mark.close == "key" else _SENTENCE_END
             stop = ends.search(text, mark.end)
             end = len(text) if stop is None else stop.start()
-        found.append(_Option(mark.name, mark.start, mark.end, end))
+        found.append(_Option(mark.name, mark.start, mark.end, end, mark.close == "line"))
     return found
 
 
