@@ -348,9 +348,10 @@ class ObjectEndpoints:
             future = self._clients[one.object_id].call_async(request)
             future.add_done_callback(partial(self._on_answer, one))
 
-    def forget_all_clear(self) -> None:
-        """Forget the all-clear of the abort before, since there is a new one."""
-        self._commands.forget_all_clear()
+    def forget_for_abort(self) -> None:
+        """Send no object an arm or an all-clear any more that waits, since there is an abort."""
+        self._commands.forget_for_abort()
+        self._is_arming = False
 
     def take_all_told_to_arm(self) -> bool:
         """Tell, once an arming, whether no object's command service is awaited any more for it."""

@@ -391,7 +391,7 @@ class ScenarioManager(Node):
             # A simulated world holds: until it runs, this is where they stand.
             self._send_poses()
         if change.event == SessionEvent.ABORT.value:
-            self._links.forget_all_clear()
+            self._links.forget_for_abort()
         if change.state is SessionPhase.ABORTING and not self._in_lockstep:
             # Not a moment later than it must be; in lockstep the step's own heartbeat tells it.
             self._send_heartbeat()

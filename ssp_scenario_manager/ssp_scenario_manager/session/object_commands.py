@@ -87,10 +87,14 @@ class ObjectCommands:
             one = Pending(object_id, command, event_version, digest, abort_id, steady_ns)
             self._pending[object_id] = one
 
-    def forget_all_clear(self) -> None:
-        """Forget commands that cleared an earlier abort, since there is a new one."""
+    def forget_for_abort(self) -> None:
+        """Forget all-clears of the abort before, and arms that wait: there is a new abort.
+
+        An arm that was sent isn't sent again; its answer may still say why the object refuses.
+        """
         for object_id, one in list(self._pending.items()):
-            if one.command is ObjectCommand.ALL_CLEAR:
+            waits_to_arm = one.command is ObjectCommand.ARM and one.sent_ns is None
+            if waits_to_arm or one.command is ObjectCommand.ALL_CLEAR:
                 del self._pending[object_id]
 
     def due(self, is_there: Callable[[str], bool], steady_ns: int) -> list[Pending]:

@@ -70,11 +70,29 @@ def test_an_all_clear_is_repeated_for_two_seconds_at_most() -> None:
 def test_a_new_abort_ends_the_clearing_of_the_one_before() -> None:
     commands = asked(CLEAR)
     (one,) = due(commands, 0)
-    commands.forget_all_clear()
+    commands.forget_for_abort()
     assert due(commands, 600) == []
     assert not commands.on_answer(one, True, "")
+
+
+def test_an_arm_that_waits_for_a_service_ends_with_an_abort() -> None:
+    """It would arm an object that nobody is going to lead."""
+    commands = asked(ARM)
+    assert due(commands, 100, there=False) == []
+    commands.forget_for_abort()
+    assert due(commands, 200) == commands.overdue(9000 * MS) == []
+    assert commands.all_sent(ARM)
+    # One that was sent may still be refused, with its reason.
+    commands = asked(ARM)
+    (one,) = due(commands, 0)
+    commands.forget_for_abort()
+    assert due(commands, 9000) == []
+    assert commands.on_answer(one, False, "no probe report")
+
+
+def test_an_abort_leaves_a_disarm_that_waits() -> None:
     commands = asked(DISARM)
-    commands.forget_all_clear()
+    commands.forget_for_abort()
     assert len(due(commands, 0)) == 1
 
 
