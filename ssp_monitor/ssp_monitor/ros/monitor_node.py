@@ -27,6 +27,8 @@ from ssp_monitor.ros.recording import Recording
 from ssp_msgs.msg import RecorderStatus, SafetyEvent, SessionState, StepDone
 
 STATUS_PERIOD_S = 0.5
+# A stranger is told of at once.
+LOOK_PERIOD_S = 0.05
 SESSION_TOPIC = names.absolute(names.SESSION_STATE)
 TICK_TOPIC = names.absolute(names.WORLD_TICK)
 # Of a hundred warnings the first ones say what is wrong; the status and the bag have the rest.
@@ -39,7 +41,7 @@ UNREAD_S = 0.5
 
 
 class MonitorNode(Node):
-    """Owns a recording and publishes RecorderStatus twice a second.
+    """Owns a recording and publishes RecorderStatus twice a second, and when a stranger speaks.
 
     Raises:
         InputError: a parameter is missing, the run file is wrong or the bag directory exists.
@@ -58,12 +60,19 @@ class MonitorNode(Node):
         self._is_made = False
         self.recording = Recording(self, self._plan, listen, self._is_waiting)
         self._is_made = True
+        self._strangers_told: tuple[str, ...] = ()
         self._sayings = RepeatedWarnings()
         self._status = self.create_publisher(RecorderStatus, names.RECORDER_STATUS, ros.STATE)
         self._safety = self.create_publisher(SafetyEvent, names.SAFETY_EVENT, ros.LATCHED)
         # Steady: a frozen /clock must not silence the recorder.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(STATUS_PERIOD_S, self._publish_status, clock=steady)
+        self.create_timer(LOOK_PERIOD_S, self._tell_of_strangers, clock=steady)
+
+    def _tell_of_strangers(self) -> None:
+        """Publish the status early where a second publisher has been heard since the last one."""
+        if self.recording.present_strangers() != self._strangers_told:
+            self._publish_status()
 
     def _publish_status(self) -> None:
         intake = self.recording.intake
@@ -73,6 +82,7 @@ class MonitorNode(Node):
         status = self.recording.status()
         status.header.stamp = ros.stamp_from_ns(intake.time.newest_ns)
         self._status.publish(status)
+        self._strangers_told = tuple(status.strangers)
         for warning in status.warnings[:MOST_SAID]:
             self._say_once(warning)
         if status.failure and self._say_once(f"nothing is recorded any more: {status.failure}"):

@@ -131,6 +131,10 @@ class Recording:
         """Return topics with more publishers than they should have, as sentences."""
         return self._rivals.look(self.intake.returned_by_topic())
 
+    def present_strangers(self) -> tuple[str, ...]:
+        """Return the same while a session is under way, and none outside it."""
+        return self.strangers() if self._rivals.is_on else ()
+
     def poll(self) -> DiskOutlook:
         """Look at graph and disk, and record new topics. Twice a second is often enough.
 
@@ -176,7 +180,7 @@ class Recording:
             for record in records[:MOST_LISTED]
         ]
         # Who was one in a session that is over keeps nobody from arming again.
-        status.strangers = list(self.strangers()) if self._rivals.is_on else []
+        status.strangers = list(self.present_strangers())
         status.warnings = self._current_warnings(state, len(records))
         return status
 
