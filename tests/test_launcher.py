@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from ssp_eval.demo_plan import Step
+
 ROOT = Path(__file__).resolve().parent.parent
 LAUNCHER = ROOT / "ssp"
 PYTHON_SH = ROOT / "bootstrap" / "python.sh"
@@ -16,9 +18,12 @@ PYTHON_SH = ROOT / "bootstrap" / "python.sh"
 TOOLS = ("bash", "head", "env", "cat")
 
 
-def launch(variables: dict[str, str], *arguments: str) -> subprocess.CompletedProcess[str]:
+def launch(
+    variables: dict[str, str], *arguments: str, folder: Path | None = None
+) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [LAUNCHER, *arguments],
+        cwd=folder,
         env={**os.environ, **variables},
         capture_output=True,
         text=True,
@@ -52,6 +57,40 @@ def test_code_of_another_checkout_is_refused(tmp_path: Path, package: str) -> No
     for words in ("PYTHONPATH", str(tmp_path), package, "unset PYTHONPATH"):
         assert words in done.stderr
     assert done.stdout == ""
+
+
+@pytest.fixture
+def astray(tmp_path: Path) -> Path:
+    """A folder to stand in with packages of ours, of the lock and of Python, none of which runs."""
+    folder = tmp_path / "astray"
+    for name in ("ssp_core", "ssp_scenario_manager", "click", "yaml", "json", "multiprocessing"):
+        (folder / name).mkdir(parents=True)
+        (folder / name / "__init__.py").write_text("raise SystemExit(f'{__file__} ran')\n")
+    return folder
+
+
+def test_no_code_of_the_working_folder_runs(astray: Path) -> None:
+    done = launch({}, "spec", "check", "cut_in", folder=astray)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "cut_in" in done.stdout
+
+
+def test_no_code_of_the_working_folder_runs_in_workers(astray: Path, tmp_path: Path) -> None:
+    runs = ("run", "cut_in", "--site", "north_track", "--in-process", "--runs", "2")
+    done = launch({}, *runs, "--jobs", "2", "--out", str(tmp_path / "runs"), folder=astray)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_no_code_of_the_working_folder_runs_in_a_step_of_the_demo(astray: Path) -> None:
+    done = subprocess.run(
+        Step("help", "help", ("--help",)).command(sys.executable),
+        cwd=astray,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_other_entries_come_behind_and_ones_own_workspace_is_no_other(tmp_path: Path) -> None:

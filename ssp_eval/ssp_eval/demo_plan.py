@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ssp_core import __version__
 from ssp_core.hashing import sha256_json
+from ssp_core.host.processes import AS_MODULE
 from ssp_eval.data.provenance import labels_places
 from ssp_eval.twins.files import twins_folder
 from ssp_scenario_manager.event_spec.load import load_event
@@ -58,7 +59,7 @@ class Step:
     def command(self, python: str) -> list[str]:
         """Give the command line, once the steps that it needs are done."""
         arguments = self.arguments if self.present is None else self.present()
-        return [python, "-m", "ssp_core.cli", *arguments, *self.more()]
+        return [python, *AS_MODULE, "ssp_core.cli", *arguments, *self.more()]
 
     @property
     def digest(self) -> str:

@@ -84,7 +84,7 @@ def test_what_a_clip_declares_is_taken_from_its_truth(tmp_path: Path) -> None:
     write_json(truth, {"camera": camera, "ego_speed_mps": speeds})
     event, version = load_event("cut_in")
     write_event(plan.event_path(tmp_path, "cut_in"), event)
-    arguments = step.command("python")[3:]
+    arguments = step.command("python")[4:]
     params = parse(tuple(arguments)).params
     assert params["ego_speed"] == 11.51
     assert params["camera_pitch_deg"] == pytest.approx(1.146)

@@ -1,4 +1,4 @@
-"""``python -m ssp_scenario_manager.sros2 RUN_FILE``: the SROS2 policy of a live session.
+"""``python -P -m ssp_scenario_manager.sros2 RUN_FILE``: the SROS2 policy of a live session.
 
 One table says which node may publish, hear, serve and call what; the policy allows nothing else.
 Enclaves are those of hosts: ``/ssp/control`` (manager, recorder, VUT adapter, operator's tools),

@@ -5,10 +5,12 @@ from __future__ import annotations
 import importlib
 import math
 import os
+import sys
 import traceback
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from operator import index
+from pathlib import Path
 from typing import Any, Protocol
 
 from ssp_core.answer_text import Ending, ending
@@ -140,6 +142,12 @@ def parse_options(
     return value
 
 
+def look_here_too() -> None:
+    """Find modules of the working folder, behind all others: of models alone, not of ours."""
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)
+
+
 def make_backend(name: str, options: Mapping[str, Any]) -> Backend:
     """Return the named backend, ready to answer.
 
@@ -152,6 +160,8 @@ def make_backend(name: str, options: Mapping[str, Any]) -> Backend:
     """
     target = BACKENDS.get(name, name)
     module_name, _, function = target.partition(":")
+    if name not in BACKENDS:
+        look_here_too()
     try:
         factory: BackendFactory = getattr(importlib.import_module(module_name), function)
     except (ImportError, AttributeError, ValueError, TypeError) as error:

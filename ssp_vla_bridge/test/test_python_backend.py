@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 
 import numpy as np
@@ -162,6 +163,36 @@ def test_wrong_options_are_named(options, words):
     with pytest.raises(InputError) as caught:
         make_backend("python", options)
     assert words in str(caught.value)
+
+
+_HERE = """
+import sys
+from ssp_vla_bridge.backend import make_backend
+name, options = "python", {"function": "my_own_model:drive"}
+if sys.argv[1] == "factory":
+    name, options = "my_own_model:make", {}
+print(make_backend(name, options).model_id)
+import yaml
+"""
+
+
+@pytest.mark.parametrize("kind", ["function", "factory"])
+def test_a_model_of_the_working_folder_is_found_behind_all_packages(tmp_path, kind):
+    (tmp_path / "my_own_model.py").write_text(
+        "class Made:\n    model_id = 'made'\n\n\n"
+        "def make(options):\n    return Made()\n\n\ndef drive(request):\n    return ''\n"
+    )
+    (tmp_path / "yaml.py").write_text("raise SystemExit('the folder comes first')\n")
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", _HERE, kind],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() in ("python(my_own_model:drive)", "made")
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,10 @@ from ssp_core.host.shared_memory import (
     remove_stale_shared_memory,
 )
 
+# Between Python and the name of a module of ours. Without -P the working folder comes before all
+# packages, and what lies there under the name of one would run.
+AS_MODULE = ("-P", "-m")
+
 _PR_SET_PDEATHSIG = 1
 _ANSWER_S = 1.0
 # Loaded here: between fork and exec as little as possible may happen.
@@ -116,7 +120,7 @@ class ProcessGroup:
         *,
         pipe: bool = False,
     ) -> NodeProcess:
-        """Start ``python -m module`` as a ROS node with parameters and remappings ``from:=to``.
+        """Start ``python -P -m module`` as a ROS node with parameters and remappings ``from:=to``.
 
         It receives SIGTERM when this process dies, however that happens, and no SIGINT from the
         terminal: the session's runner ends it in order.
@@ -128,7 +132,7 @@ class ProcessGroup:
             remappings: each as ``from:=to``.
             pipe: its standard input is a pipe from here; otherwise it has none.
         """
-        arguments = [sys.executable, "-m", module, "--ros-args", "-r", f"__node:={name}"]
+        arguments = [sys.executable, *AS_MODULE, module, "--ros-args", "-r", f"__node:={name}"]
         for key, value in parameters.items():
             arguments += ["-p", f"{key}:={value}"]
         for rule in remappings:

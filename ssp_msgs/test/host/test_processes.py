@@ -39,7 +39,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
     """Processes in which ``ssp_fake_node`` is a module."""
     (tmp_path / "ssp_fake_node.py").write_text(NODE)
     env = session_environment(199)
-    env["PYTHONPATH"] = os.pathsep.join([str(tmp_path), env.get("PYTHONPATH", "")])
+    env["PYTHONPATH"] = os.pathsep.join(filter(None, (str(tmp_path), env.get("PYTHONPATH"))))
     return env
 
 
@@ -131,6 +131,20 @@ def test_who_ends_without_being_asked_is_noticed(group: ProcessGroup) -> None:
     os.kill(pid, signal.SIGKILL)
     until(lambda: len(group.ended()) == 2, "the second end")
     assert group.processes["good"].describe_exit() == "killed by SIGKILL"
+
+
+@pytest.mark.parametrize("name", ["ssp_core", "yaml"])
+def test_no_code_of_the_working_folder_runs_in_a_node(
+    group: ProcessGroup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    (tmp_path / "ssp_importing_node.py").write_text("import ssp_core, yaml\nprint('up')\n")
+    astray = tmp_path / "astray"
+    astray.mkdir()
+    (astray / f"{name}.py").write_text("raise SystemExit(f'{__file__} ran')\n")
+    monkeypatch.chdir(astray)
+    node = group.start_node("good", "ssp_importing_node", {})
+    assert node.process.wait(600) == 0, node.log_tail()
+    assert node.log_tail() == "up"
 
 
 PARENT = """

@@ -1,4 +1,4 @@
-"""``python -m ssp_ot_controller.rehearsal FOLDER``: a live session without its hardware.
+"""``python -P -m ssp_ot_controller.rehearsal FOLDER``: a live session without its hardware.
 
 It plays what a session connects to: the VUT's GNSS/INS, the camera driver and the bodies of the
 objects, in the ROS domain of the environment, so that a track's network, clocks and limits can be

@@ -17,7 +17,7 @@ from typing import Any
 
 from ssp_core.errors import InputError, PeerError
 from ssp_vla_bridge.adapters.points import WAYPOINTS_ARRAY, WAYPOINTS_FRAME
-from ssp_vla_bridge.backend import check_options
+from ssp_vla_bridge.backend import check_options, look_here_too
 from ssp_vla_bridge.messages import Answer, NativeArray, Request
 from ssp_vla_bridge.window import find_interface
 
@@ -101,9 +101,10 @@ def _points(points: Any, step_s: float, first_time_s: float) -> NativeArray:
 def make(options: Mapping[str, Any]) -> PythonFunction:
     """Make a backend of the function that the option ``function`` names.
 
-    Further options: ``folder`` to look for its module in before all others, ``options`` for the
-    function's own keyword ``options``, ``interface`` (default waypoints), ``model_id``, and for
-    points ``step_s`` (default: the task's) and ``first_time_s`` (default 0).
+    Further options: ``folder`` to look for its module in before all others (the working folder is
+    the last of them), ``options`` for the function's own keyword ``options``, ``interface``
+    (default waypoints), ``model_id``, and for points ``step_s`` (default: the task's) and
+    ``first_time_s`` (default 0).
 
     Raises:
         InputError: the options are wrong, or the function isn't there.
@@ -113,6 +114,7 @@ def make(options: Mapping[str, Any]) -> PythonFunction:
     step_s = float(options["step_s"]) if "step_s" in options else None
     if "folder" in options:
         _look_in(str(options["folder"]))
+    look_here_too()
     function = _function(path)
     return PythonFunction(
         _with_options(function, path, options.get("options")),
