@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 import threading
 import time
@@ -42,6 +43,8 @@ _ACK_TYPE = "ssp_msgs/msg/ReferenceAck"
 # After the end the page stays for so long, but not for so long without a viewer: one may reload.
 STAY_S = 60.0
 UNSEEN_S = 10.0
+# After the end of the run no process of the page is there for longer than this, s.
+_ENDS_S = 90
 # Shorter than the silence that a viewer takes for a lost connection.
 AGAIN_S = 0.4
 
@@ -199,6 +202,8 @@ class MonitorPage(Node):
                 continue
             self._snapshots.word = word
             if word.final:
+                signal.alarm(_ENDS_S)  # the kernel's: it also ends what hangs
+                print("page: heard the end", flush=True)
                 self._stop.set("the run has ended")
                 return
         self._stop.set("the runner has ended")
@@ -233,6 +238,7 @@ class MonitorPage(Node):
     def close(self) -> None:
         """End the server; one that shows the end of a run goes on for its viewers."""
         if self._has_final_word and self.server.viewers:
+            outlive_parent()  # it waits for 2 s, and ROS may take longer to end
             self._push()
             self.server.retire()
         else:
@@ -244,7 +250,6 @@ class MonitorPage(Node):
             return
         over = threading.Event()
         catch_stop_signals(lambda _: over.set())
-        outlive_parent()
         print(f"page: stays for its viewers, {STAY_S:g} s at most", flush=True)
         snapshot = {"type": "snapshot", **self._snapshots.snapshot(time.monotonic_ns())}
         frozen: dict[str, Payload] = {

@@ -22,8 +22,9 @@ from ssp_core.run_file.verdict import EndWord
 
 PAGE_MODULE = "ssp_monitor.ros.page_node"
 DEFAULT_PORT = 8080
-# A page that is told the end says within this time that it stays for its viewers, or is gone.
-LEFT_S = 20.0
+# A page that is told the end has heard it by then, and stays for its viewers or is gone.
+LEFT_S = 2.0
+_HEARD = re.compile(r"^page: heard the end", re.MULTILINE)
 _STAYS = re.compile(r"^page: stays", re.MULTILINE)
 _URL = re.compile(r"^page: (http://\S+/)$", re.MULTILINE)
 
@@ -151,16 +152,32 @@ class _Listener:
                 pipe.flush()
 
     def leave(self) -> None:
-        """End the process, unless it stays by itself to show the end."""
-        deadline = time.monotonic() + (LEFT_S if self.has_final_word else 0.0)
+        """End the process, unless it stays by itself to show the end.
+
+        One that has heard the end and is slow to close is left alone, as it ends by itself; one
+        that hasn't hangs. The run's verdict waits for neither.
+        """
+        if not self.has_final_word:
+            self.group.stop()
+            self.watch.join()
+            return
+        pid = self.node.process.pid
+        deadline = time.monotonic() + LEFT_S
         while self.node.returncode is None and time.monotonic() < deadline:
-            if _STAYS.search(self.node.log.read_text(errors="replace")):
-                pid = self.node.process.pid
+            if self._has_said(_STAYS):
                 self.say(f"operator page: shows the end for a minute; `kill {pid}` ends it now")
                 return
             time.sleep(0.02)
-        self.group.stop()
+        if self.node.returncode is None and self._has_said(_HEARD):
+            self.say(f"operator page: hasn't closed yet; `kill -9 {pid}` ends it now")
+            return
+        if self.node.returncode is None:
+            self.node.kill()
+            self.say(f"operator page: didn't hear the end within {LEFT_S:g} s, and was ended")
         self.watch.join()
+
+    def _has_said(self, words: re.Pattern[str]) -> bool:
+        return words.search(self.node.log.read_text(errors="replace")) is not None
 
 
 def _watch(companion: Companion, node: NodeProcess, say: Callable[[str], None]) -> None:

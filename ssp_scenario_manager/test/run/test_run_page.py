@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -135,6 +136,45 @@ def test_a_page_that_is_told_the_end_may_stay_and_is_not_waited_for(
     if found is not None:
         os.kill(int(found[1]), signal.SIGKILL)
     assert not any("exited" in line for line in said)
+
+
+# Hears its runner until the end; then it hangs, or is slow to close.
+HANGING = """
+import os, signal, sys, time
+print("page: http://127.0.0.1:4711/", flush=True)
+for line in sys.stdin:
+    if '"final": true' in line:
+        if "run_file:=slow" in sys.argv:
+            print("page: heard the end", flush=True)
+            time.sleep(600)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        os.kill(os.getpid(), signal.SIGSTOP)
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("hangs", "operator page: didn't hear the end within 2 s, and was ended"),
+        ("slow", "operator page: hasn't closed yet; `kill -9 "),
+    ],
+)
+def test_a_page_that_hangs_holds_up_no_verdict(
+    session: ProcessGroup, kind: str, words: str
+) -> None:
+    (session.log_dir.parent / "stand_in_page.py").write_text(HANGING)
+    said: list[str] = []
+    with beside(session, kind, said) as tell:
+        wait_until_said(said, "operator page: ")
+        told_s = time.monotonic()
+        tell(EndWord(Verdict.VALID, (), True))
+    assert time.monotonic() - told_s < 10.0
+    assert said[1].startswith(words)
+    found = re.search(r"kill -9 (\d+)", said[1])
+    assert (found is not None) is (kind == "slow")
+    if found is not None:
+        os.kill(int(found[1]), signal.SIGKILL)
+    assert len(said) == 2
 
 
 def test_a_page_that_is_told_no_end_ends_with_the_run(session: ProcessGroup) -> None:
