@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 import shlex
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,14 @@ from ssp_core import names
 from ssp_core.addresses import resolve
 from ssp_core.bag.seals.declaration import load_declaration
 from ssp_core.errors import HostError, InputError
+from ssp_core.host.environment import finds_sessions
 from ssp_core.host.terminal import own_command
 from ssp_core.options import Number
 from ssp_core.run_file.model import RunSpec
 
 LEAST_FIXES = ("fix", "sbas", "gbas")
+# Of variables whose values are paths.
+_PATHS = ("_FILE", "_KEYSTORE")
 _OPTIONS = (
     click.option(
         "--body",
@@ -266,13 +270,12 @@ def describe(setup: LiveSetup, spec: RunSpec, run_file: Path, env: dict[str, str
     return lines
 
 
-# What the doctor needs of the session's environment to be in the same graph.
-_GRAPH = ("ROS_DOMAIN_ID", "ROS_DISCOVERY_SERVER")
-
-
 def doctor_command(setup: LiveSetup, run_file: Path, env: dict[str, str]) -> str:
-    """Return the doctor's command for a session, to be pasted into any shell of this host."""
-    words = [f"{name}={shlex.quote(env[name])}" for name in _GRAPH if env.get(name)]
+    """Return the doctor's command for a session, to be pasted into any shell of this host.
+
+    Before it stands whatever this process was given to find others by, and the domain.
+    """
+    words = [f"{name}={shlex.quote(value)}" for name, value in sorted(_graph(env).items())]
     given = ["doctor", "--session", str(run_file)]
     for name in ("odometry", "navsat"):
         if name in setup.receiver:
@@ -280,6 +283,19 @@ def doctor_command(setup: LiveSetup, run_file: Path, env: dict[str, str]) -> str
     for rule in setup.remappings:
         given += ["--remap", rule]
     return " ".join([*words, own_command(), *map(shlex.quote, given)])
+
+
+def _graph(env: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables of a session without which the doctor would be in another graph."""
+    found = {
+        name: str(Path(value).absolute()) if name.endswith(_PATHS) else value
+        for name, value in env.items()
+        if value
+        and finds_sessions(name)
+        and not name.startswith("RCUTILS_")  # these shape logs
+        and value == os.environ.get(name)
+    }
+    return {**found, "ROS_DOMAIN_ID": env["ROS_DOMAIN_ID"]}
 
 
 def _receiver(options: dict[str, Any]) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import socket
 import subprocess
@@ -209,12 +210,27 @@ def test_places_on_the_earth_need_a_site_that_lies_somewhere(run: RunSpec, tmp_p
     assert "--navsat /fix" in describe(setup, run, tmp_path / "run.yaml", env)[-1]
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"ROS_DISCOVERY_SERVER": "10.0.0.1:11811;10.0.0.2:11811"},
+        {"ROS_STATIC_PEERS": "10.0.0.1;10.0.0.2", "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
+        {
+            "ROS_SECURITY_ENABLE": "true",
+            "ROS_SECURITY_KEYSTORE": "/etc/our keys",
+            "ROS_SECURITY_STRATEGY": "Enforce",
+        },
+        {"FASTRTPS_DEFAULT_PROFILES_FILE": "/etc/our profile.xml", "RMW_IMPLEMENTATION": "rmw_a"},
+    ],
+)
 def test_the_doctors_command_can_be_pasted_into_any_shell(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, given: dict[str, str]
 ) -> None:
     monkeypatch.setenv("SSP_ROOT", str(tmp_path / "our tree"))
     monkeypatch.setenv("PATH", str(tmp_path))
-    env = {"ROS_DOMAIN_ID": "7", "ROS_DISCOVERY_SERVER": "10.0.0.1:11811;10.0.0.2:11811"}
+    env = {"ROS_DOMAIN_ID": "7", **given}
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
     setup = LiveSetup({}, {"odometry": "/ins/odometry"}, remappings=("a/b:=/c d",))
     run_file = tmp_path / "a session" / "run.yaml"
     line = doctor_command(setup, run_file, env)
@@ -227,11 +243,26 @@ def test_the_doctors_command_can_be_pasted_into_any_shell(
     )
     assert f"{tmp_path}/our tree/ssp" in done.stderr  # which isn't there
     words = shlex.split(line)
-    assert words[:3] == [*(f"{k}={v}" for k, v in env.items()), f"{tmp_path}/our tree/ssp"]
-    assert words[3] == "doctor"
-    params = doctor.make_context("doctor", words[4:]).params
+    own = words.index(f"{tmp_path}/our tree/ssp")
+    assert words[:own] == sorted(f"{k}={v}" for k, v in env.items())
+    assert words[own + 1] == "doctor"
+    params = doctor.make_context("doctor", words[own + 2 :]).params
     assert params["run_file"] == run_file
     assert (params["odometry"], params["remappings"]) == ("/ins/odometry", ("a/b:=/c d",))
+
+
+def test_the_doctors_command_leaves_out_what_each_command_sets_for_itself(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("FASTDDS_ENVIRONMENT_FILE", "dds.json")
+    monkeypatch.setenv("RCUTILS_CONSOLE_OUTPUT_FORMAT", "{message}")
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
+    monkeypatch.chdir(tmp_path)
+    env = {**os.environ, "ROS_DOMAIN_ID": "0", "FASTRTPS_DEFAULT_PROFILES_FILE": "/s/fastdds.xml"}
+    words = shlex.split(doctor_command(LiveSetup({}, {}), tmp_path / "run.yaml", env))
+    assert f"FASTDDS_ENVIRONMENT_FILE={tmp_path}/dds.json" in words
+    assert "ROS_DOMAIN_ID=0" in words
+    assert not any(word.startswith(("FASTRTPS_", "RCUTILS_")) for word in words)
 
 
 def test_a_live_run_asks_unless_it_is_told_to_start_at_once() -> None:
