@@ -32,6 +32,7 @@ OBJECTS = 20
 STATE = "document.getElementById('state').innerText"
 ANSWERS = "document.getElementById('answers').innerText"
 BANNER = "document.getElementById('banner')"
+HINT = "getComputedStyle(document.getElementById('abort-hint'))"
 
 
 def run_of_many() -> RunSpec:
@@ -266,15 +267,22 @@ def test_without_the_token_people_watch_and_abort(stage: Stage, tab: Browser) ->
         tab.resize(1400, 900)
         tab.go(f"http://127.0.0.1:{port}/{fragment}")
         tab.wait(f"{BANNER}.hidden && ['LOADED', 'ABORTED'].includes({STATE})")
+        assert "space bar" in tab.text("#abort-hint")
+        assert tab.evaluate(f"{HINT}.display") != "none"
         assert f"Watching and ABORT only: {why}" in tab.text("#no-token")
         stale = "ONLY ABORT WORKS IN THIS TAB" in tab.text("#no-token")
         assert stale == (why == "wrong token")
         buttons = "[...document.querySelectorAll('#commands button')]"
         assert tab.evaluate(f"{buttons}.every(b => b.disabled)")
+        # A narrow window and a tablet, which may each have no keyboard.
+        for size, touch in (((700, 900), False), ((1400, 900), True)):
+            tab.resize(*size, touch=touch)
+            assert tab.evaluate(f"{HINT}.display") == "none"
         # On a phone, with a finger.
         tab.resize(400, 800, touch=True)
         box = "JSON.stringify(document.getElementById('abort').getBoundingClientRect())"
         assert '"width":38' in tab.evaluate(box)
+        assert tab.evaluate(f"{HINT}.display") == "none"
         tab.tap("#abort")
         tab.wait(f"{ANSWERS}.includes('accepted')")
         keep(tab, f"phone-{why.replace(' ', '-')}")

@@ -1,0 +1,101 @@
+"""What the terminal says of a session's states, and of objects that may still refuse to arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from ssp_core import names
+from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_msgs.msg import ObjectState, ObjectStates
+from ssp_scenario_manager.ros import session_events
+from ssp_scenario_manager.ros.session_events import SessionEvents
+
+
+class _Node:
+    """Stands for the runner's node: what it subscribes to is called by the test."""
+
+    def __init__(self) -> None:
+        self.heard: dict[str, Callable[[Any], None]] = {}
+
+    def create_subscription(
+        self, _: type, topic: str, call: Callable[[Any], None], *__: Any
+    ) -> str:
+        self.heard[topic] = call
+        return topic
+
+    def destroy_subscription(self, topic: str) -> None:
+        del self.heard[topic]
+
+
+class _Run:
+    """A run of two objects."""
+
+    class _Target:
+        def __init__(self, object_id: str) -> None:
+            self.id = object_id
+
+    targets = (_Target("ot1"), _Target("ot2"))
+
+    def __init__(self, states_in_one: bool) -> None:
+        self.states_in_one = states_in_one
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    now = [100.0]
+    monkeypatch.setattr(session_events.time, "monotonic", lambda: now[0])
+    return now
+
+
+def _states(node: _Node, in_one: bool, *control: ControlState) -> None:
+    states = [
+        ObjectState(object_id=f"ot{k}", control_state=int(one)) for k, one in enumerate(control, 1)
+    ]
+    if in_one:
+        node.heard[names.OBJECT_STATES](ObjectStates(states=states))
+    else:
+        for state in states:
+            node.heard[names.state_topic(state.object_id)](state)
+
+
+@pytest.mark.parametrize("in_one", [False, True])
+def test_a_session_is_armed_when_every_object_reports_it(in_one: bool, clock: list[float]) -> None:
+    node, said = _Node(), list[str]()
+    events = SessionEvents(node, _Run(in_one), said.append, lambda: None)
+    usual = set(node.heard)
+    events.say_state(SessionPhase.CONNECTED)
+    events.say_armed()
+    events.say_state(SessionPhase.ARMED)
+    assert said == ["session CONNECTED", "session ARMING: an object may still refuse"]
+    events.say_armed()
+    _states(node, in_one, ControlState.ARMED, ControlState.DISARMED)
+    events.say_armed()
+    clock[0] += 6.0
+    events.say_wait(SessionPhase.ARMED, "ot2 isn't armed")
+    assert said[2:] == ["waiting in ARMING: ot2 isn't armed"]
+    _states(node, in_one, ControlState.ARMED, ControlState.ARMED)
+    events.say_armed()
+    events.say_armed()
+    assert said[3:] == ["session ARMED: every object reports it"]
+    assert set(node.heard) == usual
+    clock[0] += 6.0
+    events.say_wait(SessionPhase.ARMED, "the start")
+    assert said[4:] == ["waiting in ARMED: the start"]
+
+
+def test_a_session_that_leaves_armed_is_said_so(clock: list[float]) -> None:
+    node, said = _Node(), list[str]()
+    events = SessionEvents(node, _Run(False), said.append, lambda: None)
+    usual = set(node.heard)
+    events.say_state(SessionPhase.ARMED)
+    assert set(node.heard) > usual
+    events.say_state(SessionPhase.CONNECTED)
+    events.say_state(SessionPhase.CONNECTED)
+    events.say_armed()
+    assert said[1:] == ["session CONNECTED"]
+    assert set(node.heard) == usual
+    events.say_wait(SessionPhase.CONNECTED, "said a moment ago")
+    assert said[2:] == []
