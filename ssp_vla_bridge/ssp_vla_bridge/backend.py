@@ -364,6 +364,21 @@ def _check_ended(decoding: Mapping[str, Any]) -> None:
             raise DeclinedError(f"filtered by the service (finish_reason {reason})")
 
 
+def with_end_read(response: Response) -> Response:
+    """Return an answer, or the error that it is where its decoding says that it didn't end.
+
+    ``respond`` reads this of our own backends; answers of other bridges, and those that were stored
+    before, come without.
+    """
+    if response.error_code != ErrorCode.NONE:
+        return response
+    try:
+        _check_ended(response.decoding)
+    except (BrokenOffError, DeclinedError) as error:
+        return failure(response, _CODES[type(error)], str(error))
+    return response
+
+
 def failure(response: Response, code: ErrorCode, message: str) -> Response:
     """Return an answer that says, on one line, why there is none."""
     line = " ".join(message.split())

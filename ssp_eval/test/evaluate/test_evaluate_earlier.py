@@ -33,6 +33,7 @@ class Numbered(Answering):
     def __init__(self) -> None:
         super().__init__(self.numbered)
         self.errors_at: set[int] = set()
+        self.decoding_at: dict[int, dict[str, Any]] = {}
         self.stops_at: int | None = None
 
     def numbered(self, number: int, request: Request) -> ModelReply:
@@ -40,6 +41,7 @@ class Numbered(Answering):
             self.requests.pop()
             raise KeyboardInterrupt
         answer = Response(request.request_id, request.stamp_ns, "m", "m/1", f"answer {number}")
+        answer = replace(answer, decoding=self.decoding_at.get(number, {}))
         if number in self.errors_at:
             answer = replace(answer, error_code=int(ErrorCode.BACKEND), error_msg="broken")
         return ModelReply(answer)
@@ -115,6 +117,21 @@ def test_errors_are_not_kept(campaign: Campaign) -> None:
     assert kept == [f"answer {n}" for n in range(9) if n not in (2, 5)]
     back = campaign(0.0)
     assert (back.asked, back.reused, back.missing) == (2, 7, 0)
+
+
+def test_broken_answers_of_an_older_store_are_asked_again(campaign: Campaign) -> None:
+    campaign.model.decoding_at = {
+        2: {"finish_reason": "abort"},
+        5: {"finish_reason": "content_filter"},
+        6: {"finish_reason": "length"},
+    }
+    campaign(0.0)
+    assert len([text for text in campaign.texts() if text]) == 9
+    back = campaign(0.0)
+    # What a filter held back is final.
+    assert (back.asked, back.reused, back.missing) == (1, 8, 1)
+    assert back.losses == {"the model declined": 1}
+    assert campaign.texts()[2] == "answer 9"
 
 
 def test_labels_that_move_leave_their_answers(campaign: Campaign) -> None:

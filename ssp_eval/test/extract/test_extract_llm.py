@@ -128,6 +128,8 @@ def test_a_slot_that_the_rules_filled_is_never_touched() -> None:
         (200, b"{}"),
         (200, b'{"choices": []}'),
         (200, b'{"error": {"message": "no such model"}}'),
+        (200, completion(GOOD, finish_reason="abort")),
+        (200, completion(GOOD, error={"message": "worker died"})),
         (302, b""),
         (200, json.dumps({"echo": KEY}).encode()),
         (0, b""),

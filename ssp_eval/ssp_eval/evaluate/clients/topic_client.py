@@ -11,6 +11,7 @@ from typing import Protocol
 from ssp_core.errors import PeerError
 from ssp_core.host.processes import NodeProcess
 from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers, Loss, ModelReply, unusable
+from ssp_vla_bridge.backend import with_end_read
 from ssp_vla_bridge.messages import ErrorCode, Request, Response
 
 
@@ -42,7 +43,9 @@ class RequestTracker:
             self._answered.add(asked.request_id)
             self._open = None
             problem = unusable(response)
-            self._reply = ModelReply(None, problem) if problem else ModelReply(response)
+            self._reply = (
+                ModelReply(None, problem) if problem else ModelReply(with_end_read(response))
+            )
             if response.stamp_ns != asked.stamp_ns:
                 reason = f"the answer is stamped {response.stamp_ns} ns, asked was {asked.stamp_ns}"
                 self._reply = ModelReply(None, reason)

@@ -28,6 +28,7 @@ from ssp_eval.evaluate.store.requests import (
     key_of,
     request_to_json,
 )
+from ssp_vla_bridge.backend import with_end_read
 from ssp_vla_bridge.messages import ErrorCode, Response, response_from_json, response_to_json
 
 
@@ -76,7 +77,7 @@ class RawStore:
         """Return a file's answers by key; an error is none unless it is the model's last word."""
         found = {}
         for number, value in self._lines(path):
-            response = response_from_json(value, file=str(path), line=number)
+            response = with_end_read(response_from_json(value, file=str(path), line=number))
             if response.error_code in (ErrorCode.NONE, ErrorCode.DECLINED):
                 found[key_of(response.request_id)] = response
         return found

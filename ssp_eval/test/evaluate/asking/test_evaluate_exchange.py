@@ -12,7 +12,7 @@ from ssp_core.errors import InputError
 from ssp_eval.evaluate.clients.model_replies import MOST_CHARACTERS, MOST_NUMBERS, Loss
 from ssp_eval.evaluate.clients.topic_client import RequestTracker
 from ssp_eval.evaluate.store.raw_store import RawStore
-from ssp_vla_bridge.messages import Frame, NativeArray, Request, Response
+from ssp_vla_bridge.messages import ErrorCode, Frame, NativeArray, Request, Response
 
 REQUEST = Request("r1", 5_000, (Frame(5_000, b"jpeg"),))
 ANSWER = Response("r1", 5_000, "m", "m/1", text="A car is ahead.")
@@ -29,6 +29,28 @@ def test_the_first_answer_counts_and_a_second_is_a_duplicate() -> None:
     assert reply.response == ANSWER
     assert exchange.take() is None
     assert exchange.ignored.to_json() == {"late": 0, "duplicate": 1, "unknown": 0}
+
+
+@pytest.mark.parametrize(
+    ("decoding", "code"),
+    [
+        ({"finish_reason": "abort"}, ErrorCode.BROKEN_OFF),
+        ({"stages": [{"finish_reason": "stop"}, {"finish_reason": "error"}]}, ErrorCode.BROKEN_OFF),
+        ({"finish_reason": "content_filter"}, ErrorCode.DECLINED),
+        ({"finish_reason": "length"}, ErrorCode.NONE),
+        ({"finish_reason": "stop"}, ErrorCode.NONE),
+    ],
+)
+def test_the_end_that_another_bridge_states_is_read(decoding: dict, code: ErrorCode) -> None:
+    exchange = RequestTracker()
+    exchange.open(REQUEST)
+    exchange.offer(replace(ANSWER, decoding=decoding))
+    reply = exchange.take()
+    assert reply is not None
+    assert reply.response is not None
+    assert reply.response.error_code == code
+    assert bool(reply.response.text) == (code == ErrorCode.NONE)
+    assert ("finish_reason" in reply.response.error_msg) == (code != ErrorCode.NONE)
 
 
 def test_an_answer_after_the_timeout_is_late_and_hurts_no_later_request() -> None:
