@@ -18,7 +18,7 @@ from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.clients.model_client import InProcessClients
 from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
-from ssp_eval.evaluate.store.results import load_cells
+from ssp_eval.evaluate.store.results import CellData, load_cells
 from ssp_eval.score.engine import cell_terms
 from ssp_eval.statistics.bootstrap import SEED, bootstrap_records
 from ssp_eval.statistics.rows import rows_from_cells
@@ -134,6 +134,38 @@ def test_what_can_t_be_compared_is_left_out_and_said(stages: tuple[Path, Path]) 
     assert found.events == []
     with pytest.raises(InputError, match="holds no scored cell of a model in the domain synthetic"):
         shortlist(second, first, DEFAULT_LIMITS, FEW)
+
+
+def after_an_outage(cell: CellData, **facts: Any) -> CellData:
+    answers = cell.facts.answers.model_copy(
+        update={"missing_by_kind": {"bridge overloaded": 5, "the model declined": 1}}
+    )
+    changed = cell.facts.model_copy(update={"answers": answers, **facts})
+    return type(cell)(**{**vars(cell), "facts": changed})
+
+
+def test_an_event_that_lost_answers_to_an_outage_is_left_out(stages: tuple[Path, Path]) -> None:
+    first, second = load_cells(stages[0]), load_cells(stages[1])
+    at = next(i for i, cell in enumerate(second) if cell.scenario == "cut_in")
+    lost = after_an_outage(second[at])
+    found = shortlist(first, [*second[:at], lost, *second[at + 1 :]], DEFAULT_LIMITS, FEW)
+    assert [one.scenario for one in found.events] == ["vru_crossing"]
+    (left,) = found.left_out
+    assert left.scenario == "cut_in"
+    assert f"{lost.model} (simulation): 5 answers missing: bridge overloaded" in left.why
+    assert "declined" not in left.why
+    assert "ask again with --retry-errors" in left.why
+
+
+def test_an_outage_outside_of_the_two_stages_costs_no_event(stages: tuple[Path, Path]) -> None:
+    first, second = load_cells(stages[0]), load_cells(stages[1])
+    outside = [
+        after_an_outage(second[0], domain="physical"),
+        after_an_outage(first[0]),  # the synthetic stage is that of the first campaign
+    ]
+    found = shortlist(first, [*second, *outside], DEFAULT_LIMITS, FEW)
+    assert {one.scenario for one in found.events} == {"cut_in", "vru_crossing"}
+    assert found.left_out == []
 
 
 def test_the_verb_lists_explains_and_writes(

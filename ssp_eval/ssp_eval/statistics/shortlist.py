@@ -53,7 +53,7 @@ def shortlist(
     events = []
     models: set[str] = set()
     apart: set[str] = set()
-    left_out += _with_outages((*first, *second))
+    left_out += _with_outages((before, after))
     lost = {one.scenario for one in left_out}
     for scenario in sorted((before.keys() | after.keys()) - lost):
         one, other = before.get(scenario, {}), after.get(scenario, {})
@@ -75,12 +75,12 @@ def shortlist(
     )
 
 
-def _with_outages(cells: Sequence[CellData]) -> list[LeftOut]:
+def _with_outages(stages: Sequence[Mapping[str, Stage]]) -> list[LeftOut]:
     """Return events that lost answers to an outage, so that a model's response is unknown."""
     lost: dict[str, set[str]] = {}
-    for cell in cells:
+    for _, cell in (one for stage in stages for cells in stage.values() for one in cells.values()):
         missing = losses_text(outages(cell.facts.answers.missing_by_kind))
-        if cell.score is not None and not cell.is_control and missing:
+        if missing:
             lost.setdefault(cell.scenario, set()).add(f"{cell.model} ({cell.domain}): {missing}")
     return [
         LeftOut(scenario=name, why=f"{some(sorted(why), '; ')}; ask again with --retry-errors")
