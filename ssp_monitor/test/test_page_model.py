@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import struct
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import pytest
@@ -13,8 +13,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.motion.state import ObjectState
+from ssp_core.node_interface import Level
 from ssp_core.run_file.model import RunSpec
-from ssp_core.safety.arming import Facts, Gate, obstacles
+from ssp_core.safety.arming import (
+    ARM_AGAIN_S,
+    ARM_FAILED,
+    Facts,
+    Gate,
+    obstacles,
+    refusal_text,
+)
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.liveness import signs_of_life
@@ -28,6 +36,7 @@ from ssp_monitor.page.snapshot import (
     number,
     site_message,
 )
+from ssp_monitor.status import health as status_health
 from ssp_monitor.status.board import (
     MOST_EVENTS,
     MOST_OBJECTS,
@@ -228,6 +237,52 @@ def test_the_page_asks_for_all_that_the_manager_asks_for(run):
             assert f"limit {sign.arming_limit_s:g} s" in found, sign
 
 
+# Facts that a page doesn't have: each obstacle stands without them too.
+NOT_ON_A_PAGE = {
+    "unanswered": "in lockstep, names the nodes that the missing state of the VUT waits for",
+    "lasting": "tells ssp run that waiting is no use; the refusal itself is shown",
+}
+
+
+REFUSED = SessionFact(
+    5 * S, SessionPhase.CONNECTED, ARM_FAILED, refusal_text("ot1", "the key is out")
+)
+
+
+def test_the_page_has_each_fact_that_the_manager_asks_for(run, monkeypatch):
+    board = ready_board(run)
+    led_live(board, UNPROBED, 10 * S)
+    recorder = RecorderFact(True, lost=3, missing=("/ssp/x",), strangers=("/ssp/y has two",))
+    board.hear_recorder(recorder, 10 * S)
+    board.hear_localisation("fix type", 10 * S)
+    board.hear_session(REFUSED, 10 * S)
+    given: list[Facts] = []
+
+    def note(gate, spec, facts, *rest):
+        given.append(facts)
+        return obstacles(gate, spec, facts, *rest)
+
+    monkeypatch.setattr(status_health, "obstacles", note)
+    standing_in_the_way(board, 10 * S)
+    (facts,), blank = given, Facts()
+    without = {
+        one.name for one in fields(Facts) if getattr(facts, one.name) == getattr(blank, one.name)
+    }
+    assert without == set(NOT_ON_A_PAGE)
+
+
+def test_a_refusal_to_arm_stands_in_the_way_as_long_as_the_manager_counts_it(run):
+    board = ready_board(run)
+    board.hear_session(REFUSED, 10 * S)
+    last_ns = 10 * S + round(ARM_AGAIN_S * S)
+    for now_ns, kept in ((10 * S, True), (last_ns, True), (last_ns + 1, False)):
+        found = standing_in_the_way(board, now_ns)
+        assert ("ot1 has just refused to arm: the key is out" in found) is kept
+    # An object that didn't answer may be asked again at once.
+    board.hear_session(replace(REFUSED, reason="ot1 didn't answer"), 10 * S)
+    assert not any("refused" in one for one in standing_in_the_way(board, 10 * S))
+
+
 def test_an_object_that_moves_while_it_says_that_it_stands_is_named(run):
     board = ready_board(run)
     for k in range(1, 30):
@@ -324,6 +379,29 @@ def test_error_is_shown_while_a_reference_is_tracked(run):
     assert found["ot1"]["error"] == [0.5, -0.9]
     assert found["ot1"]["error_over"]
     assert "error" not in found["walker"]
+
+
+@pytest.mark.parametrize("error", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize(
+    ("field", "where", "in_the_table"),
+    [
+        ("error_longitudinal_m", "ahead", True),
+        ("error_lateral_m", "to the left", True),
+        ("error_yaw_rad", "of the heading", False),
+    ],
+)
+def test_a_tracking_error_that_is_no_number_is_an_error(run, field, where, in_the_table, error):
+    board = ready_board(run)
+    board.hear_states([state("ot1", reference_id="r1", **{field: error})], 10 * S)
+    (shown,) = (one for one in health(board, ClockWatch(), 10 * S) if one.part == "ot1")
+    assert shown.level is Level.ERROR
+    assert shown.message == f"tracking error {where} is no number"
+    rows = {one["id"]: one for one in Snapshots(board).snapshot(10 * S)["objects"]}
+    assert rows["ot1"]["error_over"] is in_the_table
+    # Without a reference there is nothing to track.
+    board.hear_states([state("ot1", **{field: error})], 10 * S)
+    (shown,) = (one for one in health(board, ClockWatch(), 10 * S) if one.part == "ot1")
+    assert shown.level is Level.OK
 
 
 def test_objects_come_in_the_order_that_people_count_in():

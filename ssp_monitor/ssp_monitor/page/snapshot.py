@@ -14,6 +14,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.values import Point
 from ssp_core.run_file.verdict import EndWord
+from ssp_core.safety import limits as judge
 from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase
 from ssp_core.world.road_drawing import Drawing, drawing_of
 from ssp_monitor.page.ending import end_of, verdict_of
@@ -260,8 +261,8 @@ class Snapshots:
     def _is_off(self, state: ObjectState) -> bool:
         limits = self._limits
         return limits is not None and (
-            abs(state.error_longitudinal_m) > limits.error_longitudinal_m
-            or abs(state.error_lateral_m) > limits.error_lateral_m
+            judge.error_longitudinal(state.error_longitudinal_m, limits) is not None
+            or judge.error_lateral(state.error_lateral_m, limits) is not None
         )
 
 

@@ -6,10 +6,20 @@ import math
 from dataclasses import dataclass
 
 from ssp_core import names
+from ssp_core.motion.state import ObjectState
 from ssp_core.node_interface import Level, Status
 from ssp_core.run_file.model import Limits
 from ssp_core.safety import limits as judge
-from ssp_core.safety.arming import Facts, Gate, obstacles, recorder_lacks, recorder_obstacles
+from ssp_core.safety.arming import (
+    ARM_AGAIN_S,
+    ARM_FAILED,
+    Facts,
+    Gate,
+    obstacles,
+    recorder_lacks,
+    recorder_obstacles,
+    refusal_of,
+)
 from ssp_core.safety.body_status import known_bodies
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import LinkEstimate
@@ -93,7 +103,17 @@ def _facts(board: Board, now_ns: int) -> Facts:
         other_managers=len(recorder.strangers),
         foreign="; ".join(recorder.strangers),
         bodies=known_bodies(ids, board.bodies, now_ns) if live else {},
+        refusals=_refusals(board, now_ns),
     )
+
+
+def _refusals(board: Board, now_ns: int) -> dict[str, str]:
+    """Return the refusal that the newest transition names, while the manager counts it."""
+    session = board.session
+    fact = session.fact
+    if fact is None or fact.event != ARM_FAILED or age_s(now_ns, session.at_ns) > ARM_AGAIN_S:
+        return {}
+    return refusal_of(fact.reason)
 
 
 def _session_ns(board: Board, now_ns: int) -> int:
@@ -278,6 +298,22 @@ def _stricter(board: Board, object_id: str) -> tuple[str, ...]:
     return rules[object_id].stricter if object_id in rules else ()
 
 
+def _off_reference(state: ObjectState, limits: Limits) -> str:
+    """Say which tracking error is over its limit or no number; empty: none is."""
+    judged = (
+        ("ahead", "m", judge.error_longitudinal(state.error_longitudinal_m, limits)),
+        ("to the left", "m", judge.error_lateral(state.error_lateral_m, limits)),
+        ("of the heading", "rad", judge.error_yaw(state.error_yaw_rad, limits)),
+    )
+    for where, unit, passed in judged:
+        if passed is None:
+            continue
+        if not math.isfinite(passed.measured):
+            return f"tracking error {where} is no number"
+        return f"tracking error {where} is {passed.measured:.2f} {unit}, over {passed.limit:g}"
+    return ""
+
+
 def _judged(
     heard: Received, link: LinkFact, limits: Limits | None, old_s: float
 ) -> tuple[Level, str]:
@@ -288,22 +324,15 @@ def _judged(
     if not state.is_finite:
         return Level.ERROR, "its state is no number"
     age_limit_s = limits.state_age_s if limits is not None else DEFAULT_STATE_AGE_S
-    if old_s > age_limit_s:
+    if not old_s <= age_limit_s:
         return Level.ERROR, f"its state is {old_s:.2f} s old, over {age_limit_s:g} s"
     if state.control_state is ControlState.ABORTING:
         return Level.ERROR, "is aborting"
     well = state.control_state.name if state.role is Role.OT else "heard"
     if limits is None:
         return Level.OK, well
-    measured = (
-        ("ahead", state.error_longitudinal_m, limits.error_longitudinal_m, "m", Level.ERROR),
-        ("to the left", state.error_lateral_m, limits.error_lateral_m, "m", Level.ERROR),
-        ("of the heading", state.error_yaw_rad, limits.error_yaw_rad, "rad", Level.ERROR),
-    )
-    if state.reference_id:
-        for where, value, limit, unit, level in measured:
-            if abs(value) > limit:
-                return level, f"tracking error {where} is {value:.2f} {unit}, over {limit:g}"
+    if state.reference_id and (off := _off_reference(state, limits)):
+        return Level.ERROR, off
     bad = (
         judge.link_violations(link.offset_s, link.delay_s, limits)
         if math.isfinite(link.delay_s)

@@ -46,6 +46,24 @@ _CONTROL = {
 }
 
 
+# After a refusal objects are asked to arm again no sooner than this.
+ARM_AGAIN_S = 1.0
+# The transition of a session whose objects don't arm (SessionState.event).
+ARM_FAILED = "arm_failed"
+_REFUSED = " refused: "
+
+
+def refusal_text(object_id: str, reason: str) -> str:
+    """Say that an object refused to arm, as a session's transition gives it."""
+    return f"{object_id}{_REFUSED}{reason}"
+
+
+def refusal_of(text: str) -> dict[str, str]:
+    """Read the refusal in a text of ``refusal_text``; empty for other texts."""
+    object_id, refused, reason = text.partition(_REFUSED)
+    return {object_id: reason} if refused else {}
+
+
 class Need(Enum):
     """A need that isn't met, with its words; ``{detail}`` is text of its own."""
 

@@ -24,7 +24,7 @@ from ssp_core.ros.conversions import body_status_of
 from ssp_core.run_file.model import load_run
 from ssp_core.run_file.session_token import draw_token, mode_problem
 from ssp_core.safety import body_status
-from ssp_core.safety.arming import recorder_lacks
+from ssp_core.safety.arming import recorder_lacks, refusal_text
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import Exchange
 from ssp_core.safety.liveness import WATCHED
@@ -406,7 +406,7 @@ class ScenarioManager(Node):
     def _on_object_refusal(
         self, object_id: str, command: outbox.ObjectCommand, error_msg: str, lasting: bool
     ) -> None:
-        reason = f"{object_id} refused: {error_msg}"
+        reason = refusal_text(object_id, error_msg)
         self.get_logger().error(f"{command.name.lower()}: {reason}")
         if command is outbox.ObjectCommand.ARM:
             self._liveness.hear_refusal(object_id, error_msg, lasting, time.monotonic_ns())

@@ -11,7 +11,7 @@ from ssp_core import names
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import RunSpec
-from ssp_core.safety.arming import Facts
+from ssp_core.safety.arming import Facts, refusal_text
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.vocabulary import ControlState, SessionPhase
@@ -283,6 +283,6 @@ class InProcessSession:
         for target in self._spec.targets:
             refusal = self._plant.command(target.id, command.value, self._spec.event_version)
             if refusal and command is outbox.ObjectCommand.ARM:
-                reason = f"{target.id} refused: {refusal}"
+                reason = refusal_text(target.id, refusal)
                 self._script.on_setback(reason)
                 self.session.arming_failed(self._now_ns, reason)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from ssp_core.safety.arming import ARM_FAILED
 from ssp_core.vocabulary import SessionPhase
 
 
@@ -21,7 +22,7 @@ class SessionEvent(Enum):
     ALL_CLEAR = "all_clear"
     RESET = "reset"
     COMPLETE = "complete"
-    ARM_FAILED = "arm_failed"
+    ARM_FAILED = ARM_FAILED
     STANDSTILL = "standstill"
 
 

@@ -9,7 +9,7 @@ from ssp_core import names
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import limits as judge
-from ssp_core.safety.arming import Facts
+from ssp_core.safety.arming import ARM_AGAIN_S, Facts
 from ssp_core.safety.body_status import BodyStatus, known_bodies
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import WINDOW_S, LinkClocks
@@ -28,8 +28,6 @@ from ssp_scenario_manager.session.session import Session
 
 # A gap between two looks that is no lateness yet: two periods of the watchdog.
 _PUNCTUAL_S = 0.1
-# After a refusal objects are asked to arm again no sooner than this.
-ARM_AGAIN_S = 1.0
 
 
 class LivenessMonitor:
