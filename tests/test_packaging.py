@@ -59,6 +59,11 @@ def sources(package: str) -> list[Path]:
     return sorted((ROOT / package / folder).rglob("*.py"))
 
 
+def all_of(folder: str) -> list[Path]:
+    """The sources of a folder with its tests."""
+    return sorted((ROOT / folder).rglob("*.py"))
+
+
 @cache
 def nodes(file: Path) -> list[ast.AST]:
     """All nodes of a source file, which several tests look through."""
@@ -267,12 +272,22 @@ def test_a_class_owns_no_more_state_than_a_reader_can_hold() -> None:
     assert not wide, "\n".join(wide)
 
 
+def test_the_formatter_is_rarely_switched_off() -> None:
+    """Tables that are data stand aside of code instead."""
+    files = [
+        file for folder in (*PACKAGES, "bootstrap", "docs", "tests") for file in all_of(folder)
+    ]
+    off = re.compile(r"# fmt: (skip|off)")
+    found = [len(off.findall(file.read_text())) for file in files if file != Path(__file__)]
+    assert sum(found) < 40
+
+
 @pytest.mark.parametrize("folder", [*PACKAGES, "bootstrap", "docs", "tests"])
 def test_docstrings_open_with_verb_or_noun_and_have_a_subject(folder: str) -> None:
     """Docstrings don't open with a question word or a preposition, and their subject is a thing."""
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     found = []
-    for file in sorted((ROOT / folder).rglob("*.py")):
+    for file in all_of(folder):
         for node in ast.walk(ast.parse(file.read_text())):
             text = ast.get_docstring(node) if isinstance(node, documented) else None
             if NEVER_FIRST.match(text or "") or NO_SUBJECT.search(text or ""):

@@ -518,7 +518,7 @@ def _imported(bag: BagReader, digest: str, data: bytes) -> Provenance:
         bag_sha256=digest,
         scenario=record.scenario,
         domain=record.domain,
-        domain_said_by="declared by nobody" if declared is None else declared.text,
+        domain_said_by="not declared" if declared is None else declared.text,
         event_version=record.event_version,
         origin=f"{kind} {record.source_name}, {crop}, made by {record.generator}{accepted}"
         + ("" if drawn is None else f", {drawn.text}"),

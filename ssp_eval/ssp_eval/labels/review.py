@@ -341,4 +341,4 @@ def _text(value: Any) -> str:
         return ", ".join(f"{key} {_text(given)}" for key, given in value.items())
     if isinstance(value, bool):
         return str(value).lower()
-    return ", ".join(value) or "(nobody)" if isinstance(value, list) else str(value)
+    return ", ".join(value) or "(none)" if isinstance(value, list) else str(value)

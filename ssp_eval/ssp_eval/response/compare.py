@@ -202,7 +202,7 @@ def compare(
     brakes = [start_s is not None for start_s in starts]
     if not why and not any(brakes):
         bound = f"{-DECELERATES_MPS2:g} m/s² over two steps of {DECELERATION_STEP_S:g} s"
-        why = [f"nobody braked: neither decelerates by {bound}"]
+        why = [f"neither brakes: each decelerates by less than {bound}"]
     if why:
         return PairEntry.model_validate({**head, "verdict": "not assessable", "why": why})
     if starts[0] is None or starts[1] is None:

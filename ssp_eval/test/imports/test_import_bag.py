@@ -152,7 +152,7 @@ def test_what_nobody_declares_stays_unknown(bag: Path, tmp_path: Path) -> None:
     assert provenance.imported is not None
     assert (provenance.imported.log, provenance.imported.declaration) == (None, None)
     assert (provenance.road, provenance.camera) == (None, "unknown")
-    assert provenance.domain_said_by == "declared by nobody"
+    assert provenance.domain_said_by == "not declared"
 
 
 def test_the_camera_is_that_of_camera_info_and_static_transforms(

@@ -134,7 +134,7 @@ def test_a_limit_is_still_alike() -> None:
 @pytest.mark.parametrize(
     ("drives", "text"),
     [
-        ((drive(T_S, 0.0 * T_S), drive(T_S, 0.0 * T_S)), "nobody braked"),
+        ((drive(T_S, 0.0 * T_S), drive(T_S, 0.0 * T_S)), "neither brakes"),
         ((BRAKES, no_drive()), "simulation has no states"),
         ((replace(BRAKES, trigger_s=None), BRAKES), "physical has no trigger"),
         ((BRAKES, drive(T_S, np.where(T_S < 4.0, 0.0, -1001.0))), "more than 1000 m/s²"),

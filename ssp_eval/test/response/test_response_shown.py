@@ -58,7 +58,7 @@ def test_the_terminal_says_verdict_reasons_and_causes() -> None:
     assert any("0.70 times the deceleration" in line for line in lines)
     assert response_lines(NOBODY.pairs[0]) == [
         "response of simulation against physical: not assessable",
-        "  nobody braked: neither decelerates by 0.5 m/s² over two steps of 0.5 s",
+        "  neither brakes: each decelerates by less than 0.5 m/s² over two steps of 0.5 s",
     ]
 
 
@@ -86,7 +86,7 @@ def test_the_page_has_a_drawing_for_what_was_rated_and_reasons_for_what_was_not(
     assert "is below 0.8" in rated
     assert none.count("<svg") == 0
     assert none.count("not assessable") == 3
-    assert "nobody braked" in none
+    assert "neither brakes" in none
     for html in (rated, none):
         assert "No published limit" in html
         assert ">nobody<" in html

@@ -186,7 +186,7 @@ class LiveSetup:
         if speak_iso and spec.datum is None:
             raise InputError(
                 "is missing: where the site lies is unknown, and objects that speak ISO 22133 "
-                "are told its latitude and longitude",
+                "need its latitude and longitude",
                 field="datum",
                 value=f"{spec.site}, for {', '.join(sorted(speak_iso))}",
                 remedy="give the site file a datum and compile again (docs/sites.md)",

@@ -320,7 +320,7 @@ def _is_other(last: float, unit: str, count: int, raster: Raster) -> bool:
 def _unread(said: str, count: int, raster: Raster) -> str:
     """Say what a heading states of times that isn't read, empty where that is nothing."""
     if other := _other_horizon(said, count, raster):
-        return f"the list's times can't be told: {count} rows for {other!r}"
+        return f"the list's times are unknown: {count} rows for {other!r}"
     for part in _statements(said):
         span = _ONLY_SPAN.fullmatch(part)
         if span is not None and abs(float(span["span"]) - count * raster.step_s) <= raster.step_s:
@@ -329,8 +329,8 @@ def _unread(said: str, count: int, raster: Raster) -> str:
         if ranged is not None and float(ranged["first"]) == 0:
             unit = ranged["unit"] or ranged["of"] or ("s" if ranged["key"] else "")
             if unit and _is_other(float(ranged["last"]), unit, count, raster):
-                return f"the list's times can't be told: {count} rows for {ranged.group()!r}"
+                return f"the list's times are unknown: {count} rows for {ranged.group()!r}"
             continue
         if (match := _TIMED.search(_HORIZON.sub(" ", part))) is not None:
-            return f"the list's times can't be told: {match.group()!r}"
+            return f"the list's times are unknown: {match.group()!r}"
     return ""

@@ -228,9 +228,9 @@ def _ids(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     headers = [r.outcome.header for r, _ in monrs if isinstance(r.outcome, Decoded)]
     if osem is None or not isinstance(osem.message, Osem) or not headers:
         return silent(step)
-    given, told = osem.message.device_id, {h.transmitter_id for h in headers}
-    others = len(told - {given})
-    text = f"given {given}, told {_names(map(str, told))}"
+    given, carried = osem.message.device_id, {h.transmitter_id for h in headers}
+    others = len(carried - {given})
+    text = f"given {given}, the headers carry {_names(map(str, carried))}"
     return within(clause, others, text, sent=(osem.data,), came=(monrs[0][0].data,))
 
 
