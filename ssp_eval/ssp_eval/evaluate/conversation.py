@@ -1,4 +1,9 @@
-"""The questions of a cell and the answers to them, stored as they come."""
+"""The questions of a cell and the answers to them, stored as they come.
+
+This file owns what was asked in a cell so far, and whether its model can be reached: a model that
+wasn't reached isn't tried again in the cell. ``RawStore`` owns the answers on disk; each is stored
+before the next question is made, so that a cell that is broken off goes on where it was.
+"""
 
 from __future__ import annotations
 

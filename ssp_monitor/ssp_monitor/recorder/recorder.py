@@ -1,4 +1,9 @@
-"""Takes serialised messages, queues them within bounds, and writes them into a bag."""
+"""Takes serialised messages, queues them within bounds, and writes them into a bag.
+
+This file owns what waits for the disk, the names that are given away, and why writing has ended:
+``DropQueue`` the first, ``TopicNames`` the second, ``Recorder`` the third. After a failure of the
+disk nothing is written any more, and what comes is counted as dropped. ``BagWriter`` owns the file.
+"""
 
 from __future__ import annotations
 

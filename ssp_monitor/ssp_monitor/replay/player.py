@@ -1,4 +1,9 @@
-"""A replay's messages, read ahead, and the thread that sends them on time and counts lateness."""
+"""A replay's messages, read ahead, and the thread that sends them on time and counts lateness.
+
+This file owns how far a replay is: ``ReadAhead`` the messages that are read and not sent,
+``Playback`` the bag time of one lap and what is due next, ``Player`` laps, lateness and the thread.
+A command takes effect between two messages, under the lock of ``Player``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""The object targets of one process without ROS: messages and ticks in, a step's answers out."""
+"""The object targets of one process without ROS: messages and ticks in, a step's answers out.
+
+This file owns the step that the objects are at, which messages wait for it, and what was sent so
+far (``Counts``). Each ``Target`` owns what its object does, ``ManagerArbiter`` which manager is
+obeyed. Messages are heard with the next tick, in one order, whatever the order of their arrival.
+"""
 
 from __future__ import annotations
 

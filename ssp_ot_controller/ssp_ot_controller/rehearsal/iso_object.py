@@ -3,6 +3,10 @@
 ``Target`` judges and follows as it does for our own manager, a simulated body moves. The centre's
 frame is ENU at the origin of its OSEM; frame map is where the object stands and its fence lies.
 Nothing here reads a clock.
+
+This file owns where the object is, what it would drive from its start (``Planned``), and why it
+stops by itself (``OwnStop``). ``CentreLink`` owns the connection, ``Target`` its state. A new
+centre finds the body where it is, and no trajectory of another centre.
 """
 
 from __future__ import annotations

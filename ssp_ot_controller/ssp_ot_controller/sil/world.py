@@ -1,6 +1,9 @@
 """The simulated world without ROS: bodies, the VUT's driver and SUMO under them, in steps.
 
 In lockstep a barrier says who has still to answer a step before the world may go on.
+
+This file owns the ground truth of the present step (``World``), and which answers to it are missing
+(``StepBarrier``). The step only rises. A participant that was dropped isn't waited for again.
 """
 
 from __future__ import annotations

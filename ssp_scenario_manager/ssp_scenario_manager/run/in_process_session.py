@@ -1,4 +1,9 @@
-"""The session against a plant in the same process: commands, steps, reports and sent facts."""
+"""The session against a plant in the same process: commands, steps, reports and sent facts.
+
+This file owns the times at which the session hears its plant, and everything that it sent. The
+session's own state is ``Session``'s, the world's is the plant's. Its clocks rise with the plant's
+reports and holds: nothing here reads a clock, so that the same run gives the same bytes.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""The conversation with one model over topics: one request at a time, deadlines, restarts."""
+"""The conversation with one model over topics: one request at a time, deadlines, restarts.
+
+This file owns the open request and what became of those before it (``RequestTracker``), and the
+bridge's process with its deaths (``TopicClient``). A request has one reply: an answer, or the
+reason for having none. An answer that comes after it is counted, and never used.
+"""
 
 from __future__ import annotations
 
