@@ -1,4 +1,8 @@
-"""The owner of places, movements, conflicts and actions: the VUT or a road user."""
+"""The owner of places, movements, conflicts and actions: the VUT or a road user.
+
+docs/binding.md explains the state of the reading, which ``ClauseFacts`` owns, and reads sentences
+step by step.
+"""
 
 from __future__ import annotations
 

@@ -81,7 +81,6 @@ class ClauseFacts:
         self.plan = Plan(words, self.world)
         self.last: Actor | None = None
         self.field = ""
-        self.heading = False
         self.unit = self.step = 0
         self.listing = False
         self._at = 0
