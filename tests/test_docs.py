@@ -34,6 +34,16 @@ def test_the_readme_names_every_verb_but_no_other() -> None:
     assert named == {*VERBS, "env"}
 
 
+def test_the_page_of_commands_has_every_verb() -> None:
+    text = (ROOT / "docs" / "commands.md").read_text()
+    assert set(re.findall(r"\./ssp ([a-z][a-z-]*)", text)) == set(VERBS)
+
+
+def test_the_readme_leads_to_few_pages() -> None:
+    """A newcomer sees where to go; the pages of each command stand on one of their own."""
+    assert (ROOT / "README.md").read_text().count("](") <= 25
+
+
 @pytest.mark.parametrize(
     "package",
     [

@@ -51,7 +51,7 @@ def compiled(event: str, site: str, folder: Path) -> Path:
 
 
 def check(browser: Browser, page: Path) -> None:
-    """At most three pages of A4, and no scrolling sideways on a phone."""
+    """The sheet has at most three pages of A4, and no scrolling sideways on a phone."""
     browser.go(page.as_uri())
     given = {"preferCSSPageSize": True, "printBackground": True}
     printed = base64.b64decode(browser.ask("Page.printToPDF", **given)["data"])

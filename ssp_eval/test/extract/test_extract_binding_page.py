@@ -25,7 +25,7 @@ SLOTS = ("objects", "position", "motion", "conflict", "lon_action", "lat_action"
 
 
 def statements(world: World) -> list[str]:
-    """What the world holds, in words; it only grows."""
+    """Return the world's content in words; it only grows."""
     found = [f"{commitment.slot} {commitment.said.value}" for commitment in world.commitments]
     found += [f"conflict {said.value}" for said in world.loose]
     for actor in world.actors:
@@ -91,7 +91,7 @@ def test_the_page_reads_sentences() -> None:
 
 
 def of_reading() -> list[str]:
-    """The attributes that change while a text is read."""
+    """Return the attributes that change while a text is read."""
     text = {"words", "hits", "flags", "known"}
     return sorted(set(vars(ClauseFacts([], [], []))) - text)
 

@@ -89,7 +89,7 @@ def test_the_page_has_a_drawing_for_what_was_rated_and_reasons_for_what_was_not(
     assert "neither brakes" in none
     for html in (rated, none):
         assert "No published limit" in html
-        assert ">nobody<" in html
+        assert ">not yet checked<" in html
         assert "nan" not in html
 
 

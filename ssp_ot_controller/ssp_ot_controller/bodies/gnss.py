@@ -267,7 +267,7 @@ class GnssStates:
         return -speed_mps if along_mps < -_BACKWARDS_MPS else speed_mps
 
     def _speed_mps(self, stamp_ns: int, velocity: tuple[float, float] | None) -> float:
-        """Return the speed at a fix, as it is told or by the places."""
+        """Return the speed at a fix, as it is stated or by the places."""
         if not self._hears_speeds:
             if velocity is None:
                 raise Unusable("speed: unknown at the first fix, and the first after a pause")

@@ -93,7 +93,7 @@ def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
 
 
 class Truth:
-    """What is heard of a world of which nothing stands, on the clock of a test.
+    """Messages of a world in which nothing stands, on the clock of a test.
 
     Args:
         lives: it tells of itself until the end.

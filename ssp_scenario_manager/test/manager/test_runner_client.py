@@ -161,7 +161,7 @@ def test_a_session_that_went_on_was_loaded_though_no_answer_came(
 def test_step_by_step_nothing_is_asked_for_after_the_word_has_run_out(
     run: RunSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without a word each step is tried for 45 s."""
+    """Each step is tried for 45 s if no other time is given."""
     now_s = [100.0]
     clock = MagicMock(
         monotonic=lambda: now_s[0],

@@ -1,4 +1,4 @@
-"""What the terminal says of a session's states, and of objects that may still refuse to arm."""
+"""The terminal's lines on a session's states, and on objects that may still refuse to arm."""
 
 from __future__ import annotations
 

@@ -187,7 +187,7 @@ CHANGES: dict[str, st.SearchStrategy[Any]] = {
 def test_states_that_end_an_armed_session_keep_it_from_being_armed(
     make_driver: Any, by_course: list[str], data: st.DataObject
 ) -> None:
-    """Whatever the manager judges by one state, it asks for before."""
+    """The manager asks before for all that it judges by one state."""
     run = RUNS[1]
     # Little is left beside the starts, so that a turned box sticks out or is too near.
     limits = run.limits.model_copy(

@@ -76,7 +76,7 @@ def test_a_new_abort_ends_the_clearing_of_the_one_before() -> None:
 
 
 def test_an_arm_that_waits_for_a_service_ends_with_an_abort() -> None:
-    """It would arm an object that nobody is going to lead."""
+    """It would arm an object that no session is going to lead."""
     commands = asked(ARM)
     assert due(commands, 100, there=False) == []
     commands.forget_for_abort()
