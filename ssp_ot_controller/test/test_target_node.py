@@ -26,19 +26,23 @@ from ssp_ot_controller.objects.pool import TICK_SILENCE_S
 from support.messages import reference_to_msg, state_to_msg
 from support.processes import end
 from support.states import object_state
-from tests.support.waiting import DEADLINE_S, answer_of
+from tests.support.waiting import DEADLINE_S, answer_of, pause, until
 
 pytestmark = pytest.mark.ros
 # A reader may be found by this side before it has found this side.
 TICK_AGAIN_S = TICK_SILENCE_S / 5.0
 VERSION = "sha256:event"
+# A busy machine may keep a process waiting for some time; only the test of silence is about that.
+SILENCE_S = 2.0
 Request = ObjectCommand.Request
 
 
 @pytest.fixture
 def run_file(tmp_path: Path, run_mapping: Callable[..., dict[str, Any]]) -> Path:
     path = tmp_path / "run.yaml"
-    path.write_text(json.dumps(run_mapping()))
+    run = run_mapping()
+    run["limits"] = {**run["limits"], "heartbeat_s": SILENCE_S, "state_age_s": SILENCE_S}
+    path.write_text(json.dumps(run))
     return path
 
 
@@ -100,6 +104,26 @@ class Peers:
             )
         )
 
+    def tick_until(
+        self, condition: Callable[[], object], what: str, before: Callable[[], object] = pause
+    ) -> None:
+        """Ticks until a condition holds, and says what it waited for and what the object states."""
+
+        def lacks() -> str:
+            states = [ControlState(state.control_state).name for state in self.states[-3:]]
+            return f"{what}; the object's newest states are {states}"
+
+        def go_on() -> None:
+            before()
+            self.tick()
+
+        until(condition, lacks, go_on)
+
+    @property
+    def control(self) -> ControlState | None:
+        """The newest control state that was heard."""
+        return ControlState(self.states[-1].control_state) if self.states else None
+
     def tick(self) -> ControlState:
         """Ticks of a holding world, which repeats them, until the object reports a state."""
         state = object_state("ot1", x_m=40.0)
@@ -130,19 +154,24 @@ class Peers:
 
     def arm(self) -> None:
         """Beats and ticks are on topics of their own: the first beat may come after the tick."""
-        deadline = time.monotonic() + DEADLINE_S
-        while True:
+        refusals: list[str] = []
+
+        def accepted() -> bool:
             self.beat(SessionPhase.ARMED)
-            assert self.tick() is ControlState.DISARMED
+            control = self.tick()
+            assert control is ControlState.DISARMED, f"{control.name} before it is armed"
             answer = self.command(Request.COMMAND_ARM)
-            if answer.accepted:
-                break
-            assert "no heartbeat" in answer.error_msg
-            assert time.monotonic() < deadline
+            assert answer.accepted or "no heartbeat" in answer.error_msg, answer.error_msg
+            refusals.append(answer.error_msg)
+            return bool(answer.accepted)
+
+        until(accepted, lambda: f"arming; the newest refusal is {refusals[-1]!r}")
         self.beat(SessionPhase.ARMED)
-        while self.tick() is not ControlState.ARMED:
-            assert time.monotonic() < deadline, "the object accepted and didn't arm"
-            self.beat(SessionPhase.ARMED)
+        self.tick_until(
+            lambda: self.control is ControlState.ARMED,
+            "ARMED of an object that accepted to arm",
+            lambda: self.beat(SessionPhase.ARMED),
+        )
 
 
 def start(domain: int, **parameters: object) -> subprocess.Popen[str]:
@@ -215,8 +244,7 @@ def test_a_reference_out_of_turn_is_answered(peers: Peers) -> None:
     second = 10**9
     reference = Reference("r1", "ot1", VERSION, "approach", 0, second, 2 * second, tuple(points))
     peers.reference_pub.publish(reference_to_msg(reference))
-    while not peers.acks:
-        peers.tick()
+    peers.tick_until(lambda: peers.acks, "an answer to the reference")
     (ack,) = peers.acks
     assert (ack.reference_id, ack.accepted) == ("r1", False)
     assert ack.error_code == msg.ReferenceAck.REFUSED_STATE
@@ -226,10 +254,9 @@ def test_a_reference_out_of_turn_is_answered(peers: Peers) -> None:
 def test_silence_of_the_manager_stops_an_armed_object(peers: Peers) -> None:
     peers.arm()
     silent_since = time.monotonic()
-    while peers.tick() is ControlState.ARMED:
-        assert time.monotonic() - silent_since < DEADLINE_S
-    assert ControlState(peers.states[-1].control_state) is ControlState.ABORTING
-    assert time.monotonic() - silent_since >= 0.5
+    peers.tick_until(lambda: peers.control is not ControlState.ARMED, "a stop for silence")
+    assert peers.control is ControlState.ABORTING
+    assert time.monotonic() - silent_since >= SILENCE_S
     peers.spin_until(lambda: peers.safety, "the safety event")
     (event,) = peers.safety
     assert (event.limit_name, event.reaction, event.object_id) == (
@@ -237,7 +264,7 @@ def test_silence_of_the_manager_stops_an_armed_object(peers: Peers) -> None:
         "local_stop",
         "ot1",
     )
-    assert event.measured > event.limit == 0.5
+    assert event.measured > event.limit == SILENCE_S
     assert peers.actuator[-1].acceleration < 0.0
 
 
@@ -260,9 +287,11 @@ def test_a_malformed_heartbeat_is_dropped(peers: Peers, target: subprocess.Popen
 
 def test_a_heartbeat_is_answered_with_the_stamps_of_both_clocks(peers: Peers) -> None:
     before_ns = time.time_ns()
-    while not peers.replies:
-        peers.beat(SessionPhase.CONNECTED)
-        peers.tick()
+    peers.tick_until(
+        lambda: peers.replies,
+        "an answer to a heartbeat",
+        lambda: peers.beat(SessionPhase.CONNECTED),
+    )
     reply = peers.replies[0]
     assert (reply.participant, reply.object_ids) == (names.OBJECT_TARGET, ["ot1"])
     assert 1 <= reply.sequence <= peers.sequence
@@ -274,19 +303,22 @@ def test_a_heartbeat_is_answered_with_the_stamps_of_both_clocks(peers: Peers) ->
 def test_a_second_manager_stops_an_armed_object_and_keeps_it_from_arming(peers: Peers) -> None:
     peers.arm()
     peers.beat(SessionPhase.RUNNING, sender="somebody_else")
-    deadline = time.monotonic() + DEADLINE_S
-    while peers.tick() is ControlState.ARMED:
+
+    def both_beat() -> None:
         peers.beat(SessionPhase.ARMED)
         peers.beat(SessionPhase.RUNNING, sender="somebody_else")
-        assert time.monotonic() < deadline
+
+    peers.tick_until(
+        lambda: peers.control is not ControlState.ARMED, "a stop for a second manager", both_beat
+    )
     peers.spin_until(lambda: peers.safety, "the safety event")
     assert [event.limit_name for event in peers.safety] == ["foreign_manager"]
     assert not peers.command(Request.COMMAND_ALL_CLEAR).accepted
-    deadline = time.monotonic() + DEADLINE_S
-    while not peers.command(Request.COMMAND_ALL_CLEAR).accepted:
-        assert time.monotonic() < deadline, "all_clear after an abort was not accepted in time"
-        peers.beat(SessionPhase.ABORTED)
-        peers.tick()
+    peers.tick_until(
+        lambda: peers.command(Request.COMMAND_ALL_CLEAR).accepted,
+        "all_clear after an abort",
+        lambda: peers.beat(SessionPhase.ABORTED),
+    )
     peers.beat(SessionPhase.ARMED)
     peers.beat(SessionPhase.ARMED, sender="somebody_else")
     assert peers.tick() is ControlState.DISARMED
@@ -315,8 +347,7 @@ def test_live_an_object_of_hardware_drives_and_stops_by_itself(
 ) -> None:
     """No world, the system's clock, and datagrams to a body in a process of its own."""
     run = json.loads(run_file.read_text())
-    # A busy machine may keep a process waiting for some time; that isn't what is tested here.
-    limits = {**run["limits"], "heartbeat_s": 1.5, "state_age_s": 1.0, "error_longitudinal_m": 9.0}
+    limits = {**run["limits"], "heartbeat_s": 3.0, "error_longitudinal_m": 9.0}
     run_file.write_text(json.dumps({**run, "mode": "live", "limits": limits}))
     process = start(domain, run_file=run_file, bodies=f"ot1={body}")
     peers = Peers(others)

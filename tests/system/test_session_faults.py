@@ -36,8 +36,13 @@ def test_killed_node_ends_the_run(
     # A recorder that is killed before its first flush has recorded nothing.
     (file,) = (session.folder / "bag").glob("*.mcap")
     flushed = file.stat().st_size + FLUSHED_BYTES
-    while node == "monitor" and file.stat().st_size < flushed:
-        time.sleep(0.02)
+    if node == "monitor":
+
+        def has_flushed() -> bool:
+            assert session.process.poll() is None, "the run ended before its recorder was killed"
+            return file.stat().st_size >= flushed
+
+        until(has_flushed, lambda: f"{flushed} bytes in {file.name}, {file.stat().st_size} there")
     session.kill(node)
     result = session.finish()
 

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -240,11 +239,12 @@ def test_the_terminal_ends_every_worker_in_order(
     )
     group = process.pid
     try:
-        deadline = time.monotonic() + DEADLINE_S
-        while len(list(tmp_path.glob("out/asked_*"))) < 2:
+
+        def both_ask() -> bool:
             assert process.poll() is None, process.communicate()[1].decode()
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+            return len(list(tmp_path.glob("out/asked_*"))) >= 2
+
+        until(both_ask, "question of both workers")
         os.killpg(group, number)
         _, error = process.communicate(timeout=DEADLINE_S)
     finally:
