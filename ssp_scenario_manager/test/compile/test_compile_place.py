@@ -283,6 +283,27 @@ def test_a_thin_wall_across_the_lanes_is_part_of_the_fence(
         make(event_name, changed("boulevard", changes))
 
 
+@pytest.mark.parametrize("to_x_m", [2.0, 120.0])
+@pytest.mark.parametrize("y_m", [1.0, 1.75])
+def test_a_thin_wall_between_the_lanes_of_a_lane_change_is_part_of_the_fence(
+    y_m: float, to_x_m: float
+) -> None:
+    """A centimetre wide along the road; neither lane touches it, and the lane change crosses it."""
+    low, high, end = -6.75, 17.25, 400.0
+    wall = [(x, y_m + side) for side in (-0.005, 0.005) for x in (end, to_x_m)]
+    fence = [(0.0, low), (end, low), *wall[:2], *wall[:1:-1], (end, high), (0.0, high)]
+    lanes = {"block": "main", "from_s_m": 0.0, "to_s_m": end}
+    left = {**lanes, "from_l_m": y_m + 0.02, "to_l_m": 15.0}
+    right = {**lanes, "from_l_m": -4.0, "to_l_m": y_m - 0.02}
+    changes = {
+        "geofence": {"points": fence},
+        "ot_reachable": [left, right],
+        "safe_stop_zones": [left, right],
+    }
+    with pytest.raises(CannotPlace, match=r"ot1: .* the object is 0\.900 m outside the geofence"):
+        make("cut_in", changed("boulevard", changes))
+
+
 @pytest.mark.parametrize("site", ["boulevard", "north_track"])  # the second lies askew in the map
 @pytest.mark.parametrize("step", [0, 1])
 def test_a_way_that_leaves_the_fence_between_two_samples_is_refused(site: str, step: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import time
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, SessionCommand
 from ssp_scenario_manager.session.run_script import PATIENCE_S
+from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
 
@@ -124,3 +126,29 @@ def test_a_word_that_ran_out_moves_nothing(peers: Any, live: Path) -> None:
     assert result.error_msg
     assert time.monotonic() - began_s < PATIENCE_S
     peers.wait_for(SessionPhase.CONNECTED)
+
+
+@pytest.mark.parametrize("mode", ["live", "lockstep"])
+@pytest.mark.parametrize("named", [True, False])
+def test_a_session_that_is_led_by_hand_prints_its_token(
+    peers: Any,
+    manager: subprocess.Popen[str],
+    run_mapping: dict[str, Any],
+    tmp_path: Path,
+    named: bool,
+    mode: str,
+) -> None:
+    """Who gives goals and commands by hand has to name it, also where run.yaml has none."""
+    kind = "live" if mode == "live" else "sim"
+    token = f"{kind}-7" if named else ""
+    path = tmp_path / "by_hand.yaml"
+    path.write_text(json.dumps({**run_mapping, **LIVE, "mode": mode, "session_token": token}))
+    peers.live = mode == "live"
+    peers.appear()
+    assert peers.load(path).accepted
+    peers.spin_until(lambda: peers.token, "a heartbeat with a token")
+    own = peers.token
+    assert own == token or (not token and own.startswith(f"{kind}-"))
+    manager.terminate()
+    printed, _ = manager.communicate(timeout=DEADLINE_S)
+    assert f"session_token {own}: goals and commands must carry it" in printed
