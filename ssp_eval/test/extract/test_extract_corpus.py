@@ -75,13 +75,18 @@ class RecordedChat:
         return completion(self.replies.get(text, {"reply": "{}"})["reply"])
 
 
-def test_rules_and_a_language_model_together_are_as_good_as_is_said() -> None:
-    extractor = Extractor(RecordedChat())
+@pytest.mark.parametrize(
+    ("reads", "precision", "recall"), [(False, 0.965, 0.95), (True, 0.969, 0.957)]
+)
+def test_a_language_model_and_the_rest_together_are_as_good_as_is_said(
+    reads: bool, precision: float, recall: float
+) -> None:
+    extractor = Extractor(RecordedChat(), use_reader=reads)
     found = measure(TEST, lambda text: extractor(text).slots).slots["all"]
     assert found.precision.value is not None
     assert found.recall.value is not None
-    assert found.precision.value >= 0.96, found
-    assert found.recall.value >= 0.95, found
+    assert found.precision.value >= precision, found
+    assert found.recall.value >= recall, found
     assert extractor.counts["unusable"] == 0
 
 
@@ -140,7 +145,7 @@ class GuessingChat(RecordedChat):
         return quote.strip('.,;:!?"()')
 
 
-@pytest.mark.parametrize(("reads", "least"), [(False, 0.92), (True, 0.93)])
+@pytest.mark.parametrize(("reads", "least"), [(False, 0.94), (True, 0.96)])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_model_that_guesses_does_little_harm(reads: bool, least: float, seed: int) -> None:
     extractor = Extractor(GuessingChat(seed, reads))
