@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -121,14 +122,27 @@ def test_a_size_and_a_version_of_the_product_count() -> None:
     )
 
 
-def test_another_checkout_of_the_same_version_counts(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "changed",
+    [
+        "ssp_core/safety/fence.py",
+        "ssp_core/geometry.py",
+        "ssp_ot_controller/objects/local_safety.py",
+        "ssp_ot_controller/control/stopping.py",
+        "ssp_ot_controller/bodies/dynamics.py",
+    ],
+)
+def test_another_checkout_of_the_same_version_counts(changed: str, tmp_path: Path) -> None:
     """Its process names other software than ours; one of the same sources elsewhere doesn't."""
     ours = rules_of(OURS, "ot1").software
-    folder = tmp_path / "ssp_core"
-    shutil.copytree(Path(ssp_core.__file__).parent, folder)
+    objects = find_spec("ssp_ot_controller")
+    assert objects is not None
+    assert objects.origin is not None
+    for package in (Path(ssp_core.__file__).parent, Path(objects.origin).parent):
+        shutil.copytree(package, tmp_path / package.name)
     assert _software_of(tmp_path) == ours
-    fence = folder / "safety" / "fence.py"
-    fence.write_text(fence.read_text().replace("return", "return  # of yesterday", 1))
+    source = tmp_path / changed
+    source.write_text(source.read_text().replace("return", "return  # of yesterday", 1))
     assert _software_of(tmp_path) != ours
     assert _software_of(tmp_path).partition("+")[0] == ours.partition("+")[0]
 

@@ -12,12 +12,13 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from ssp_core import __version__
 from ssp_core.geometry import outline_problem
-from ssp_core.hashing import sha256_json, sha256_sources
+from ssp_core.hashing import sha256_file, sha256_json, sha256_sources
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.fence import lies_inside
 
@@ -33,8 +34,11 @@ _LOWER = (
 )
 _HIGHER = ("separation_m",)
 _SOFTWARE = "software"
-# Folders of this package with the sources that an object judges by.
-_JUDGES = ("motion", "run_file", "safety")
+# Sources of this package that an object judges by, and folders of that of the objects, which drive
+# it: a host without the second has no objects.
+_JUDGES = ("geodesy.py", "geometry.py", "motion", "run_file", "safety")
+_OBJECTS = "ssp_ot_controller"
+_DRIVES = ("bodies", "control", "objects")
 _FENCE = "geofence"
 
 
@@ -43,7 +47,7 @@ class ObjectRules:
     """Everything that one object judges by.
 
     Args:
-        software: version of the product, and the hash of the sources that judge.
+        software: version of the product, and the hash of the sources that judge and drive.
         values: by name of a field of the run file, with dots, as JSON; in the file's order.
     """
 
@@ -73,10 +77,18 @@ class RulesCheck:
 
 @cache
 def software_here() -> str:
-    """Name the product's version and the sources that judge, which differ between two checkouts."""
+    """Name the product's version and the sources that judge and drive objects.
+
+    They differ between two checkouts.
+    """
     package = Path(__file__).parent.parent
-    sources = sha256_json([sha256_sources(package / name) for name in _JUDGES])
-    return f"{__version__}+{sources.removeprefix('sha256:')[:12]}"
+    paths = [package / name for name in _JUDGES]
+    # Looked up, not imported.
+    found = find_spec(_OBJECTS)
+    if found is not None and found.submodule_search_locations:
+        paths += [Path(found.submodule_search_locations[0]) / name for name in _DRIVES]
+    hashes = [sha256_sources(p) if p.is_dir() else sha256_file(p) for p in paths]
+    return f"{__version__}+{sha256_json(hashes).removeprefix('sha256:')[:12]}"
 
 
 def rules_of(run: RunSpec, object_id: str) -> ObjectRules:
