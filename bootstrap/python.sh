@@ -48,10 +48,11 @@ install_python() {
       sudo="sudo -n"
     fi
     if [[ -n "$sudo" ]]; then
-      $sudo apt-get update >/dev/null 2>&1 || true
+      $sudo apt-get update >/dev/null ||
+        echo "ssp: apt-get update failed; what follows goes by older package lists" >&2
     elif ! apt_offers python3; then
       echo "Its package lists are empty. Run this, then ./ssp again, which says what they offer:" >&2
-      echo "  sudo apt-get update" >&2
+      echo "  $(as_root "apt-get update")" >&2
       return 1
     fi
     for version in "${ssp_versions[@]}"; do
@@ -60,24 +61,30 @@ install_python() {
     packages="python$offered python$offered-venv python$offered-dev"
     if [[ -n "$offered" && -n "$sudo" ]]; then
       echo "ssp: installing $packages" >&2
+      packages="apt-get install -y --no-install-recommends $packages"
       # shellcheck disable=SC2086
-      DEBIAN_FRONTEND=noninteractive $sudo apt-get install -y --no-install-recommends $packages \
-        >/dev/null && base_python "/usr/bin/python$offered" && return
+      if DEBIAN_FRONTEND=noninteractive $sudo $packages >/dev/null; then
+        base_python "/usr/bin/python$offered" && return
+      else
+        echo "ssp: the installation failed. What this says must be mended, then ./ssp again:" >&2
+        echo "  $(as_root "$packages")" >&2
+        return 1
+      fi
     elif [[ -n "$offered" ]]; then
-      advise "sudo apt-get install -y $packages"
+      advise "apt-get install -y $packages"
       return 1
     fi
   elif command -v dnf >/dev/null; then
     for version in "${ssp_versions[@]}"; do
       if [[ -n "$(dnf -q repoquery --whatprovides "python$version" 2>/dev/null)" ]]; then
-        advise "sudo dnf install -y python$version python$version-devel"
+        advise "dnf install -y python$version python$version-devel"
         return 1
       fi
     done
   elif command -v zypper >/dev/null; then
     for version in "${ssp_versions[@]}"; do
       if zypper -nq search -x "python${version/./}" >/dev/null 2>&1; then
-        advise "sudo zypper install -y python${version/./} python${version/./}-devel"
+        advise "zypper install -y python${version/./} python${version/./}-devel"
         return 1
       fi
     done
@@ -85,6 +92,14 @@ install_python() {
   local get="curl -LsSf"
   command -v curl >/dev/null || get="wget -qO-"
   echo "This system's packages have none. uv brings one of its own, without root:" >&2
+  if ! command -v curl >/dev/null && ! command -v wget >/dev/null; then
+    get="curl -LsSf"
+    if command -v apt-get >/dev/null; then
+      echo "  $(as_root "apt-get install -y curl ca-certificates")" >&2
+    else
+      echo "  # first install curl, which this machine lacks" >&2
+    fi
+  fi
   echo "  $get https://astral.sh/uv/install.sh | sh" >&2
   echo "  ~/.local/bin/uv python install 3.13" >&2
   echo "  export SSP_PYTHON=\$(~/.local/bin/uv python find 3.13)      # then ./ssp again" >&2
@@ -97,5 +112,16 @@ apt_offers() {
 
 advise() {
   echo "This system offers one. Run this, then ./ssp again:" >&2
-  echo "  $1" >&2
+  echo "  $(as_root "$1")" >&2
+}
+
+# The command as this user gives it here.
+as_root() {
+  if [[ $EUID -eq 0 ]]; then
+    echo "$1"
+  elif command -v sudo >/dev/null; then
+    echo "sudo $1"
+  else
+    echo "su -c '$1'"
+  fi
 }

@@ -222,11 +222,11 @@ def test_empty_lists_are_asked_for_first_and_other_words_follow(tmp_path: Path) 
     ("programs", "command"),
     [
         (
-            {"dnf": 'case "$*" in *python3.11*) echo python3.11-0:3.11.9;; esac'},
+            {"dnf": 'case "$*" in *python3.11*) echo python3.11-0:3.11.9;; esac', **NO_SUDO},
             "sudo dnf install -y python3.11 python3.11-devel",
         ),
         (
-            {"zypper": '[[ "$*" == *python313 ]]'},
+            {"zypper": '[[ "$*" == *python313 ]]', **NO_SUDO},
             "sudo zypper install -y python313 python313-devel",
         ),
         ({"apt-get": "exit 0", "apt-cache": candidate("3"), **NO_SUDO}, "uv python install 3.13"),
@@ -240,6 +240,66 @@ def test_other_systems_get_their_own_advice(
     assert (status, found) == (1, "")
     assert command in said
     assert "Python 3.9.2" in said
+
+
+@pytest.mark.parametrize(
+    ("programs", "command"),
+    [
+        (
+            {"apt-get": "exit 0", "apt-cache": candidate("3", "3.13")},
+            "su -c 'apt-get install -y python3.13 python3.13-venv python3.13-dev'",
+        ),
+        ({"apt-get": "exit 0", "apt-cache": "exit 0"}, "su -c 'apt-get update'"),
+        (
+            {"dnf": 'case "$*" in *python3.11*) echo python3.11-0:3.11.9;; esac'},
+            "su -c 'dnf install -y python3.11 python3.11-devel'",
+        ),
+    ],
+)
+def test_without_sudo_the_advice_names_what_there_is(
+    tmp_path: Path, programs: dict[str, str], command: str
+) -> None:
+    _, _, said = find_python(tmp_path, programs)
+    assert command in said
+    assert "sudo" not in said
+
+
+@pytest.mark.parametrize(
+    ("programs", "lines"),
+    [
+        ({"curl": ""}, ["curl -LsSf https"]),
+        ({"wget": ""}, ["wget -qO- https"]),
+        (
+            {"apt-get": "exit 0", "apt-cache": candidate("3")},
+            ["su -c 'apt-get install -y curl ca-certificates'", "curl -LsSf https"],
+        ),
+        ({}, ["# first install curl", "curl -LsSf https"]),
+    ],
+)
+def test_uv_is_fetched_by_what_this_machine_has(
+    tmp_path: Path, programs: dict[str, str], lines: list[str]
+) -> None:
+    _, _, said = find_python(tmp_path, programs)
+    advice = said.partition("without root:\n")[2].splitlines()
+    for line, begins in zip(advice, lines, strict=False):
+        assert line.strip().startswith(begins), said
+    assert "uv python install" in advice[len(lines)]
+
+
+def test_an_installation_that_fails_is_said_with_its_command(tmp_path: Path) -> None:
+    programs = {
+        "sudo": 'shift; [[ "$1" == true ]] && exit 0; exec "$@"',
+        "apt-get": '[[ "$1" == update ]] && exit 1; echo "E: no space left" >&2; exit 100',
+        "apt-cache": candidate("3", "3.13"),
+    }
+    status, found, said = find_python(tmp_path, programs)
+    assert (status, found) == (1, "")
+    assert "apt-get update failed" in said
+    assert "E: no space left" in said
+    command = "apt-get install -y --no-install-recommends python3.13 python3.13-venv python3.13-dev"
+    words = "the installation failed. What this says must be mended, then ./ssp again:"
+    assert f"{words}\n  sudo {command}\n" in said
+    assert "packages have none" not in said
 
 
 def test_with_sudo_that_asks_nothing_it_is_installed(tmp_path: Path) -> None:
