@@ -29,7 +29,8 @@ from ssp_vla_bridge.adapters.number_lists import CUT, NESTED, UNREAD, NumberList
 from ssp_vla_bridge.adapters.plain_rows import with_brackets
 from ssp_vla_bridge.adapters.plan_label import Label, Owner, label_of
 from ssp_vla_bridge.adapters.stated import Converted, Meaning, Rows, convert
-from ssp_vla_bridge.adapters.stated_times import Raster
+from ssp_vla_bridge.adapters.stated_beside import said_beside
+from ssp_vla_bridge.adapters.stated_times import Beside, Raster
 from ssp_vla_bridge.adapters.tables import with_lists_for_tables
 from ssp_vla_bridge.native_history import STEP_S
 
@@ -139,7 +140,7 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
     lists = [_as_closed(one, form.rows) for one in lists]
     answers: list[_Candidate] = []
     end, others = 0, 0
-    for one in lists:
+    for i, one in enumerate(lists):
         label = label_of(text, end, one.start, one.end, bare=not form.label)
         end = one.end
         of_past = _is_of_past(label.text)
@@ -150,7 +151,8 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
         elif label.owner is Owner.OTHER:
             others += 1
         else:
-            read = convert(one, label.heading, form.meaning, form.units, form.raster)
+            beside = _beside(text, lists, i, form)
+            read = convert(one, label.heading, form.meaning, form.units, form.raster, beside)
             answers.append(_Candidate(one, label, read))
     if others:
         notes.append(f"{others} lists that aren't the own plan were left out")
@@ -169,6 +171,20 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
         draft = "a list that prose follows, which the limit of tokens cuts off, is a draft"
         return Choice((), "missing", (*_unique(notes), draft))
     return _read(chosen, form, history, notes)
+
+
+def _beside(text: str, lists: Sequence[NumberList], i: int, form: Form) -> Beside:
+    """Return what stands beside a list, up to the next ones that have several rows."""
+    one = lists[i]
+    before = next((two.end for two in reversed(lists[:i]) if _is_other(two, one)), 0)
+    behind = next((two.start for two in lists[i + 1 :] if _is_other(two, one)), len(text))
+    points = "forward" in form.meaning.columns
+    place = (before, one.start, one.end, behind)
+    return said_beside(text, place, len(one.rows), form.raster, points)
+
+
+def _is_other(two: NumberList, one: NumberList) -> bool:
+    return two.start != one.start and len(two.rows) > 1
 
 
 def _without_options(

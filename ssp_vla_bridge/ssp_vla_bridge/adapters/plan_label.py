@@ -117,14 +117,6 @@ _HEADING = re.compile(
     r"[ \t]*(?:#{1,6}[ \t]+(?P<title>[^\n]+?)|\*\*(?P<bold>[^*\n]+)\*\*:?)[ \t:#]*\Z"
 )
 _NAMES_USER = re.compile(rf"{_ARTICLE}{_ADJECTIVES}{_USER}{_NUMBER}", re.IGNORECASE)
-# Keys beside a list's own one that say how it is meant.
-_SIBLING = re.compile(
-    r"[\"'](?P<key>times?(?:_?stamps?)?(?:_m?s)?|dt(?:_m?s)?|delta_t|(?:time_?step|interval"
-    r"|time_interval|step|sampling_time)_m?s|time_?step|time_interval|frequency_hz|hz|rate_hz"
-    r"|(?:\w{1,12}_)?horizon(?:_m?s)?|(?:coordinate_)?(?:units?|frame|system)|axes|order|format)[\"']\s*:\s*"
-    r"(?P<value>[\"'][^\"'\n]{0,80}[\"']|\[[^\[\]{}]{0,200}\]|\{[^\[\]{}]{0,200}|\d*\.?\d+)",
-    re.IGNORECASE,
-)
 # Keys that say whose the list beside them is, where none says what is done.
 _NAMED_AS = re.compile(
     r"[\"'](?:agent|actor|type|class|category|name|track|entity|participant|id)[\"']\s*:\s*"
@@ -216,7 +208,7 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
         holders = _parents(text, max(0, start - 4 * _LOOKED_AT), start)
         words = " ".join([*holders, _user_beside(text, start, end), key[1]])
         label = words.replace("_", " ").lower()
-        heading = f"{before} ({key[1].rpartition('_')[2]}){behind}{_siblings(text, start, end)}"
+        heading = f"{before} ({key[1].rpartition('_')[2]}){behind}"
         return Label(label, heading, _owner(label, is_key=True))
     elements, is_right_before = _elements(text, start, end)
     named = _owner(elements, is_key=True) if elements else Owner.UNSAID
@@ -251,37 +243,6 @@ def _behind(text: str, end: int) -> str:
     """Return the text in round brackets right behind a list."""
     match = re.compile(r"[\])}\s]{0,4}?[\])}]?[ \t]*(\([^()\n]{1,60}\))").match(text, end)
     return f" {match[1]}" if match and not re.search(r"\d\s*,", match[1]) else ""
-
-
-def _siblings(text: str, start: int, end: int) -> str:
-    """Return what the keys beside a list's own state of times, units and axes, in words."""
-    begin = _opening_brace(text, start)
-    stop = text.find("}", end, end + _LOOKED_AT)
-    found = ""
-    for part in (text[begin:start], text[end : len(text) if stop < 0 else stop]):
-        for match in _SIBLING.finditer(part):
-            key, value = match["key"].lower(), match["value"].strip("{[]\"' ")
-            value = re.sub(r"[\"']", "", value) if match["value"].startswith("{") else value
-            unit = key.rpartition("_")[2] if key.endswith(("_ms", "_s")) else ""
-            unit = "hz" if key.endswith("hz") else unit
-            if re.match(r"dt|delta|interval|step|sampling|time_?(?:step|interval)", key):
-                key = "dt"
-            key = "horizon" if "horizon" in key else key
-            timed = key.startswith("time") or key in ("dt", "horizon") or unit == "hz"
-            found += f"; {'' if unit == 'hz' else key} {value} {unit if timed else ''}"
-            found += f"; {value} frame" if key.endswith(("frame", "system")) else ""
-            found += f" ({value})" if key.endswith(("unit", "units")) else ""
-    return found
-
-
-def _opening_brace(text: str, start: int) -> int:
-    """Return the offset of the brace that opens the object a list stands in, 0 for none near."""
-    depth = 0
-    for at in range(start - 1, max(-1, start - _LOOKED_AT), -1):
-        depth += {"}": 1, "{": -1}.get(text[at], 0)
-        if depth < 0:
-            return at
-    return 0
 
 
 def _user_beside(text: str, start: int, end: int) -> str:

@@ -8,7 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ssp_vla_bridge.adapters.number_lists import NumberList
-from ssp_vla_bridge.adapters.stated_times import Raster, Times, heading_times, in_seconds
+from ssp_vla_bridge.adapters.stated_times import (
+    Beside,
+    Raster,
+    Times,
+    heading_times,
+    in_seconds,
+)
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -102,7 +108,8 @@ _NAMES = {
 }
 _DIRECTION = "|".join(sorted(_DIRECTIONS, key=len, reverse=True))
 _AXIS = re.compile(
-    rf"\b([xyz])\b[- ]?(?:axis)?(?:\s|=|:|\+|→|is|are|points?|pointing|towards?|to|the|positive)*"
+    r"\b([xyz])\b[- ]?(?:axis)?"
+    r"(?:\s|=|:|\+|→|is|are|points?|pointing|towards?|to|for|as|the|positive)*"
     rf"\b({_DIRECTION})\b"
 )
 _AXIS_BEHIND = re.compile(rf"\b({_DIRECTION})\b\s*(?:=|is|:)?\s*\(?\b([xyz])\b")
@@ -306,6 +313,8 @@ _MIRRORED = {
 }
 _BACKWARDS = re.compile(
     r"\b(?:latest|last|newest|farthest|furthest|final) (?:point |one |row |time )?first\b"
+    r"|\bfrom (?:the )?(?:last|latest|farthest|furthest|final) (?:\w+ )?(?:back )?to (?:the )?"
+    r"(?:first|earliest|nearest|next)\b"
     r"|\brevers\w+(?: chronological)? order\b|\bbackwards? in time\b|\bin reverse\b"
 )
 
@@ -333,6 +342,7 @@ class Meaning:
 POINTS = Meaning(("forward", "left"))
 POINTS_RIGHT_FIRST = Meaning(("right", "forward"))
 PAIRS = Meaning(("speed", "curvature"))
+_NOTHING = Beside()
 
 
 @dataclass(frozen=True)
@@ -351,7 +361,12 @@ class Converted:
 
 
 def convert(
-    one: NumberList, heading: str, meaning: Meaning, accepted: frozenset[str], raster: Raster
+    one: NumberList,
+    heading: str,
+    meaning: Meaning,
+    accepted: frozenset[str],
+    raster: Raster,
+    beside: Beside = _NOTHING,
 ) -> Converted:
     """Bring a list into its interface's columns and units, as far as it states others.
 
@@ -361,8 +376,12 @@ def convert(
         meaning: the columns and units that the interface asks for.
         accepted: units that are the interface's own.
         raster: the rows that the interface asks for.
+        beside: what stands beside the list; the heading's own times go before its.
     """
-    said = _SIDE_OF_AXIS.sub(r"\1", _in_usual_words(heading.lower()))
+    of_label = _in_usual_words(heading.lower())
+    said = f"{_in_usual_words(beside.words)}\n{of_label}" if beside.words else of_label
+    if beside.problem:
+        return Converted((), problem=beside.problem)
     width = len(one.rows[0]) if one.rows else 0
     notes: list[str] = []
     if any(len(row) != width for row in one.rows):
@@ -385,10 +404,14 @@ def convert(
     if not times.values:
         times = Times(one.times_s, one.times_have_unit)
     if not times.values:
+        times = heading_times(of_label, rows, raster)
+    if not times.values and beside.words:
         times = heading_times(said, rows, raster)
     times = in_seconds(times, said, raster)
     if times.problem:
         return Converted((), problem=times.problem)
+    if not times.values and beside.times_problem:
+        return Converted((), problem=beside.times_problem)
     times_s = times.values
     if _BACKWARDS.search(said) and not one.times_s:
         rows, times_s = rows[::-1], times_s if times_s == tuple(sorted(times_s)) else times_s[::-1]
@@ -398,10 +421,17 @@ def convert(
     return Converted(rows, times_s, "", tuple(notes))
 
 
+def states_columns(sentence: str) -> bool:
+    """Tell whether a sentence in lower case states axes, order, units or a frame of points."""
+    said = _in_usual_words(sentence)
+    stated = (_AXIS, _AXIS_BEHIND, _UNIT, _MULTIPLE, _PICTURE, _OTHER_FRAME, _BACKWARDS)
+    return any(one.search(said) for one in stated)
+
+
 def _in_usual_words(said: str) -> str:
     for words, usual in _USUAL:
         said = words.sub(usual, said)
-    return said
+    return _SIDE_OF_AXIS.sub(r"\1", said)
 
 
 def _columns(one: NumberList, said: str, meaning: Meaning, width: int) -> tuple[str, ...] | str:

@@ -20,7 +20,7 @@ _LISTED = (
     rf"{_NUMBER}(?:\s*{_UNIT}?\s*(?:,\s*and|,|and|/)\s*{_NUMBER})+"  # "1, 2, 3", "1 s, 2 s and 3"
 )
 _TIMES = re.compile(
-    rf"(?:\bt\s*=|\btimes?(?:_?stamps?)?(?:_m?s)?\s*[:=]?|\bat)\s*[\[(]?(?P<timed>{_LISTED})"
+    rf"(?:\bt\s*=|\btimes?(?:_?stamps?)?(?:_m?s)?\s*(?:[:=]|are|at)?|\bat)\s*[\[(]?(?P<timed>{_LISTED})"
     rf"[\])]?\s*(?P<unit>{_UNIT})\b"
     rf"|\b(?P<in>milli)?seconds\s*:?\s*[\[(]?(?P<named>{_LISTED})"
     rf"|\b(?:t\s*=|times?(?:_?stamps?|_s)?\s*[:=]?)\s*[\[(]?(?P<bare>{_LISTED})(?![\w.])"
@@ -50,10 +50,14 @@ _STEP = re.compile(
     r"|\bseparat(?:ed|ion)(?: by| of|:|=)?|\btime ?steps?(?: size)?(?: of|:|=| is)?"
     r"|\bsteps?(?: size)?(?::|=| is)?"
     r"|\bsampl(?:ing|ed)(?: (?:time|interval|period|step))?(?: of| at| every|:| =)?"
-    rf"|\b(?:{_ROW}|one),? (?:per|each|after))\s*(?P<before>{_NUMBER})\s*(?P<unit>{_UNIT})\b"
+    rf"|\b(?:{_ROW}|one),? (?:per|each|after)"
+    rf"|\bbetween (?:\w+ ){{0,2}}(?:{_ROW}|them)(?: of|:|=| is)?)"
+    rf"\s*(?P<before>{_NUMBER})\s*(?P<unit>{_UNIT})\b"
     rf"|(?<![\w.])(?P<behind>{_NUMBER})[ -]*(?P<of>{_UNIT})[ -]+(?:time[ -])?"
     r"(?:steps?|apart|intervals?|spacing|spaced|increments?|periods?|cadence|resolution|each\b"
-    rf"|(?:per|for each|for every) (?:{_ROW})|(?:between|from) (?:\w+ ){{0,2}}(?:{_ROW}|them|one))"
+    rf"|(?:per|for each|for every) (?:{_ROW})|(?:between|from) (?:\w+ ){{0,2}}(?:{_ROW}|them|one)"
+    rf"|(?:after|later than|from) the (?:(?:{_ROW}|one) before|(?:previous|preceding) "
+    rf"(?:{_ROW}|one)))"
     rf"|(?:(?:δt|\b(?:dt|delta[ _]?t))\s*[:=]?|\btime ?step\s*[:=])\s*(?P<bare>{_NUMBER})"
     r"(?!\s*[:→]|[\w.])"
     r"|\bstep(?: size)?\s*[:=]?\s*(?P<decimal>\d*\.\d+)(?=\s*[,;)\]])"
@@ -93,9 +97,9 @@ second seconds millisecond milliseconds minute minutes min frame frames point po
 waypoints way row rows pair pairs position positions entry entries value values apart constant
 fixed uniform equal equally evenly m metre metres meter meters x y
 """
-_STATING = frozenset(_STATING_TEXT.split())
+STATING = frozenset(_STATING_TEXT.split())
 # Words of which a statement of a horizon consists as well.
-_REACHING = _STATING | frozenset(
+_REACHING = STATING | frozenset(
     {"horizon", "over", "within", "future", "coming", "following", "total", "duration", "up"}
     | {"lasting", "length", "long", "ahead", "look", "lookahead", "in", "all", "into", "window"}
     | {"covering", "covers", "spanning", "span", "planning", "prediction", "predicted", "about"}
@@ -155,6 +159,28 @@ class Times:
     values: tuple[float, ...] = ()
     unit_is_known: bool = False
     problem: str = ""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """The statements beside a list: fields of its object, lines of their own.
+
+    Args:
+        words: as a heading would have them, in lower case.
+        problem: why its frame or units aren't known, empty where they are.
+        times_problem: why stated times aren't known, which counts where no others are stated.
+    """
+
+    words: str = ""
+    problem: str = ""
+    times_problem: str = ""
+
+
+def states_times(words: str) -> bool:
+    """Tell whether words in lower case state the times of rows in a way that is read."""
+    for written, number in _IN_WORDS:
+        words = written.sub(number, words)
+    return any(one.search(words) for one in (_TIMES, _FIRST)) or _step(words)[0] is not None
 
 
 def in_seconds(times: Times, said: str, raster: Raster) -> Times:
@@ -282,7 +308,7 @@ def _ranged(said: str, rows: Sequence[Sequence[float]], raster: Raster) -> Times
     return Times()
 
 
-def _statements(said: str, known: frozenset[str] = _STATING) -> list[str]:
+def _statements(said: str, known: frozenset[str] = STATING) -> list[str]:
     """Return the brackets of a heading, and clauses behind its plan's name, that speak of times.
 
     Args:
