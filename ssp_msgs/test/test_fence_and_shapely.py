@@ -17,7 +17,10 @@ from ssp_core.geometry import Box, FloatArray, Point, Pose2, outline_problem
 from ssp_core.motion.state import Size
 from ssp_core.safety.fence import box_excess_m, way_excess_m
 
-FENCES = 100_000 if os.environ.get("SSP_EXPLORE") else 1000
+EXPLORES = bool(os.environ.get("SSP_EXPLORE"))
+FENCES = 100_000 if EXPLORES else 1000
+# Half an hour where the machine has other work.
+pytestmark = pytest.mark.timeout(7200 if EXPLORES else 600)
 # Nearer than that is a touch, for a point; the corner of a box may be sqrt(2) times as far.
 TOUCH_M = 1e-9
 BOXES = 4
