@@ -13,7 +13,6 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from unittest.mock import MagicMock
 
 import pytest
 import rclpy
@@ -34,7 +33,6 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import Verdict
 from ssp_monitor.recorder.recorder import OFFERED
 from ssp_monitor.ros.conversions import PUBLISHED, recording_profile
-from ssp_monitor.ros.monitor_node import LOOK_PERIOD_S, MonitorNode
 from ssp_msgs.msg import (
     ObjectState,
     RecorderStatus,
@@ -285,23 +283,6 @@ def test_messages_of_two_publishers_in_turn_make_no_valid_recording(
     reasons = (text,) if rival else ()
     verdict = Verdict.INVALID_HARNESS if rival else Verdict.VALID
     assert found == RecordedVerdict(verdict, reasons)
-
-
-def test_a_stranger_is_told_of_before_the_next_status_is_due():
-    """The manager has a fifth of a second to name who speaks beside the session's own."""
-    assert LOOK_PERIOD_S <= 0.05
-    node = MagicMock(_strangers_told=())
-    node._publish_status.side_effect = lambda: MonitorNode._publish_status(node)
-    node.recording.intake.error = node.recording.poll().ends = None
-    told = "/ssp/ot1/state has messages of two publishers in turn"
-    for strangers, statuses in (((), 0), ((told,), 1), ((told,), 1), ((), 2)):
-        node.recording.present_strangers.return_value = strangers
-        status = RecorderStatus(strangers=list(strangers))
-        node.recording.status.return_value = status
-        node.recording.intake.time.newest_ns = 0
-        MonitorNode._tell_of_strangers(node)
-        assert node._status.publish.call_count == statuses
-    assert node._strangers_told == ()
 
 
 def test_the_sessions_last_word_is_waited_for(session, monitor, tmp_path):

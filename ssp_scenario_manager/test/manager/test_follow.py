@@ -11,7 +11,9 @@ import pytest
 
 from ssp_core import names
 from ssp_core.run_file.model import Fault, RunSpec
-from ssp_core.vocabulary import Verdict
+from ssp_core.vocabulary import SessionPhase, Verdict
+from ssp_scenario_manager.ros import runner_client
+from ssp_scenario_manager.ros.runner_client import StepwiseClient
 from ssp_scenario_manager.run import follow
 from ssp_scenario_manager.run.word import TypedWords
 from ssp_scenario_manager.session.run_script import RunOutcome
@@ -494,3 +496,58 @@ def test_a_run_that_is_held_armed_for_its_faults_asks_again_when_the_word_runs_o
     until_s = [one.args[0] / 1e9 for one in by_hand.begin.call_args_list]
     assert until_s == pytest.approx([at_s + 10.0 for at_s in typed_s], abs=0.2)
     assert not client.begin.called
+
+
+def test_step_by_step_nothing_is_asked_for_after_the_word_has_run_out(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each step is tried for 45 s if no other time is given."""
+    now_s = [100.0]
+    clock = MagicMock(
+        monotonic=lambda: now_s[0],
+        monotonic_ns=lambda: round(now_s[0] * 1e9),
+        time_ns=lambda: round((now_s[0] + 1e6) * 1e9),
+    )
+    monkeypatch.setattr(runner_client, "time", clock)
+    node = MagicMock()
+    services: dict[str, MagicMock] = {}
+    node.create_client.side_effect = lambda _, name: services.setdefault(name, MagicMock())
+    client = StepwiseClient(node, run, "run.yaml")
+
+    def asked(name: str) -> int:
+        return int(services[name].call_async.call_count)
+
+    def drive(state: SessionPhase, seconds: float, *, may_start: bool = True) -> None:
+        client._on_session(MagicMock(state=int(state)))
+        for _ in range(round(seconds)):
+            now_s[0] += 1.0
+            client.drive(may_start)
+            if client._waiting is not None:
+                refusal = MagicMock(
+                    accepted=False, error_code=1, error_msg="", missing=["ot1 moves"]
+                )
+                client._on_answer(client._waiting, MagicMock(**{"result.return_value": refusal}))
+
+    client.begin(not_after_ns=round((now_s[0] + 10.0 + 1e6) * 1e9))
+    drive(SessionPhase.CONNECTED, 3.0)
+    drive(SessionPhase.ARMED, 7.0)
+    assert (asked("arm"), asked("start")) == (3, 7)
+    assert not asked(names.LOAD_SCENARIO)
+    assert client.problems == ()
+    assert client.not_in_time is None
+    drive(SessionPhase.ARMED, 20.0)
+    assert asked("start") == 7
+    assert client.not_in_time == ("ot1 moves",)
+    assert client.stays_armed
+    for _ in range(5):
+        client.give_up()
+        now_s[0] += 0.5
+    assert asked("disarm") == 2
+    # The next word goes on from where it stands.
+    client.begin(not_after_ns=round((now_s[0] + 10.0 + 1e6) * 1e9))
+    assert client.not_in_time is None
+    drive(SessionPhase.CONNECTED, 5.0)
+    assert (asked("arm"), asked("start")) == (8, 7)
+    client.begin()
+    drive(SessionPhase.LOADED, 2.0)
+    assert asked(names.LOAD_SCENARIO) == 1

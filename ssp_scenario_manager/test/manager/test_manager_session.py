@@ -54,8 +54,17 @@ def live(peers: Any, run_mapping: dict[str, Any], tmp_path: Path) -> Path:
     return path
 
 
+def prints_its_token(manager: subprocess.Popen[str], peers: Any) -> None:
+    """Who leads a session by hand reads its token in the manager's log, and gives it."""
+    token = peers.token
+    manager.terminate()
+    printed, _ = manager.communicate(timeout=DEADLINE_S)
+    assert token
+    assert f"session_token {token}: goals and commands must carry it" in printed
+
+
 def test_a_live_manager_takes_nothing_of_a_simulated_session(
-    peers: Any, live: Path, run_mapping: dict[str, Any], tmp_path: Path
+    peers: Any, manager: Any, live: Path, run_mapping: dict[str, Any], tmp_path: Path
 ) -> None:
     """Its goal went through connect and armed the live object."""
     simulated = tmp_path / "simulated.yaml"
@@ -76,10 +85,11 @@ def test_a_live_manager_takes_nothing_of_a_simulated_session(
     assert peers.commands == []
     assert peers.seen[-1].state == SessionPhase.LOADED
     obtained(peers, "connect", session_token="live-1")
+    prints_its_token(manager, peers)
 
 
 def test_a_simulated_manager_takes_no_live_run(
-    peers: Any, run_file: Path, run_mapping: dict[str, Any], tmp_path: Path
+    peers: Any, manager: Any, run_file: Path, run_mapping: dict[str, Any], tmp_path: Path
 ) -> None:
     peers.appear()
     assert peers.load(run_file).accepted
@@ -90,6 +100,7 @@ def test_a_simulated_manager_takes_no_live_run(
     assert "is simulated, and the run's mode is live" in answer.error_msg
     # Without a token, a simulated session is led as before.
     obtained(peers, "connect")
+    prints_its_token(manager, peers)
 
 
 def test_an_abort_counts_from_anybody(peers: Any, live: Path) -> None:
@@ -126,29 +137,3 @@ def test_a_word_that_ran_out_moves_nothing(peers: Any, live: Path) -> None:
     assert result.error_msg
     assert time.monotonic() - began_s < PATIENCE_S
     peers.wait_for(SessionPhase.CONNECTED)
-
-
-@pytest.mark.parametrize("mode", ["live", "lockstep"])
-@pytest.mark.parametrize("named", [True, False])
-def test_a_session_that_is_led_by_hand_prints_its_token(
-    peers: Any,
-    manager: subprocess.Popen[str],
-    run_mapping: dict[str, Any],
-    tmp_path: Path,
-    named: bool,
-    mode: str,
-) -> None:
-    """Who gives goals and commands by hand has to name it, also where run.yaml has none."""
-    kind = "live" if mode == "live" else "sim"
-    token = f"{kind}-7" if named else ""
-    path = tmp_path / "by_hand.yaml"
-    path.write_text(json.dumps({**run_mapping, **LIVE, "mode": mode, "session_token": token}))
-    peers.live = mode == "live"
-    peers.appear()
-    assert peers.load(path).accepted
-    peers.spin_until(lambda: peers.token, "a heartbeat with a token")
-    own = peers.token
-    assert own == token or (not token and own.startswith(f"{kind}-"))
-    manager.terminate()
-    printed, _ = manager.communicate(timeout=DEADLINE_S)
-    assert f"session_token {own}: goals and commands must carry it" in printed

@@ -6,7 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from unittest.mock import MagicMock
 
 import pytest
 from rclpy.task import Future
@@ -18,7 +17,7 @@ from ssp_core.run_file.session_token import draw_token
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.srv import LoadScenario
 from ssp_scenario_manager.ros import runner_client
-from ssp_scenario_manager.ros.runner_client import RunClient, StepwiseClient
+from ssp_scenario_manager.ros.runner_client import RunClient
 from tests.support.waiting import DEADLINE_S
 
 if TYPE_CHECKING:
@@ -156,61 +155,6 @@ def test_a_session_that_went_on_was_loaded_though_no_answer_came(
         assert client.loaded == ()
     finally:
         client.close()
-
-
-def test_step_by_step_nothing_is_asked_for_after_the_word_has_run_out(
-    run: RunSpec, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each step is tried for 45 s if no other time is given."""
-    now_s = [100.0]
-    clock = MagicMock(
-        monotonic=lambda: now_s[0],
-        monotonic_ns=lambda: round(now_s[0] * 1e9),
-        time_ns=lambda: round((now_s[0] + 1e6) * 1e9),
-    )
-    monkeypatch.setattr(runner_client, "time", clock)
-    node = MagicMock()
-    services: dict[str, MagicMock] = {}
-    node.create_client.side_effect = lambda _, name: services.setdefault(name, MagicMock())
-    client = StepwiseClient(node, run, "run.yaml")
-
-    def asked(name: str) -> int:
-        return int(services[name].call_async.call_count)
-
-    def drive(state: SessionPhase, seconds: float, *, may_start: bool = True) -> None:
-        client._on_session(MagicMock(state=int(state)))
-        for _ in range(round(seconds)):
-            now_s[0] += 1.0
-            client.drive(may_start)
-            if client._waiting is not None:
-                refusal = MagicMock(
-                    accepted=False, error_code=1, error_msg="", missing=["ot1 moves"]
-                )
-                client._on_answer(client._waiting, MagicMock(**{"result.return_value": refusal}))
-
-    client.begin(not_after_ns=round((now_s[0] + 10.0 + 1e6) * 1e9))
-    drive(SessionPhase.CONNECTED, 3.0)
-    drive(SessionPhase.ARMED, 7.0)
-    assert (asked("arm"), asked("start")) == (3, 7)
-    assert not asked(names.LOAD_SCENARIO)
-    assert client.problems == ()
-    assert client.not_in_time is None
-    drive(SessionPhase.ARMED, 20.0)
-    assert asked("start") == 7
-    assert client.not_in_time == ("ot1 moves",)
-    assert client.stays_armed
-    for _ in range(5):
-        client.give_up()
-        now_s[0] += 0.5
-    assert asked("disarm") == 2
-    # The next word goes on from where it stands.
-    client.begin(not_after_ns=round((now_s[0] + 10.0 + 1e6) * 1e9))
-    assert client.not_in_time is None
-    drive(SessionPhase.CONNECTED, 5.0)
-    assert (asked("arm"), asked("start")) == (8, 7)
-    client.begin()
-    drive(SessionPhase.LOADED, 2.0)
-    assert asked(names.LOAD_SCENARIO) == 1
 
 
 _HANGS = """
