@@ -15,6 +15,7 @@ from ssp_ot_controller.camera.kernels.ground import ground_row
 from ssp_ot_controller.camera.kernels.palettes import PALETTES
 from ssp_ot_controller.camera.kernels.raster import Eye, Triangles, rasterise, rasterise_cover
 from ssp_ot_controller.camera.kernels.shading import make_noise, window_mix
+from ssp_ot_controller.camera.ring import FIRST_ARM, Ring
 from ssp_ot_controller.camera.storyboards import LaneCounts, clip_junction, clip_road, storyboard
 
 Floats = NDArray[np.float64]
@@ -209,6 +210,28 @@ def test_the_arm_that_the_vut_comes_by_has_its_oncoming_lane_up_to_its_end() -> 
         assert colours == [asphalt] * 3, x_m
         beside = ground._colour(surface, x_m, 6.5, 0.02, 0.02, 0.0)
         assert beside != asphalt, x_m
+
+
+@pytest.mark.parametrize("towards_deg", [60.0, 90.0, 120.0, 240.0, 270.0, 300.0])
+def test_the_island_of_a_ring_is_no_carriageway(towards_deg: float) -> None:
+    """The ring's lane has a radius of 14 m and is 4 m wide; inside are a sidewalk and a verge."""
+    ring, counts = Ring(mouth_m=50.0, lane_m=3.4), LaneCounts(1, 1)
+    road = clip_road(counts).model_copy(update={"junction": ring.roads(60.0)})
+    palette = PALETTES["suburb"]
+    surface = ground.build_ground(road, palette, texture=False)
+    # The first arm comes from the left at a right angle: it lies as far along as the middle does.
+    x_m = ring.inward(FIRST_ARM, 0.0).x_m - 1.7
+    found = []
+    for radius_m in (9.0, 11.0, 14.0):
+        x, y = (
+            radius_m * np.cos(np.radians(towards_deg)),
+            radius_m * np.sin(np.radians(towards_deg)),
+        )
+        found.append(ground._colour(surface, x_m + x, 1.7 + y, 0.02, 0.02, 0.0))
+    asphalt, verge = (pytest.approx(c, abs=1.0) for c in (palette.asphalt, palette.verge))
+    assert found[0] == verge
+    assert found[1] not in (verge, asphalt)
+    assert found[2] == asphalt
 
 
 def test_blocks_of_pixels_beside_a_junction_equal_single_ones() -> None:

@@ -154,6 +154,23 @@ def test_a_block_that_suits_scores_one(name: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("turn_deg", "reasons"),
+    [
+        (90, []),
+        (-90, ["it turns by -90 deg, needs turn_left"]),
+        (0, ["it turns by 0 deg, needs turn_left"]),
+    ],
+)
+def test_a_route_turns_as_the_vut_means_to(turn_deg: int, reasons: list[str]) -> None:
+    crossed = Conflict("other", "crossing", 150.0, 80.0, math.pi, 146.0, 154.0)
+    passage = Passage(("inside",), 140.0, 160.0, math.radians(turn_deg), (crossed,))
+    block = replace(made_block(), segment="junction", junction="j", passage=passage)
+    (score,) = score_blocks(event("vut_turn"), library(block))
+    assert score.reasons == reasons
+    assert (score.total == pytest.approx(1.0)) == (not reasons)
+
+
+@pytest.mark.parametrize(
     ("name", "site"),
     [
         (name, site)
