@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -19,7 +18,6 @@ from ssp_core.run_file.participants import TimeToArrival
 from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.compile.choose import NotChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task
-from ssp_scenario_manager.compile.targets.carla import export_carla
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.in_process import run_in_process
@@ -203,14 +201,3 @@ def test_openscenario_plays_it(site: str, tmp_path: Path) -> None:
         assert there[-1] == pytest.approx(way_of(task.run)[-1], abs=0.01)
         assert steps.min() > 0.3
         assert steps.max() < 2.1
-
-
-@pytest.mark.carla
-@pytest.mark.parametrize("site", ["ring", "ring_track"])
-def test_carla_reads_the_map_of_the_ring(site: str, tmp_path: Path) -> None:
-    """The check against CARLA's own reading of the map passes, else the export is refused."""
-    found = compile_task(Request(event="roundabout", target="carla", site=site))
-    block, plan = found.realisation.block, found.realisation.plan
-    config, _ = export_carla(found.task, block, plan, None, tmp_path)
-    vut, car = json.loads(config.read_text())["actors"]
-    assert (vut["drive"] is not None, car["drive"]) == (True, None)
