@@ -365,3 +365,18 @@ def test_a_heading_by_course_is_the_starts_until_one_is_told(speeds: bool) -> No
             told = str(error)
     # Without speeds it takes some places to know that it drives.
     assert told.startswith("heading: the last usable one is")
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 10.0, 50.0])
+def test_a_heading_that_is_found_as_the_vehicle_drives_off_is_no_jump(rate_hz: float) -> None:
+    """A receiver with one antenna gives an arbitrary one at rest."""
+    receiver = Receiver(start_yaw_rad=0.0)
+    x_m = 0.0
+    for k in range(round(4.0 * rate_hz)):
+        t_s = k / rate_hz
+        speed_mps = 3.0 * max(t_s - 1.0, 0.0)
+        x_m += speed_mps / rate_hz
+        receiver.hear(t_s, 2.8 if speed_mps < 1.0 else 0.0, speed_mps)
+        state = receiver.take(receiver.place(t_s, x_m, 0.0))
+    assert state.yaw_rad == pytest.approx(0.0, abs=1e-6)
+    assert state.speed_mps == pytest.approx(speed_mps)

@@ -130,7 +130,7 @@ class GnssStates:
         self._by_course = start_yaw_rad is not None
         self._yaw_rad = (start_yaw_rad or 0.0) + lever.yaw_left_rad
         self._yaw_rate_radps = 0.0
-        self._jumped_rad = 0.0
+        self._jumped_rad, self._drives = 0.0, False
         self._heading_ns: int | None = None
         self._speed: Speed | None = None
         self._last: tuple[int, float, float] | None = None
@@ -168,7 +168,7 @@ class GnssStates:
             turned_rad = wrap_angle(yaw_rad - self._yaw_rad)
             # One from before is of a clock that was set back.
             rate = 0.0 if dt_s < 0.0 else smoothed_rate(self._yaw_rate_radps, turned_rad, dt_s)
-            if abs(turned_rad) > _JUMP_RAD and 0.0 < dt_s <= _JUMP_S:
+            if self._drives and abs(turned_rad) > _JUMP_RAD and 0.0 < dt_s <= _JUMP_S:
                 # Another jump leads back.
                 self._jumped_rad, rate = 0.0 if self._jumped_rad else turned_rad, 0.0
             self._yaw_rate_radps = rate
@@ -278,7 +278,8 @@ class GnssStates:
 
     def _check_jump(self, speed_mps: float) -> None:
         """Raise Unusable where the heading has jumped on the way, which would read as reversing."""
-        if abs(speed_mps) <= _TELLS_COURSE_MPS:
+        self._drives = abs(speed_mps) > _TELLS_COURSE_MPS
+        if not self._drives:
             self._jumped_rad = 0.0
         if self._jumped_rad:
             raise Unusable(
