@@ -9,9 +9,11 @@ The rules, in this order:
    rejected or conditional is no answer (plan_label). The last list that is labelled as the own
    plan counts, and if it can't be read, none does. A list without a label counts only if it has
    the rows that the interface defines, or one more from the origin.
-4. Where the prompt asks for the bare list, all lists that aren't somebody else's count as
-   labelled: the last one of the right number of rows, else the last one, if the text ends before
-   it does, else the longest.
+4. Where the prompt asks for the bare list, and of lists without a label, the last one counts that
+   has the rows asked for, or a later one that is meant to replace it: with half of these rows, and
+   a fault or a label of the own plan, or cut off, unless it repeats a whole one. If that can't be
+   read, none does. If none has the rows asked for, it is the last list, if the text ends before it
+   does, else the longest.
 5. A list with a fault, with rows of another width or in columns or units that are unknown has
    the wrong shape. Fewer rows are read as they are, and more, too: whether they suffice is a
    matter of coverage. But a text that was cut off ends no list: one with fewer rows at its end is
@@ -391,6 +393,11 @@ def _pick(answers: list[_Candidate], form: Form, notes: list[str]) -> _Candidate
     cut = answers[-1].one.cut
     if complete:
         chosen = complete[-1]
+        later = answers[answers.index(chosen) + 1 :]
+        meant = [one for one in later if _is_meant(one, complete, form)]
+        if meant:
+            notes.append(f"{len(complete)} lists of {form.rows} were passed over for the last one")
+            return meant[-1]
         others = [one for one in complete if not _equal(one.one.rows, chosen.one.rows)]
         if others:
             notes.append(f"{len(others)} other lists of {form.rows} were passed over for the last")
@@ -405,6 +412,20 @@ def _pick(answers: list[_Candidate], form: Form, notes: list[str]) -> _Candidate
     if len(answers) > 1:
         notes.append(f"of {len(answers)} lists, none of {form.rows} rows, the longest was taken")
     return [one for one in answers if len(one.one.rows) == most][-1]
+
+
+def _is_meant(one: _Candidate, complete: Sequence[_Candidate], form: Form) -> bool:
+    """Tell whether a list behind a complete one is meant to replace it, though it isn't complete.
+
+    It has half of the rows at least and a fault or a label of the own plan, or is cut off and
+    doesn't repeat a complete one.
+    """
+    rows = one.one.rows
+    if one.one.cut:
+        repeats = any(_equal(rows, whole.one.rows[: len(rows)]) for whole in complete)
+        return bool(rows) and not repeats
+    labelled = one.label.owner is Owner.OWN and not one.read.problem
+    return 2 * len(rows) >= form.rows and (one.one.fault != "" or labelled)
 
 
 def _read(chosen: _Candidate, form: Form, history: Rows | None, notes: list[str]) -> Choice:
