@@ -240,6 +240,37 @@ def test_the_name_of_the_constants_line_hides_no_mark() -> None:
     assert all(mark.get_window_extent(renderer).y0 > named[0][3] for mark in marks)
 
 
+def constants(figure: Drawing) -> dict[str, list[float]]:
+    """The lines of the best blind constant: their places on the axis by what they belong to."""
+    return {
+        artist.get_gid().removeprefix("constant-"): list(artist.get_xdata())
+        for artist in figure.figure.findobj()
+        if (artist.get_gid() or "").startswith("constant-")
+    }
+
+
+def test_the_best_constant_is_a_line_in_every_figure_of_ranks() -> None:
+    rows = [*CASES["18 cells"], *rows_of(("best_constant",), seed=1)]
+    rows = [replace(row, control=row.model == "best_constant") for row in rows]
+    scores = Scores(tuple(rows))
+    pages = [constants(one) for one in drawn(rows, "matrix").values()]
+    assert sum(map(len, pages)) == len(rows) == 24
+    values = {model: value for (model,), value in scores.constant("model").items()}
+    assert set(values) == set(MODELS)
+    drawings = {**drawn(rows, "models"), **drawn(rows, "foundation")}
+    for name in ("models_range", "foundation_ranking"):
+        assert constants(drawings[name]) == {
+            model: pytest.approx([value, value]) for model, value in values.items()
+        }
+    assert len(constants(drawings["models_ranks"])) == 1
+    assert set(constants(drawn(rows, "domains")["domains_ranks"])) == set(DOMAINS)
+
+
+def test_the_axis_of_profiles_has_a_title() -> None:
+    found = [text for text, _, _ in texts_of(drawn_once("18 cells", "models")["models_profiles"])]
+    assert "mean score, from 0 to 1" in found
+
+
 def grey(colour: str) -> float:
     """Lightness of a colour in print without colour, 0 to 1 (Rec. 601)."""
     red, green, blue = to_rgb(colour)

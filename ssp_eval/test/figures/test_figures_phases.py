@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from matplotlib.text import Text
 
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.campaign import run_campaign
@@ -48,6 +50,20 @@ def test_phase_frames_have_a_plan_and_the_driven_path_on_them(stories: list[Cell
     assert any(gid.startswith("recorded-") for gid in gids)
     assert "Without scores: synthetic." in figure.caption
     assert "in no input of a model" in figure.caption
+
+
+def test_times_are_given_to_a_hundredth_and_the_signs_have_a_legend(
+    stories: list[CellMoments],
+) -> None:
+    with drawing():
+        figure = phase_frames("cut_in", "constant_velocity", stories)
+    told = [text.get_text() for text in figure.figure.findobj(Text)]
+    first = {
+        (s.cell.domain, m.label.phase): m for s in stories for m in reversed(s.moments) if m.frames
+    }
+    times = sorted(text for text in told if re.fullmatch(r"\d+\.\d\d s", text))
+    assert times == sorted(f"{moment.label.t_s:.2f} s" for moment in first.values())
+    assert "✓ allowed   ✗ not allowed   – not said" in told
 
 
 def test_without_the_camera_s_pose_no_path_is_drawn_and_the_caption_says_so(

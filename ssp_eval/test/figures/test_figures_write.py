@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import cv2
 import pytest
@@ -43,6 +44,19 @@ def test_every_figure_has_its_files_and_a_caption_with_the_disclaimer(written: P
         text = (written / f"{name}.txt").read_text()
         assert text.endswith(DISCLAIMER + "\n")
         assert re.search(r"\d", text)
+
+
+def test_a_figure_is_one_picture_with_a_title_for_screen_readers(written: Path) -> None:
+    drawings = sorted(written.glob("*.svg"))
+    titles = set()
+    for path in drawings:
+        root = ElementTree.parse(path).getroot()
+        assert root.get("role") == "img"
+        title = root.find(".//{http://purl.org/dc/elements/1.1/}title")
+        assert title is not None
+        titles.add(title.text)
+    assert None not in titles
+    assert len(titles) == len(drawings)
 
 
 def test_text_is_text_and_fonts_are_embedded(written: Path) -> None:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from evaluation_files import audit_file
 
 from ssp_core.run_file.model import Camera
 from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.camera import Mounting, intrinsics
+from ssp_eval.audit.cli import show
+from ssp_eval.audit.page import PagePictures, render
 from ssp_eval.audit.visibility import label_sizes
-from ssp_eval.data.audit import LabelCount, LabelSize
+from ssp_eval.data.audit import LabelCount, LabelSize, load_audit
 from ssp_eval.data.labels import Label, Labels
 from ssp_eval.recordings.sight import Moment, Optics, object_height_px
 from ssp_eval.statistics.label_table import HARDLY_VISIBLE, label_table
@@ -128,6 +132,25 @@ def test_a_label_under_12_px_is_marked_hardly_visible() -> None:
     assert [row["height_px"] for row in rows] == [11.9, 12.0, None]
     assert "Heights not known" not in notes
     assert counted(11.9, 12.0, 0.0).hardly_visible_s == [0.5, 1.5]
+
+
+def test_the_audit_s_page_and_command_name_what_is_hardly_visible(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    audit = load_audit(audit_file(tmp_path / "audit.json", "admitted", "sha256:1"))
+    at = next(i for i, one in enumerate(audit.recordings) if one.domain == "simulation")
+    seen = audit.recordings[at].model_copy(update={"labels": counted(11.9, 12.0, None)})
+    recordings = [*audit.recordings[:at], seen, *audit.recordings[at + 1 :]]
+    audit = audit.model_copy(update={"recordings": recordings})
+    nothing = {one.domain: [] for one in recordings}
+    page = render(audit, PagePictures(nothing, dict.fromkeys(nothing)))
+    assert page.count("hardly visible") == 1
+    assert "0.50 s, approach: 12 px <b>hardly visible</b>" in page
+    assert "1.00 s, approach: 12 px<br>" in page
+    show(audit)
+    told = " ".join("".join(capsys.readouterr()).split())
+    assert "simulation: hardly visible, the critical object is under 12 px high" in told
+    assert "at the labels of 0.50 s" in told
 
 
 def test_where_nobody_knows_the_size_the_cell_is_empty_and_the_table_says_why() -> None:

@@ -297,6 +297,18 @@ def test_shade_goes_from_light_to_dark() -> None:
     assert brightness == sorted(brightness, reverse=True)
 
 
+def test_the_matrix_draws_the_best_constant_and_marks_who_is_below(campaign: Path) -> None:
+    cells = [one for one in load_cells(campaign) if one.score is not None]
+    given = {(one.scenario, one.domain): 0.999 for one in cells}
+    drawn = matrix(cells, given)
+    assert drawn.count('class="constant"><title>best blind constant 0.999</title>') == len(cells)
+    assert drawn.count('class="constant"/>') == 1  # of the legend
+    assert 'class="constant"' not in matrix(cells)
+    page = write_report(campaign).read_text()
+    shown = page.split('<section id="matrix">')[1].split("</section>")[0]
+    assert "<title>best blind constant 0." in shown
+
+
 def test_the_matrix_does_not_cut_its_last_square(campaign: Path) -> None:
     cell = next(one for one in load_cells(campaign) if one.score is not None)
     given = cell.score.details.judgements
