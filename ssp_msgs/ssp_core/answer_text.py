@@ -80,7 +80,7 @@ _NAMED = r"(?:user|human|system|assistant|tool|instruction)"
 _REMARK = r"(?:[ \t]*#?\d{1,2}(?!\d))?(?:[ \t]*\([^()\n]{1,30}\))?"
 _SPEECH = (
     r"(?=[^\n]{0,300}(?:\?|\b(?:you|your|please)\b)"
-    r"|[ \t*_]*(?:\n[ \t]*)?(?:i|we|ok|okay|thanks?|now)\b)"
+    r"|[ \t*_]*(?:\n[ \t]*)?(?:i|we|ok|okay|thanks?)\b)"
 )
 _SPEAKER = re.compile(
     r"^[ \t]*(?:>[ \t]*)?(?:#{1,6}[ \t]*)?(?:\*\*?|__?)?"

@@ -65,7 +65,7 @@ from ssp_core.answer_text import Ending, ending, plain_width, split_answer
         ("{think}a bus{/think}I slow down.", "I slow down."),
         ("**Assistant**\nI slow down.", "\nI slow down."),
         ("Assistant (final): I slow down.\n<user>And then?</user>", "I slow down."),
-        ("Humans:\nHuman 1: crosses.\nHuman (adult): stands.",) * 2,
+        ("Humans:\nHuman 1: now crosses.\nHuman (adult): stands.",) * 2,
         ("<objects>\n<human>one</human>\n</objects>",) * 2,
         ("System 2: I slow down.",) * 2,
         ("User interface: dark.\nHuman-driven: yes.",) * 2,

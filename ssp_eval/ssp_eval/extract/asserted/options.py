@@ -145,14 +145,15 @@ def _picked(match: re.Match[str]) -> frozenset[str]:
 
 def _lists(text: str) -> Iterator[list[_Option]]:
     """Yield each run of marks A, B, … or 1, 2, …, with the text up to the next mark."""
-    marks = [_Mark(m.start(), m.end(), m["mark"], m["close"]) for m in _ITEM.finditer(text)]
+    items = list(_ITEM.finditer(text))
+    marks = [_Mark(m.start(), m.end(), m["mark"], m["close"]) for m in items]
     marks += [_Mark(m.start(), m.end(), m["mark"], "dash") for m in _CALLED_ITEM.finditer(text)]
     if not text.isascii():
         marks += [
             _Mark(m.start(), m.end(), m["sign"].translate(_DRAWN)[0], "drawn")
             for m in _DRAWN_MARK.finditer(text)
         ]
-    known = {m.start("mark") for m in _ITEM.finditer(text)}
+    known = {m.start("mark") for m in items}
     marks += [
         _Mark(m.start(), m.end(), m["mark"], "line")
         for m in _LINE_ITEM.finditer(text)
