@@ -38,9 +38,30 @@ _OWN = re.compile(
 )
 # Whose list it is that the prompt asks for without a label.
 _PLAIN_USER = re.compile(r"\b(?:the|this) (?:car|vehicle)\b(?:'s)?")
+_FAULTY = (
+    r"(?:bad|poor|infeasible|colliding|dangerous|risky|worse|worst|worst[- ]case|outdated|old"
+    r"|counterfactual|superseded|obsolete|withdrawn|cancell?ed|scrapped|vetoed|disregarded|flawed"
+    r"|failed|faulty|unacceptable|undesired|undesirable|inadmissible|impossible)"
+)
+_TOO = (
+    r"too (?:\w+ly )?(?:fast|slow|close|near|aggressive|tight|sharp|abrupt|wide|late|early|far|long"
+    r"|short|conservative|cautious|hard|bold|harsh|uncomfortable)"
+)
+# A plan that was looked at, unless the label then says which one was taken.
+_LOOKED_UPON = r"(?:considered|thought (?:of|about)|looked at|evaluated|tried|tested|weighed)"
+_THEN_TAKEN = (
+    r"(?!.*\b(?:ch[oo]se|chosen|choose|decide|final|best|select|pick|settle|go with|take))"
+)
+_BETWEEN = r"(?:(?:that|which|i|we|was|were|had|have|been|first|initially|also|just|originally) )"
 _REFUSED = re.compile(
-    r"\b(?:bad|poor|infeasible|colliding|dangerous|risky|worse|worst|worst[- ]case|outdated|old"
-    rf"|counterfactual)[ _]+{PLAN_WORDS}|"
+    rf"\b{_FAULTY}[ _]+{PLAN_WORDS}|"
+    rf"\b{PLAN_WORDS} (?:is|was|looks|looked|seems|seemed|has been|had been) (?:\w+ )?"
+    rf"(?:{_FAULTY}|{_TOO})\b(?!.*\b{PLAN_WORDS}\b)|"
+    rf"\b(?:i|we) (?:\w+ )?{_LOOKED_UPON} (?:[\w,]+ ){{0,3}}{PLAN_WORDS}\b(?!.*\b{PLAN_WORDS}\b)"
+    rf"{_THEN_TAKEN}|"
+    rf"\b{PLAN_WORDS} {_BETWEEN}{{1,5}}{_LOOKED_UPON}\b{_THEN_TAKEN}|"
+    r"\b(?:i|we) (?:do not|don't|will not|won't|would not|must not|cannot|can't|should not"
+    r"|shouldn't) (?:\w+ )?(?:do|follow|take|drive|choose|use|execute)(?: this| that)?\W*$|"
     rf"\b{PLAN_WORDS} (?:(?:that|which|would|will) ){{0,2}}(?:collides?|crash(?:es)?|(?:leads?"
     r"|leading|ends?|ending) (?:to|into|in) an? (?:\w+ )?(?:crash|collision|accident))\b|"
     rf"\b{PLAN_WORDS} (?:that |which )?(?:i|we) "
@@ -49,9 +70,9 @@ _REFUSED = re.compile(
     r"\bto (?:avoid|be avoided)\W*$|\bnot (?:selected|chosen|to be|recommended|wanted|taken)\b|"
     r"\b(?:wrong|reject(?:ed|s)?|discard(?:ed)?|incorrect|alternatives?|examples?|e\.g|for instance"
     r"|hypothetical(?:ly)?|fallback|back-?up|contingency|counter-?example|dismiss(?:ed)?|unwanted"
-    r"|invalid|not (?:the|my|a|what)"
+    r"|invalid|not (?:the|my|a|what)|not this(?! (?:fast|slow|time))"
     r"|never|instead of|rather than|ruled out|abandoned|unsafe|forbidden)\b"
-    rf"|\b{PLAN_WORDS} (?:\w+ )?considered\b|\bconsidered[ _]{PLAN_WORDS}"
+    rf"|\b{PLAN_WORDS} (?:\w+ )?considered\b{_THEN_TAKEN}|\bconsidered[ _]{PLAN_WORDS}"
     r"|\bcandidate[ _](?:trajectories|paths|plans|routes)\b"
 )
 # A label that names another driver's or an earlier drive, and no more.
@@ -100,6 +121,13 @@ _ANY_USER = re.compile(rf"\b(?:{_SPECIFIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_NUMBERED
 _OWN_VEHICLE = re.compile(rf"(?:{_OWN.pattern})[ _-](?:{_SPECIFIC}|{_VEHICLE})\b")
 # Somebody of whom the text spoke before: "Its predicted path".
 _PRONOUN = re.compile(rf"\b(?:its|their|his|her)\b (?:\w+ ){{0,2}}(?:{PLAN_WORDS}|positions?)\b")
+# A condition of what somebody does: "assuming the van brakes", but not "assuming constant speed".
+_ASSUMED = re.compile(
+    r"\b(?:assuming|assume|assumed|presuming|provided|as long as|so long as|in the event"
+    r"|on condition|contingent on|depending on)(?: that| of| on)?"
+    rf" (?:{_ARTICLE}{_ADJECTIVES}{_USER}\b"
+    r"|(?:it|he|she|they|nobody|no one|someone|somebody)\b)"
+)
 # The road, unless a plan along it is named first: "Lane centre line: …".
 _ROAD = re.compile(
     r"\b(?:cent(?:er|re)[ _-]?lines?|(?:lane|road)[ _-](?:boundar\w+|edges?|lines?|markings?)"
@@ -338,7 +366,7 @@ def _owner(words: str, is_key: bool = False) -> Owner:
     own = _OWN.search(said) is not None
     if _NOT_AN_ANSWER.fullmatch(said):
         return Owner.OTHER
-    if _REFUSED.search(said) or _CONDITION.search(said) or _BOXES.search(said):
+    if any(one.search(said) for one in (_REFUSED, _CONDITION, _ASSUMED, _BOXES)):
         return Owner.OTHER
     if _SENSED.search(said) and not _PLAN.search(said):
         return Owner.OTHER
