@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -9,15 +10,24 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 
 from ssp_core import names, ros
+from ssp_core.cdr.codec import MOST_TEXT
 from ssp_core.cdr.states import StateArray, decode_state, decode_states
+from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.state import ObjectState as State
+from ssp_core.ros.conversions import body_status_of
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.arming import Facts
-from ssp_msgs.msg import ObjectState, ObjectStates, RecorderStatus
+from ssp_core.safety.body_status import BodyStatus, known_bodies
+from ssp_core.safety.liveness import ADAPTER_SILENT_S
+from ssp_msgs.msg import BodyStatus as BodyStatusMsg
+from ssp_msgs.msg import LocalisationStatus, ObjectState, ObjectStates, RecorderStatus
 
 
 class StartListener:
-    """Remembers the newest states, and what recorder and camera say. Spun by the node's owner.
+    """Remembers the newest states, and what else is said. Spun by the node's owner.
+
+    The processes of live objects, and of the VUT's localisation, say why there is no state and what
+    keeps an object from being armed.
 
     Args:
         node: owns the subscriptions until ``close``.
@@ -25,6 +35,9 @@ class StartListener:
 
     def __init__(self, node: Node, spec: RunSpec) -> None:
         self._node, self._ids = node, set(spec.object_ids)
+        self._targets = [target.id for target in spec.targets]
+        self._bodies: dict[str, tuple[BodyStatus, int]] = {}
+        self._vut_refused = ""
         self._states: dict[str, tuple[State, float]] = {}
         self._recorder_ready = False
         self._heard_s: dict[str, float] = {}
@@ -46,6 +59,8 @@ class StartListener:
         self._subscriptions += [
             sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE),
             sub(CameraInfo, names.CAMERA_INFO, self._on_camera, ros.SENSOR),
+            sub(BodyStatusMsg, names.BODY_STATUS, self._on_body, ros.STATE),
+            sub(LocalisationStatus, names.LOCALISATION_STATUS, self._on_localisation, ros.STATE),
         ]
 
     @property
@@ -53,12 +68,23 @@ class StartListener:
         """The newest of each object, by id."""
         return {object_id: state for object_id, (state, _) in self._states.items()}
 
+    @property
+    def knows_bodies(self) -> bool:
+        """Tell whether each object's process has said what keeps the object from being armed."""
+        return all(object_id in self._bodies for object_id in self._targets)
+
     def facts(self) -> Facts:
         """Return the facts heard beside the states, and their ages; nothing of links."""
         now_s = time.monotonic()
         heard_s = {object_id: at_s for object_id, (_, at_s) in self._states.items()}
         ages_s = {who: now_s - at_s for who, at_s in {**heard_s, **self._heard_s}.items()}
-        return Facts(ages_s=ages_s, recorder_ready=self._recorder_ready)
+        adapted = ages_s.get(names.VUT_ADAPTER, math.inf) <= ADAPTER_SILENT_S
+        return Facts(
+            ages_s=ages_s,
+            recorder_ready=self._recorder_ready,
+            vut_refused=self._vut_refused if adapted else "",
+            bodies=known_bodies(self._targets, self._bodies, seconds_to_ns(now_s)),
+        )
 
     def close(self) -> None:
         """Stop hearing."""
@@ -80,3 +106,12 @@ class StartListener:
 
     def _on_camera(self, _: CameraInfo) -> None:
         self._heard_s[names.FRONT_CAMERA] = time.monotonic()
+
+    def _on_body(self, message: BodyStatusMsg) -> None:
+        status = body_status_of(message)
+        if status.object_id in self._ids:
+            self._bodies[status.object_id] = status, seconds_to_ns(time.monotonic())
+
+    def _on_localisation(self, message: LocalisationStatus) -> None:
+        self._vut_refused = message.reason[:MOST_TEXT]
+        self._heard_s[names.VUT_ADAPTER] = time.monotonic()

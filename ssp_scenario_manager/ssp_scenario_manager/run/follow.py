@@ -15,6 +15,7 @@ from ssp_core import names
 from ssp_core.clock import seconds_to_ns
 from ssp_core.host.processes import NodeProcess, ProcessGroup
 from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.arming import Facts
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.liveness import WORLD_SILENT_LOCKSTEP_S
 from ssp_core.vocabulary import Verdict
@@ -29,7 +30,7 @@ from ssp_scenario_manager.run.processor_waits import (
     waited_ns,
     with_busy_machine,
 )
-from ssp_scenario_manager.run.summary import PROMPT, changes, connected, summary
+from ssp_scenario_manager.run.summary import PROMPT, Shown, connected, summary
 from ssp_scenario_manager.run.word import ABORT, HOLDS_S, TypedWords, Word
 from ssp_scenario_manager.session.run_script import RunOutcome
 
@@ -62,6 +63,8 @@ OTHERS = "more than one manager is reached from here"
 ABORT_ONLY = f'only "{ABORT}" counts now'
 # The summary above the prompt waits so long for everybody to be connected.
 LOOK_S = 8.0
+# And so long for what keeps objects from being armed, of which other drivers than ours say nothing.
+BODIES_TOLD_S = 1.5
 # From the first sign of an abort to the session's result. The manager gives up waiting for a
 # standstill before; whatever keeps it from that, the run has a verdict within half a minute.
 RESULT_S = 25.0
@@ -359,7 +362,7 @@ class _Following:
         listener = StartListener(self._client.node, self._spec)
         try:
             word: Word | None = Word.OTHER
-            shown: dict[str, bool] = {}
+            shown = Shown(self._spec, Facts())
             is_read, asked = self._mark(), False
             while word is not Word.START:
                 if word in (Word.ABORT, Word.END_OF_INPUT):
@@ -368,10 +371,8 @@ class _Following:
                     shown = self._show(listener, live)
                     is_read, asked = self._mark(), False
                 self._client.spin(0.05)
-                heard = connected(self._spec, listener.facts(), shown)
-                for line in changes(shown, heard):
+                for line in shown.news(listener.facts()):
                     self._say(line)
-                shown = heard
                 if self._client.under_way:
                     self._say(
                         "started or aborted elsewhere, as on the page; this terminal only follows"
@@ -399,20 +400,18 @@ class _Following:
         waited_ns = time.monotonic_ns() - words.typed_after_ns
         return time.time_ns() + seconds_to_ns(HOLDS_S) - waited_ns
 
-    def _show(self, listener: StartListener, live: LiveSetup) -> dict[str, bool]:
-        """Show what is connected, above the prompt.
-
-        Returns:
-            Those that were connected.
-        """
+    def _show(self, listener: StartListener, live: LiveSetup) -> Shown:
+        """Show what is connected, and what isn't for which reason, above the prompt."""
         began_s = time.monotonic()
-        heard = connected(self._spec, listener.facts())
-        while not all(heard.values()) and time.monotonic() - began_s < LOOK_S:
+        while (waited_s := time.monotonic() - began_s) < LOOK_S:
+            told = listener.knows_bodies or waited_s > BODIES_TOLD_S
+            if told and all(connected(self._spec, listener.facts()).values()):
+                break
             self._client.spin(0.05)
-            heard = connected(self._spec, listener.facts())
-        for line in summary(self._spec, live, listener.facts(), listener.states):
+        facts = listener.facts()
+        for line in summary(self._spec, live, facts, listener.states):
             self._say(line)
-        return heard
+        return Shown(self._spec, facts)
 
     def _look_at_waits(self) -> None:
         processes = self._group.processes.values()

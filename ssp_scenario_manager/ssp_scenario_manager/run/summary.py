@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -11,6 +12,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety.arming import Facts
+from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.start_heading import UNKNOWN_AT_REST
 from ssp_scenario_manager.run.live import LiveSetup
 from ssp_scenario_manager.run.word import ABORT, HOLDS_S, START
@@ -18,6 +20,7 @@ from ssp_scenario_manager.session.preconditions import FRESH_S
 from ssp_scenario_manager.session.run import blind_text
 
 LOST_S = 3.0
+_FIGURE = re.compile(r"[0-9]+(?:\.[0-9]+)?")
 PROMPT = (
     f'type "{START}" to connect, arm and start: objects drive off at once. It holds for '
     f'{HOLDS_S:g} s. "{ABORT}" and Ctrl-C give up, later they abort; anything else asks again'
@@ -29,6 +32,8 @@ def summary(
 ) -> list[str]:
     """List who is connected and real, mode, distances to the starts, limits, and blind distance.
 
+    Who isn't connected, or can't be armed, has the reason, as far as its process knows it.
+
     Args:
         spec: the run.
         setup: which objects and localisation are of this host.
@@ -37,11 +42,11 @@ def summary(
     """
     limits = spec.limits
     lines = [f"mode {spec.mode}: {spec.scenario} on {spec.site}, session {spec.session_token}"]
-    lines += [
-        f"  {one.id}, {_kind(spec, setup, one.id)}: {_place(spec, one, facts, states.get(one.id))}"
-        for one in (spec.vut, *spec.targets)
-    ]
     heard = connected(spec, facts)
+    why = causes(spec, facts, heard)
+    for one in (spec.vut, *spec.targets):
+        place = "; ".join((_place(spec, one, facts, states.get(one.id)), *why[one.id]))
+        lines.append(f"  {one.id}, {_kind(spec, setup, one.id)}: {place}")
     recorder = "ready" if facts.recorder_ready else "not ready"
     if not heard[names.MONITOR]:
         recorder = "not heard"
@@ -76,6 +81,59 @@ def connected(
         who: _age_s(facts, who) <= (max(limit_s, LOST_S) if before.get(who) else limit_s)
         for who, limit_s in limits_s.items()
     }
+
+
+def causes(spec: RunSpec, facts: Facts, heard: Mapping[str, bool]) -> dict[str, tuple[str, ...]]:
+    """Say of the VUT and of each object why it isn't heard, and what keeps it from being armed.
+
+    Args:
+        spec: the run.
+        facts: what the processes say of receiver and bodies.
+        heard: who is connected.
+    """
+    found: dict[str, tuple[str, ...]] = {spec.vut.id: ()}
+    if facts.vut_refused:
+        found[spec.vut.id] = (f"its GNSS/INS gives no state: {facts.vut_refused}",)
+    for target in spec.targets:
+        body = facts.bodies.get(target.id, BodyStatus(target.id))
+        why = () if heard[target.id] else body.no_state
+        kept = (text for text in body.cannot_arm if text not in why)
+        found[target.id] = (*why, *(f"can't be armed: {text}" for text in kept))
+    return found
+
+
+class Shown:
+    """The connections and reasons that a person has seen at the prompt.
+
+    Args:
+        spec: the run.
+        facts: that the summary was made of.
+    """
+
+    def __init__(self, spec: RunSpec, facts: Facts) -> None:
+        self._spec = spec
+        self._heard = connected(spec, facts)
+        self._causes = {_like(who, text) for who, text in self._all(facts)}
+
+    def news(self, facts: Facts) -> list[str]:
+        """List who came or went, and each reason that wasn't shown yet, a line each."""
+        heard = connected(self._spec, facts, self._heard)
+        lines = changes(self._heard, heard)
+        self._heard = heard
+        for who, text in self._all(facts):
+            if (cause := _like(who, text)) not in self._causes:
+                self._causes.add(cause)
+                lines.append(f"{who}: {text}")
+        return lines
+
+    def _all(self, facts: Facts) -> list[tuple[str, str]]:
+        found = causes(self._spec, facts, self._heard)
+        return [(who, text) for who, texts in found.items() for text in texts]
+
+
+def _like(who: str, text: str) -> tuple[str, str]:
+    """Return a reason without its figures, which may change twice a second."""
+    return who, _FIGURE.sub("", text)
 
 
 def changes(before: Mapping[str, bool], now: Mapping[str, bool]) -> list[str]:

@@ -117,6 +117,7 @@ def test_an_object_without_a_probe_report_is_not_armed_and_that_is_the_reason(
     run = stage.run_live(task("cut_in", datum=True), "--no-camera", *unwaived(port))
     parts = ("--play", "vut", "--play", "iso")
     stage.play("rehearsal", *parts, "--first-port", str(port), "--log", str(stage.log))
+    stage.said_after(run, "can't be armed: it has no probe report")  # at the prompt
     stage.begin(run)
     result = stage.finish(run)
     assert result["status"] == 1
@@ -132,8 +133,10 @@ def test_an_address_where_is_unreachable_is_named_while_the_session_waits(
     port = local_port()
     run = stage.run_live(task("cut_in", datum=True), "--no-camera", *unwaived(port))
     stage.play("vut", "--play", "vut")
-    stage.begin(run)
     why = f"its test object isn't connected: 127.0.0.1:{port}: Connection refused"
+    stage.said_after(run, why)  # above the prompt, before anybody types the word
+    assert "session CONN" not in stage.said("ssp_run")
+    stage.begin(run)
     stage.said_after(run, f"no state of ot1 arrives: {why}")
 
 

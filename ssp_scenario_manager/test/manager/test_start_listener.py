@@ -1,0 +1,45 @@
+"""What is heard before the word that starts: also what the processes of bodies and receiver say."""
+
+from __future__ import annotations
+
+import time
+from unittest.mock import MagicMock
+
+import pytest
+
+from ssp_core import names
+from ssp_core.run_file.model import RunSpec
+from ssp_core.safety.body_status import FORGOTTEN_S
+from ssp_core.safety.liveness import ADAPTER_SILENT_S
+from ssp_msgs.msg import BodyStatus, LocalisationStatus
+from ssp_scenario_manager.ros import start_listener
+from ssp_scenario_manager.ros.start_listener import StartListener
+
+
+def test_reasons_of_bodies_and_receiver_are_facts_until_their_processes_are_silent(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = MagicMock()
+    listener = StartListener(node, run)
+    calls = {args[1]: args[2] for args, _ in node.create_subscription.call_args_list}
+    assert "was never heard" in listener.facts().bodies["ot1"].no_state[0]
+    assert not listener.knows_bodies
+    calls[names.BODY_STATUS](BodyStatus(object_id="ot9", no_state=["of another run"]))
+    assert not listener.knows_bodies
+    said = BodyStatus(object_id="ot1", no_state=["refused"], cannot_arm=["no probe report"])
+    calls[names.BODY_STATUS](said)
+    calls[names.LOCALISATION_STATUS](LocalisationStatus(object_id="vut", reason="no fix"))
+    facts = listener.facts()
+    assert listener.knows_bodies
+    assert (facts.bodies["ot1"].no_state, facts.bodies["ot1"].cannot_arm) == (
+        ("refused",),
+        ("no probe report",),
+    )
+    assert facts.vut_refused == "no fix"
+    later_s = time.monotonic() + max(FORGOTTEN_S, ADAPTER_SILENT_S) + 0.5
+    monkeypatch.setattr(start_listener.time, "monotonic", lambda: later_s)
+    facts = listener.facts()
+    assert "has said nothing for" in facts.bodies["ot1"].no_state[0]
+    assert facts.vut_refused == ""
+    listener.close()
+    assert node.destroy_subscription.call_count == node.create_subscription.call_count
