@@ -5,6 +5,8 @@ from __future__ import annotations
 import socket
 import threading
 import time
+from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -49,11 +51,13 @@ def played() -> PlayedVehicle:
     return PlayedVehicle(run_of_two(), EPOCH)
 
 
-def advance(vehicle: PlayedVehicle, seconds: float, phase: SessionPhase | None) -> None:
+def advance(
+    vehicle: PlayedVehicle, seconds: float, phase: SessionPhase | None, token: str = "first"
+) -> None:
     for _ in range(round(seconds * 100)):
         now_ns = vehicle.now_ns + PERIOD
         if phase is not None:
-            vehicle.hear(phase, now_ns)
+            vehicle.hear(phase, token, now_ns)
         vehicle.advance((), now_ns)
         assert vehicle.now_ns == now_ns
 
@@ -78,7 +82,7 @@ def test_brakes_when_nobody_says_anything_any_more() -> None:
 def test_a_late_call_moves_it_as_many_would() -> None:
     one, other = played(), played()
     for vehicle in (one, other):
-        vehicle.hear(SessionPhase.RUNNING, EPOCH)
+        vehicle.hear(SessionPhase.RUNNING, "first", EPOCH)
     for step in range(1, 31):
         one.advance((), EPOCH + step * PERIOD)
     other.advance((), EPOCH + 30 * PERIOD)
@@ -105,6 +109,75 @@ def test_goes_back_to_its_start_when_the_session_has_gone_and_drives_again() -> 
         assert (vehicle.body.x_m, vehicle.body.y_m, vehicle.body.speed_mps) == (10.0, 0.0, 0.0)
         advance(vehicle, 1.0, SessionPhase.ARMED)
         assert vehicle.body.x_m == 10.0
+
+
+@pytest.mark.parametrize("phase", [SessionPhase.IDLE, SessionPhase.LOADED, SessionPhase.CONNECTED])
+def test_goes_back_to_its_start_when_the_next_session_is_there(phase: SessionPhase) -> None:
+    """A run that was started within these 10 s could never be armed."""
+    vehicle = played()
+    advance(vehicle, 2.0, SessionPhase.RUNNING)
+    advance(vehicle, 0.1, phase, "second")
+    assert vehicle.body.x_m > 12.0, "it went back before it stood"
+    assert vehicle.body.speed_mps > 0.0
+    advance(vehicle, 4.0, phase, "second")
+    assert (vehicle.body.x_m, vehicle.body.speed_mps) == (10.0, 0.0)
+    advance(vehicle, 2.0, SessionPhase.RUNNING, "second")
+    advance(vehicle, 4.0, SessionPhase.ABORTED, "second")
+    assert vehicle.body.x_m > 12.0
+
+
+@pytest.mark.parametrize(
+    ("phase", "token"),
+    [
+        (SessionPhase.IDLE, "first"),
+        (SessionPhase.CONNECTED, "first"),
+        (SessionPhase.CONNECTED, ""),
+        (SessionPhase.ARMED, "second"),
+        (SessionPhase.ABORTED, "second"),
+    ],
+)
+def test_stays_where_the_run_ended_without_a_session_that_has_yet_to_arm(
+    phase: SessionPhase, token: str
+) -> None:
+    vehicle = played()
+    advance(vehicle, 2.0, SessionPhase.RUNNING)
+    advance(vehicle, 6.0, phase, token)
+    assert vehicle.body.x_m > 12.0
+    assert vehicle.body.speed_mps == 0.0
+
+
+def test_a_body_goes_back_to_its_start_when_another_process_commands_it(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    with PlayedBodies(run_of_two(), "127.0.0.1", 0, log) as bodies:
+        host, _, port = bodies.addresses["ot1"].removeprefix("udp://").partition(":")
+        over = threading.Event()
+        thread = threading.Thread(target=bodies.serve, args=(over.is_set,))
+        thread.start()
+
+        def drive(acceleration_mps2: float, until: Callable[[list[str]], bool]) -> None:
+            deadline = time.monotonic() + DEADLINE_S
+            boot_ns = time.time_ns()
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+                number = 0
+                while not until(log.read_text().splitlines()[-1].split(",")):
+                    assert time.monotonic() < deadline, log.read_text()[-500:]
+                    number += 1
+                    envelope = Envelope("ot1", boot_ns, number, time.time_ns())
+                    command = Command(acceleration_mps2, 0.0, 0.0)
+                    datagram = encode_command(CommandDatagram(envelope, command, 200))
+                    sock.sendto(datagram, (host, int(port)))
+                    time.sleep(0.01)
+
+        drive(3.0, lambda row: row[1] == "ot1" and float(row[2]) > 200.5)
+        # Another socket is heard when the body stands, having heard nothing.
+        began_s = time.monotonic()
+        drive(0.0, lambda row: float(row[2]) == 200.0)
+        assert time.monotonic() - began_s < PUT_BACK_S
+        over.set()
+        thread.join()
+    rows = [line.split(",") for line in log.read_text().splitlines()[1:]]
+    jumps = [row for row, after in pairwise(rows) if float(row[2]) - float(after[2]) > 0.4]
+    assert [float(row[5]) < 0.1 for row in jumps] == [True], "it went back before it stood"
 
 
 def test_a_body_that_nobody_commands_goes_back_to_its_start(

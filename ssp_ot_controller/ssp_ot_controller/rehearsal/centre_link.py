@@ -41,6 +41,7 @@ class CentreLink:
         host: of the centre; None: none is connected.
         address: where heartbeats come from, and MONR goes; None until the first.
         heard_ns: when the last heartbeat came; None before the first.
+        status: of the last heartbeat, also of a centre that has gone; None before the first.
         osem: the centre's settings, whose ids the answers carry.
         closes: the connection is given up; the caller closes it.
         notes: what happened, for people.
@@ -51,6 +52,7 @@ class CentreLink:
         self.host: str | None = None
         self.address: Any = None
         self.heard_ns: int | None = None
+        self.status: int | None = None
         self.osem: Osem | None = None
         self.closes = False
         self.notes: list[str] = []

@@ -377,7 +377,7 @@ class IsoObject:
         self.link.send(Dres(*SIMULATED_OBJECT, version, self.object_id, 0))
 
     def _on_heab(self, heab: Heab) -> None:
-        self.link.heard_ns = self._now_ns
+        self.link.heard_ns, self.link.status = self._now_ns, heab.status
         session = session_of(heab.status, self.started_ns is not None)
         late = self.started_ns is not None and heab.status == CentreStatus.READY
         if late and ns_to_seconds(self._now_ns - (self.started_ns or 0)) > HEAB_LAG_S:
@@ -421,13 +421,20 @@ class IsoObject:
         self._now_ns = now_ns + _STEP_NS
         self._settle()
 
-    def put_back(self) -> bool:
+    def put_back(self, *, is_called: bool = False) -> bool:
         """Put it back to its start, switched on anew; return False while that isn't called for.
 
         It is once no centre has been connected and nothing has moved for ``PUT_BACK_S``, where it
         stands elsewhere or is latched by an abort.
+
+        Args:
+            is_called: a centre is about to connect: earlier too, where it stands and the centre
+                before said that its test was over. One that was cut off finds it where it stopped.
         """
-        alone = self.link.host is None and self._now_ns - self._moved_ns > seconds_to_ns(PUT_BACK_S)
+        stands_ns = self._now_ns - self._moved_ns
+        is_over = self.link.status not in (None, CentreStatus.READY, CentreStatus.RUNNING)
+        is_next = is_called and is_over and stands_ns > 0
+        alone = self.link.host is None and (is_next or stands_ns > seconds_to_ns(PUT_BACK_S))
         start = self._rules.spec.start.pose
         latched = self._target.state is ControlState.ABORTING
         if not alone or not (latched or is_away(self.body, start)):

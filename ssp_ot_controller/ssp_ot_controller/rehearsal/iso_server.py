@@ -34,13 +34,16 @@ class IsoServer(Closing):
 
     Args:
         port: of TCP; 0: any that is free.
+        puts_back: an object that is left alone goes back to its start.
 
     Raises:
         HostError: the ports can't be listened at.
     """
 
-    def __init__(self, played: IsoObject | FaultyObject, host: str, port: int) -> None:
-        self.played = played
+    def __init__(
+        self, played: IsoObject | FaultyObject, host: str, port: int, *, puts_back: bool = False
+    ) -> None:
+        self.played, self._puts_back = played, puts_back
         self._centre: socket.socket | None = None
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         for attempt in range(_ATTEMPTS):
@@ -81,9 +84,15 @@ class IsoServer(Closing):
         if self.played.link.closes:
             self._drop()
 
+    def put_back(self, *, is_called: bool = False) -> None:
+        """Let the object go back to its start, where that is due."""
+        if self._puts_back and isinstance(self.played, IsoObject):
+            self.played.put_back(is_called=is_called)
+
     def _accept(self, now_ns: int) -> None:
         with suppress(OSError):
             centre, address = self._listener.accept()
+            self.put_back(is_called=True)
             if not self.played.connect(address[0], now_ns):
                 centre.close()
                 return
@@ -144,20 +153,13 @@ def _listen(family: int, host: str, port: int) -> tuple[socket.socket, socket.so
     return listener, udp
 
 
-def serve(
-    servers: Sequence[IsoServer],
-    until: Callable[[], bool],
-    log: StateLog,
-    *,
-    puts_back: bool = False,
-) -> None:
+def serve(servers: Sequence[IsoServer], until: Callable[[], bool], log: StateLog) -> None:
     """Play objects until ended; say what happens to each.
 
     Args:
         servers: of the objects.
         until: tells whether to end; asked once a tick.
         log: takes the objects' states.
-        puts_back: one that is left alone goes back to its start.
     """
     next_log_ns = 0
     while not until():
@@ -172,8 +174,7 @@ def serve(
             next_log_ns = now_ns + _LOG_NS
             for server in servers:
                 played = server.played
-                if puts_back and isinstance(played, IsoObject):
-                    played.put_back()
+                server.put_back()
                 log.add(played.object_id, played.body, brakes_by_itself=played.brakes_by_itself)
 
 
@@ -196,7 +197,7 @@ class PlayedIsoObjects(Closing):
             for number, target in enumerate(run.targets):
                 played = object_of_run(run, target.id, time.time_ns())
                 port = first_port + 2 * number if first_port else 0
-                self._servers.append(IsoServer(played, host, port))
+                self._servers.append(IsoServer(played, host, port, puts_back=True))
         except HostError:
             self.close()
             raise
@@ -208,7 +209,7 @@ class PlayedIsoObjects(Closing):
 
     def serve(self, until: Callable[[], bool]) -> None:
         """Play until ended."""
-        serve(self._servers, until, self._log, puts_back=True)
+        serve(self._servers, until, self._log)
 
     def close(self) -> None:
         for server in self._servers:

@@ -7,6 +7,7 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -24,7 +25,10 @@ from ssp_ot_controller.sil.vut_driver import VutDriver
 # The plant is stepped at least this finely, also where a busy machine comes late.
 _PLANT_STEP_S = 0.01
 # Left alone and standing for so long, what is played goes back to its start, for the next session.
+# If that one comes earlier, it goes back then.
 PUT_BACK_S = 10.0
+# Before these a session has armed nothing.
+_UNARMED = (SessionPhase.IDLE, SessionPhase.LOADED, SessionPhase.CONNECTED)
 # What stands within so much of its start is there.
 _AT_START_M = 0.05
 # However late: what wasn't stepped by then stays out, as for a vehicle that stood meanwhile.
@@ -48,13 +52,17 @@ class PlayedVehicle:
         self._silent_ns = seconds_to_ns(run.limits.heartbeat_s)
         self._heard_ns: int | None = None
         self._phase = SessionPhase.IDLE
+        # Of the newest heartbeat's session, and of the one in which it drove.
+        self._token = self._drove_in = ""
         self.body = BodyState.at_rest(run.vut.start.pose)
 
-    def hear(self, phase: SessionPhase, now_ns: int) -> None:
-        """Take the phase of a heartbeat."""
+    def hear(self, phase: SessionPhase, token: str, now_ns: int) -> None:
+        """Take phase and session token of a heartbeat."""
         if phase is SessionPhase.RUNNING and self._phase is not SessionPhase.RUNNING:
             self._began_ns = now_ns
-        self._phase, self._heard_ns = phase, now_ns
+        if phase is SessionPhase.RUNNING:
+            self._drove_in = token
+        self._phase, self._token, self._heard_ns = phase, token, now_ns
 
     def drives(self, now_ns: int) -> bool:
         """Tell whether the session runs, and a manager still says so."""
@@ -79,10 +87,11 @@ class PlayedVehicle:
         return self.body
 
     def _is_left_away(self) -> bool:
-        """Tell whether the session has gone, and the vehicle stands where it ended."""
+        """Tell whether its session has gone, or the next one is there, and it stands elsewhere."""
         heard_ns = self._heard_ns
         silent = heard_ns is not None and self._now_ns - heard_ns > seconds_to_ns(PUT_BACK_S)
-        return silent and is_away(self.body, self._run.vut.start.pose)
+        is_next = self._token not in ("", self._drove_in) and self._phase in _UNARMED
+        return (silent or is_next) and is_away(self.body, self._run.vut.start.pose)
 
     @property
     def now_ns(self) -> int:
@@ -157,6 +166,8 @@ class PlayedBodies(Closing):
     def __init__(self, run: RunSpec, host: str, first_port: int, log: Path | None) -> None:
         self._log = StateLog(log)
         self._starts = {target.id: target.start.pose for target in run.targets}
+        # By object, who has commanded it since it was at its start.
+        self._commanders: dict[str, Any] = {}
         self._served: list[tuple[BodyServer, socket.socket]] = []
         for number, target in enumerate(run.targets):
             port = first_port + number if first_port else 0
@@ -188,7 +199,13 @@ class PlayedBodies(Closing):
 
     def _write(self, server: BodyServer) -> None:
         start = self._starts[server.object_id]
-        if server.silent_s > PUT_BACK_S and is_away(server.body, start):
+        # The process that commands a body is its session's: another one is of the next session.
+        last = self._commanders.setdefault(server.object_id, server.commander)
+        is_next = last is not None and server.commander != last
+        if not is_away(server.body, start):
+            self._commanders[server.object_id] = server.commander
+        elif server.silent_s > PUT_BACK_S or is_next:
+            self._commanders[server.object_id] = server.commander
             server.place(start)
             click.echo(f"{server.object_id}: back at its start")
         self._log.add(server.object_id, server.body, brakes_by_itself=server.brakes_by_itself)

@@ -24,7 +24,6 @@ from ssp_core.geometry import Pose2
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.run_file.model import load_run
 from ssp_core.run_file.participation import POSITIONING, ParticipantKind
-from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.transforms import BASE_FRAME
 from ssp_msgs.msg import Heartbeat
 from ssp_ot_controller.bodies.dynamics import BodyState
@@ -75,7 +74,7 @@ class PlayedVut(Node):
         self.create_timer(1.0 / given["rate_hz"], self._publish, clock=steady)
 
     def _on_beat(self, beat: steps.Heartbeat) -> None:
-        self._vehicle.hear(SessionPhase(beat.session_state), time.time_ns())
+        self._vehicle.hear(beat.session_state, beat.session_token, time.time_ns())
 
     def _on_state(self, state: State) -> None:
         self._others[state.object_id] = state

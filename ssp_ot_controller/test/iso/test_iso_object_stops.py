@@ -225,3 +225,41 @@ def test_left_alone_it_goes_back_to_its_start_and_can_be_armed_again(status: Cen
     again.send(TRAJ)
     again.status = CentreStatus.READY
     assert again.command(ObjectCommand.ARM) == OK
+
+
+@pytest.mark.parametrize(
+    ("status", "goes_back"),
+    [
+        (CentreStatus.NORMAL_STOP, True),
+        (CentreStatus.TEST_DONE, True),
+        (CentreStatus.ABORT, True),
+        (CentreStatus.INIT, True),
+        (CentreStatus.RUNNING, False),
+        (CentreStatus.READY, False),
+    ],
+)
+def test_the_next_centre_finds_it_at_its_start_and_one_that_was_cut_off_where_it_stopped(
+    status: CentreStatus, goes_back: bool
+) -> None:
+    centre = driving(for_s=3.0)
+    played = centre.played
+    if goes_back:
+        centre.status = CentreStatus.NORMAL_STOP if status is not CentreStatus.ABORT else status
+        centre.run(0.05)
+        assert not played.put_back(is_called=True)  # while it is connected
+        stop_way_m(centre)
+        centre.status = status
+        centre.run(0.1)
+    else:
+        centre.status = status
+        centre.run(0.05)
+    played.disconnect(centre.now_ns)
+    moves = played.body.speed_mps > 0.0
+    assert moves is not goes_back
+    if moves:
+        assert not played.put_back(is_called=True)
+        played.advance(centre.now_ns + 6 * S)
+    assert played.body.speed_mps == 0.0
+    assert not played.put_back()
+    assert played.put_back(is_called=True) is goes_back
+    assert (way_m(rules_of().spec.start, played.body) == 0.0) is goes_back

@@ -22,7 +22,6 @@ from tests.system.live.conftest import ASKS, DATUM, GNSS, ODOMETRY
 
 PORT = 18000
 # What the rehearsal says of what it plays.
-RETURNED = "ot1: back at its start"
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
 
@@ -197,15 +196,18 @@ def test_a_body_falls_silent(stage: Any, task: Callable[[str], Path]) -> None:
     assert "state_stale" in reasons or "object_silent" in reasons, reasons
 
 
+@pytest.mark.parametrize("kind", ["bodies", "iso"])
 def test_a_rehearsal_that_stays_up_serves_the_next_run_too(
-    stage: Any, task: Callable[[str], Path]
+    stage: Any, task: Callable[..., Path], kind: str
 ) -> None:
-    """Two runs in a row; between them what it plays goes back to its starts by itself."""
-    folder = task("cut_in")
+    """Two runs in a row, without a pause: what it plays goes back to its starts for the second."""
+    folder = task("cut_in", datum=kind == "iso")
     start = load_run(folder / RUN_FILE).targets[0].start.pose
-    played = ("--play", "vut", "--play", "bodies", "--first-port", "0", "--log", str(stage.log))
+    played = ("--play", "vut", "--play", kind, "--first-port", "0", "--log", str(stage.log))
     rehearsal = stage.play("rehearsal", *played, what=folder)
     bodies = re.findall(r"^(--body) (\S+)$", stage.said("rehearsal"), re.M)[0]
+    if kind == "iso":
+        bodies = (bodies[0], f"{bodies[1]}?waive=A. Tester")
     for number in (1, 2):
         run = stage.run_live(folder, "--no-camera", *bodies)
         stage.begin(run)
@@ -215,8 +217,7 @@ def test_a_rehearsal_that_stays_up_serves_the_next_run_too(
         assert (result["verdict"], result["status"]) == ("aborted", 1), (number, result)
         assert result["running_wall_s"] > 0.0
         if number == 1:
+            stood = stage.rows()[-1]
+            assert math.dist((stood.x_m, stood.y_m), (start.x_m, start.y_m)) > 0.05
             (stage.folder / "run").rename(stage.folder / "run_1")
-            stage.wait_for(lambda: RETURNED in stage.said("rehearsal"), RETURNED)
-            stands = stage.rows()[-1]
-            assert math.dist((stands.x_m, stands.y_m), (start.x_m, start.y_m)) < 0.05
     assert rehearsal.poll() is None, stage.said("rehearsal")
