@@ -185,6 +185,32 @@ def press(tab: Browser, command: str) -> None:
         tab.click(f"#command-{command}")
 
 
+def every_reason_can_be_read(tab: Browser) -> None:
+    """Of twenty objects that stand elsewhere: seven reasons, and the rest in a fold."""
+    fold = "document.querySelector('#standing details')"
+    tab.wait(f"{fold}.querySelectorAll('li').length > {OBJECTS}")
+    assert tab.evaluate("document.querySelectorAll('#standing > ul > li').length") == 7
+    tab.resize(1280, 800)
+    tab.click("#standing summary")
+    told = f"{fold}.querySelector('summary').innerText"
+    items = f"{fold}.querySelectorAll('li').length"
+    tab.wait(f"{fold}.open && {told} === `and ${{{items}}} more`")
+    # It stays open while reasons change, and the last one can be scrolled to.
+    tab.evaluate(f"{fold}.querySelector('li').dataset.seen = 'before'")
+    tab.wait(f"{fold}.querySelector('li').dataset.seen !== 'before'")
+    assert tab.evaluate(f"{fold}.open")
+    seen = tab.evaluate(
+        f"(() => {{ const last = [...{fold}.querySelectorAll('li')].at(-1);"
+        " last.scrollIntoView({block: 'nearest'}); const box = last.getBoundingClientRect();"
+        " const at = document.elementFromPoint(box.x + 5, box.y + box.height / 2);"
+        " return last.contains(at) && box.bottom <= innerHeight; })()"
+    )
+    assert seen
+    keep(tab, "every-reason")
+    tab.click("#standing summary")
+    tab.wait(f"!{fold}.open")
+
+
 def test_twenty_objects_commands_and_silence(stage: Stage, tab: Browser) -> None:
     stage.manager()
     objects = stage.objects()
@@ -196,6 +222,7 @@ def test_twenty_objects_commands_and_silence(stage: Stage, tab: Browser) -> None
     assert tab.evaluate("location.href") == f"http://127.0.0.1:{port}/"  # no token left in it
     assert tab.evaluate("document.getElementById('map').dataset.objects") == str(OBJECTS + 1)
     assert "the recorder is silent" in tab.text("#standing")
+    every_reason_can_be_read(tab)
     # In one look: a busy machine may make a value old between two.
     cells = cells_of("ot1")
     tab.wait(f"{cells}[0] === 'DISARMED' && {cells}[1] === '0.00' && Number({cells}[2]) > 5.0")

@@ -1,8 +1,9 @@
 // State of the session, large; what stands in its way; and the buttons that it takes.
 
-import { DASH, byId, clock, make, setText, words } from "./format.js";
+import { DASH, byId, clock, make, setClass, setText, words } from "./format.js";
 
 const BUTTONS = ["connect", "arm", "start", "stop", "disarm", "all_clear", "reset"];
+// More than these are folded away.
 const MOST_REASONS = 7;
 
 export class SessionPanel {
@@ -24,6 +25,15 @@ export class SessionPanel {
       this.buttons.set(name, button);
     }
     this.state = byId("state");
+    this.head = make("h3");
+    this.first = make("ul");
+    // Stays as it was opened while its reasons change. The space bar is ABORT here too.
+    this.more = make("summary");
+    this.rest = make("ul");
+    this.rest.tabIndex = 0;
+    this.fold = make("details");
+    this.fold.append(this.more, this.rest);
+    byId("standing").append(this.head, this.first, this.fold);
     this.told = "";
     this.shown = "";
   }
@@ -67,24 +77,19 @@ export class SessionPanel {
     const key = JSON.stringify([waiting, known, state === "ARMED", snapshot.standing]);
     if (key === this.told) return;
     this.told = key;
-    const place = byId("standing");
-    if (!waiting) {
-      place.replaceChildren();
-      return;
-    }
-    if (!known) {
-      place.replaceChildren(make("h3", "What prevents arming isn't known now", "bad"));
-      return;
-    }
+    byId("standing").hidden = !waiting;
+    if (!waiting) return;
     const what = state === "ARMED" ? "the start" : "arming";
-    if (snapshot.standing.length === 0) {
-      place.replaceChildren(make("h3", `Nothing seen that prevents ${what}`, "good"));
-      return;
-    }
-    const list = make("ul");
-    for (const reason of snapshot.standing.slice(0, MOST_REASONS)) list.append(make("li", reason));
-    const more = snapshot.standing.length - MOST_REASONS;
-    if (more > 0) list.append(make("li", `and ${more} more`));
-    place.replaceChildren(make("h3", `Prevents ${what}`, "bad"), list);
+    const reasons = known ? snapshot.standing : [];
+    if (!known) setText(this.head, "What prevents arming isn't known now");
+    else if (reasons.length) setText(this.head, `Prevents ${what}`);
+    else setText(this.head, `Nothing seen that prevents ${what}`);
+    setClass(this.head, "bad", !known || reasons.length > 0);
+    setClass(this.head, "good", known && reasons.length === 0);
+    const items = reasons.map((reason) => make("li", reason));
+    this.first.replaceChildren(...items.slice(0, MOST_REASONS));
+    this.rest.replaceChildren(...items.slice(MOST_REASONS));
+    this.fold.hidden = items.length <= MOST_REASONS;
+    setText(this.more, `and ${items.length - MOST_REASONS} more`);
   }
 }
