@@ -5,8 +5,10 @@ from __future__ import annotations
 import importlib
 import os
 import socket
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 from ssp_core.addresses import resolve
@@ -64,6 +66,7 @@ def _join(ray: Any, workers: int) -> None:
     where: dict[str, Any] = {} if address else {"address": "local", "num_cpus": workers}
     if address not in ("", "auto", "local"):
         look_for(address, ray.util.get_node_ip_address)
+    check_folder(Path.cwd())
     ours = not address and _SERVER_START not in os.environ
     if ours:
         os.environ[_SERVER_START] = _SERVER_START_S
@@ -75,6 +78,26 @@ def _join(ray: Any, workers: int) -> None:
     finally:
         if ours:
             del os.environ[_SERVER_START]
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse to start workers in a folder that holds a module of the same name as one of theirs.
+
+    Ray has its workers look for modules there before all packages.
+
+    Raises:
+        HostError: names the file that would run instead.
+    """
+    for file in sorted((*folder.glob("*.py"), *folder.glob("*/__init__.py"))):
+        name = file.parent.name if file.name == "__init__.py" else file.stem
+        ours = getattr(sys.modules.get(name), "__file__", None)
+        if name == "__main__" or ours is None or not file.exists():
+            continue
+        if not file.samefile(ours):
+            raise HostError(
+                f"{file} would run in Ray's workers instead of {ours}; give the command in "
+                "another folder, or use --engine processes"
+            )
 
 
 def look_for(address: str, own_ip: Callable[[], str] = lambda: "") -> None:

@@ -6,6 +6,7 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -33,6 +34,25 @@ def test_a_cluster_that_isn_t_there_is_named_before_anything_is_asked(
 def test_what_is_no_address_is_said_at_once(address: str) -> None:
     with pytest.raises(HostError, match=f"RAY_ADDRESS={address} is no address"):
         look_for(address)
+
+
+@pytest.mark.parametrize("name", ["ssp_core/__init__.py", "click.py"])
+def test_a_folder_whose_code_would_run_in_the_workers_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    ray = MagicMock(is_initialized=lambda: False)
+    ray.exceptions.RayError = RuntimeError
+    monkeypatch.delenv(ADDRESS, raising=False)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_model.py").touch()
+    (tmp_path / "ssp_core").mkdir()
+    (tmp_path / "gone.py").symlink_to("nowhere")
+    with joined(ray, 1):
+        assert ray.init.call_count == 1
+    (tmp_path / name).touch()
+    with pytest.raises(HostError, match=f"{name} would run in Ray's workers"), joined(ray, 1):
+        pass
+    assert ray.init.call_count == 1
 
 
 def test_who_listens_is_asked_by_ray_itself() -> None:
