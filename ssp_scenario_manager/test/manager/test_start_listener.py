@@ -14,6 +14,7 @@ from ssp_core.safety.liveness import ADAPTER_SILENT_S
 from ssp_msgs.msg import BodyStatus, LocalisationStatus
 from ssp_scenario_manager.ros import start_listener
 from ssp_scenario_manager.ros.start_listener import StartListener
+from ssp_scenario_manager.sros2 import rights
 
 
 def test_reasons_of_bodies_and_receiver_are_facts_until_their_processes_are_silent(
@@ -41,5 +42,7 @@ def test_reasons_of_bodies_and_receiver_are_facts_until_their_processes_are_sile
     facts = listener.facts()
     assert "has said nothing for" in facts.bodies["ot1"].no_state[0]
     assert facts.vut_refused == ""
+    # With DDS security a node may hear what the policy names, and nothing else.
+    assert set(calls) <= {*rights(run)[names.RUNNER].hears}
     listener.close()
     assert node.destroy_subscription.call_count == node.create_subscription.call_count
