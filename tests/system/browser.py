@@ -99,6 +99,7 @@ class Browser:
     def go(self, url: str) -> None:
         """Opens an address and waits until the page is there."""
         self.ask("Page.navigate", url="about:blank")
+        self.wait("location.href === 'about:blank'")  # an answer comes before the page is gone
         self.ask("Page.navigate", url=url)
         self.wait("document.readyState === 'complete' && location.href !== 'about:blank'")
 
