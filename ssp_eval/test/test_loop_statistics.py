@@ -45,6 +45,16 @@ def test_pairs_are_of_the_same_event_start_and_latency() -> None:
     assert pairs_of(runs, ["a", "b"]) == []
 
 
+def test_a_driver_is_in_no_pair_at_a_latency_at_which_it_is_starved() -> None:
+    """It is shown and not ranked there (METHOD 8.4)."""
+    runs = [
+        made_run(driver=driver, latency=latency, starved=driver == "b" and latency == LATENCIES[1])
+        for driver in ("a", "b")
+        for latency in LATENCIES[:2]
+    ]
+    assert [pair.latency for pair in pairs_of(runs, ["a", "b"])] == [LATENCIES[0]]
+
+
 def test_repeats_of_a_start_are_one_pair() -> None:
     runs = [made_run(driver="a") for _ in range(4)]
     runs += [made_run(driver="b", outcome=o) for o in ("avoided", "collision") * 2]

@@ -66,16 +66,19 @@ class OverEvents:
 def shares_of(runs: Iterable[Run]) -> dict[tuple[str, Latency], dict[Place, float]]:
     """Return by driver and latency the share of successful runs of each critical (event, start).
 
-    A run that stayed ``harness`` is no run; a driver without rates has no shares.
+    A run that stayed ``harness`` is no run; a driver without rates has no shares, nor has one at a
+    latency at which it is starved, since it isn't ranked there (METHOD 8.4).
     """
     there = list(runs)
     without = drivers_without_rates([run.row for run in there])
+    starved = {(run.row.driver, run.row.latency) for run in there if run.row.starved}
     found: dict[tuple[str, Latency], dict[Place, list[bool]]] = {}
     for run in there:
         row = run.row
         counts = row.kind == CRITICAL and row.outcome != HARNESS
-        if counts and row.driver not in without:
-            cell = found.setdefault((row.driver, row.latency), {})
+        cell_of = (row.driver, row.latency)
+        if counts and row.driver not in without and cell_of not in starved:
+            cell = found.setdefault(cell_of, {})
             cell.setdefault((row.event, row.start), []).append(row.succeeds)
     return {
         cell: {place: sum(each) / len(each) for place, each in of_cell.items()}

@@ -289,6 +289,35 @@ def test_constant_velocity_gains_none_either_and_the_oracle_does(
         assert kinds == {"constant_velocity": "collision", "oracle": "avoided"}, event
 
 
+def test_objects_move_alike_on_every_event_and_braking_for_nothing_gains_nothing(
+    start_of: Callable[[str], tuple[Start, Record]],
+) -> None:
+    """Objects, byte by byte from the hand-over to the earlier end, and the baselines of 8.10."""
+    for event in EVENTS:
+        start, built_in = start_of(event)
+        assert start.contact is not None
+        # The earlier end is that of the run with the contact; objects brake behind it.
+        end_ns = seconds_to_ns(start.contact.at_s + 0.9)
+        moved = []
+        for name in ("no_response", "always_brake", "stop_at_once"):
+            driver = CampaignDriver(driver=name)
+            drove = drive_start(start, driver, LATENCY)
+            reports = [r for r in drove.record.reports if r.now_ns <= end_ns]
+            moved.append(
+                [repr([s for s in r.truths if s.object_id != start.run.vut.id]) for r in reports]
+            )
+            if name == "no_response":
+                contact = first_contact(drove.record.reports, start.run.vut.id)
+                assert contact is not None
+                assert contact.relative_mps == start.v_r_mps, event
+                continue
+            if drove.outcome.kind == "avoided":
+                free = drive_start(start, driver, LATENCY, event=False)
+                assert needless_of(drove, free, built_in, start.contact), (event, name)
+        assert len(moved[0]) > 100
+        assert moved[0] == moved[1] == moved[2], event
+
+
 def test_constant_velocity_is_asked_first_at_its_twins_speed_and_has_its_speed_of_contact(
     start_of: Callable[[str], tuple[Start, Record]],
 ) -> None:
