@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import astuple, replace
 from functools import cache
 
 import pytest
 
 from ssp_core.clock import ns_to_seconds
+from ssp_core.world.driver import history_of
 from ssp_eval.data.labels import Labels, compare_labels
 from ssp_eval.data.records import BehaviourRecord, Slot, Slots
+from ssp_eval.extract.engine import extract
 from ssp_eval.labels.propose import Proposal, propose_by_plan
 from ssp_eval.labels.truth import Truth
 from ssp_eval.recordings.event import rules_of
 from ssp_eval.recordings.source_clip import board_of
 from ssp_eval.score.engine import score_cells
-from ssp_eval.statistics.best_constant import Plan
+from ssp_eval.statistics.best_constant import Plan, best_constant
 from ssp_scenario_manager.compile.place import Order, realise
 from ssp_scenario_manager.compile.retrieval import score_blocks
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.feasibility import driven
+from ssp_vla_bridge.backends.baselines import CopyHistory
+from ssp_vla_bridge.backends.phrases import point_times
+from ssp_vla_bridge.messages import EgoSample, Request
+from ssp_vla_bridge.trajectory import Trajectory
 from tests.support.junctions import ground
 from tests.support.places import site_of
 
@@ -37,6 +43,8 @@ KINDS = (
 )
 # Steps of a session from one frame to the next.
 STEP = 5
+# Of the VUT's past, what a model is shown.
+HISTORY_S = 2.0
 
 
 def of_clip(event: Event) -> Truth:
@@ -98,6 +106,32 @@ def blind_scores(recordings: Iterable[Labels], text: str, lateral: str) -> list[
     return [found.ivcs for found in score_cells(cells)]
 
 
+def past_of(truth: Truth, t_s: float) -> tuple[EgoSample, ...]:
+    """Return the VUT's motion as a model is shown it; an imported clip declares its speed."""
+    vut = [one for _, states in truth.series for one in states if one.object_id == truth.vut_id]
+    if truth.domain == "synthetic":
+        speed = vut[0].speed_mps
+        span_s = min(HISTORY_S, t_s - truth.start_s)
+        times = (-span_s * k / 20 for k in range(20, -1, -1))
+        return tuple(EgoSample(back_s, speed * back_s, 0.0, 0.0, speed, 0.0) for back_s in times)
+    spans = (t_s - ns_to_seconds(one.stamp_ns) for one in vut)
+    past = [one for one, ago_s in zip(vut, spans, strict=True) if -1e-6 <= ago_s <= HISTORY_S + 0.1]
+    return tuple(EgoSample(*astuple(one)) for one in history_of(past))
+
+
+def copied(labels: Labels, truth: Truth) -> float:
+    """IVCS of copy_history."""
+    records = []
+    for label in labels.labels:
+        past = past_of(truth, label.t_s)
+        asked = Request("", 0, (), history=past, ego_provenance="measured")
+        answer = CopyHistory().answer(asked)
+        points = answer.arrays[0].data if answer.arrays else ()
+        plan = Trajectory(point_times(asked.task), points[::2], points[1::2]) if points else None
+        records.append(BehaviourRecord(label.t_s, answer.text, extract(answer.text), plan))
+    return score_cells([(labels, records)])[0].ivcs
+
+
 @pytest.mark.parametrize("name", KINDS)
 def test_clip_and_session_have_as_many_labels_per_phase_and_a_blind_model_the_same_score(
     name: str,
@@ -109,6 +143,18 @@ def test_clip_and_session_have_as_many_labels_per_phase_and_a_blind_model_the_sa
     synthetic, simulation = blind_scores(labels.values(), text, "straight")
     assert synthetic == pytest.approx(simulation, abs=0.02)
     assert synthetic > 0.1
+
+
+# The clip of vut_turn begins 1.5 s before its trigger, so that some labels have less past there.
+@pytest.mark.parametrize("name", [kind for kind in KINDS if kind != "vut_turn"])
+def test_what_a_session_shows_of_the_vut_s_past_gives_no_answer_away(name: str) -> None:
+    """Beyond what the labels give to a constant, a model that copies it gains and loses nothing."""
+    event = load_event(name)[0]
+    clip, session = (one.labels for one in proposed(name))
+    copies = copied(clip, of_clip(event)), copied(session, of_session(event))
+    constants = [one.ivcs for one in best_constant((clip, session)).scores]
+    beyond = abs(copies[0] - copies[1]) - abs(constants[0] - constants[1])
+    assert beyond <= 0.02
 
 
 def test_a_vut_that_turns_left_has_the_oncoming_vehicle_ahead_on_its_left() -> None:

@@ -311,8 +311,9 @@ def slow_lead(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     ahead_m = (speed - slow) * (near_s + 4.0) + CAR.front_m + CAR.rear_m
     along = Line(VUT_START_M + ahead_m, slow)
     lead = Actor("ot1", ObjectClass.CAR, Role.OT, along, Line(-0.35, 0.0))
-    # In the end a little slower than the car ahead, so that the gap opens again.
-    vut = _vut(speed, Ramp(near_s + 1.4, 3.4, slow - 0.5 - speed))
+    # In the end a little slower than the car ahead, so that the gap opens again. The conflict lasts
+    # as long as with the driver of a session.
+    vut = _vut(speed, Ramp(near_s + 1.4, 4.2, slow - 0.5 - speed))
     return vut, (lead, *_oncoming(lanes, 165.0, 9.5))
 
 
@@ -410,7 +411,8 @@ def cut_out(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     across = (Ramp(leave_s, change_s / 2, peak), Ramp(leave_s + change_s / 2, change_s / 2, -peak))
     along = Steered(VUT_START_M + gap_m + CAR.front_m + CAR.rear_m, speed - 1.5, across)
     leaving = Actor("ot2", ObjectClass.CAR, Role.OT, along, Line(0.0, 0.0, across))
-    vut = _vut(speed, Ramp(near_s + 1.4, 3.3, -speed))
+    # No harder than the driver of a session, so that the conflict lasts about as long.
+    vut = _vut(speed, Ramp(near_s + 1.4, 4.2, -speed))
     return vut, (standing, leaving, *_oncoming(lanes, 165.0, 9.5))
 
 

@@ -39,9 +39,11 @@ from ssp_scenario_manager.scenarios.values import (
     vehicle_speed_limit,
 )
 
-# A driver who brakes gently, or keeps more distance, does so early, and no conflict comes.
+# A driver who brakes gently, or keeps more distance, does so early, and no conflict comes. At the
+# shortest headway the VUT loses less than 0.5 m/s in a second before the conflict, and its past
+# doesn't show what it is going to do.
 _VUT_BRAKING_MPS2 = 4.0
-_HEADWAYS_S = (0.5, 0.8)
+_HEADWAYS_S = (0.2, 0.5, 0.8)
 # An object ahead reaches at least so far into the VUT's corridor, however it sways.
 _OVERLAP_M = 0.3
 

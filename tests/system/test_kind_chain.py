@@ -1,4 +1,4 @@
-"""An event at a junction, from its clip over sessions on two sites to labels, audit and scores."""
+"""A later event kind, from its clip over sessions on two sites to labels, audit and scores."""
 
 from __future__ import annotations
 
@@ -11,10 +11,19 @@ from ssp_eval.twins.files import read_set
 from tests.system.live.scored import admitted_and_scored
 from tests.system.recordings import Recordings, ssp
 
-
-@pytest.mark.parametrize(
-    "event", ["crossing_car", "merge", "oncoming_turn", "roundabout", "vut_turn"]
+# Of the demonstration, test_demo.py judges cut_in and vru_crossing.
+KINDS = (
+    "crossing_car",
+    "cut_out",
+    "merge",
+    "oncoming_turn",
+    "roundabout",
+    "slow_lead",
+    "vut_turn",
 )
+
+
+@pytest.mark.parametrize("event", KINDS)
 def test_it_is_admitted_in_all_domains_and_scored_alike(
     recordings: Recordings, event: str, tmp_path: Path
 ) -> None:
