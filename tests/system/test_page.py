@@ -186,7 +186,7 @@ def press(tab: Browser, command: str) -> None:
 
 
 def every_reason_can_be_read(tab: Browser) -> None:
-    """Of twenty objects that stand elsewhere: seven reasons, and the rest in a fold."""
+    """Seven reasons are shown, and those of the other objects stand in a fold."""
     fold = "document.querySelector('#standing details')"
     tab.wait(f"{fold}.querySelectorAll('li').length > {OBJECTS}")
     assert tab.evaluate("document.querySelectorAll('#standing > ul > li').length") == 7

@@ -55,7 +55,7 @@ def live(peers: Any, run_mapping: dict[str, Any], tmp_path: Path) -> Path:
 
 
 def prints_its_token(manager: subprocess.Popen[str], peers: Any) -> None:
-    """Who leads a session by hand reads its token in the manager's log, and gives it."""
+    """Read the token in the log of a manager led by hand, and give it as a person does."""
     token = peers.token
     manager.terminate()
     printed, _ = manager.communicate(timeout=DEADLINE_S)

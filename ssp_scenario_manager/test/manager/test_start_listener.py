@@ -1,4 +1,4 @@
-"""What is heard before the word that starts: also what the processes of bodies and receiver say."""
+"""The facts heard before the word that starts, also what processes of bodies and receiver say."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands beside a list and says how it is meant: fields of its object, lines of their own.
+"""Statements beside a list of how it is meant: fields of its object, lines of their own.
 
 A key is read by its parts ("sampleRateHz" is sample, rate, hz). All of them must be in the tables
 below, so that "headway_s" or "reaction_time" say nothing of the list. A sentence counts if it has
