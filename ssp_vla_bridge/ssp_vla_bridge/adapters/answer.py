@@ -34,6 +34,7 @@ from ssp_vla_bridge.adapters.stated import Converted, Meaning, Rows, convert
 from ssp_vla_bridge.adapters.stated_beside import said_beside
 from ssp_vla_bridge.adapters.stated_times import Beside, Raster
 from ssp_vla_bridge.adapters.tables import with_lists_for_tables
+from ssp_vla_bridge.adapters.torn_lists import whole_lists
 from ssp_vla_bridge.native_history import STEP_S
 
 # "past speeds", but not "past the parked car".
@@ -51,8 +52,6 @@ _LEAST_ECHO = 3
 _EQUAL = 1e-9
 # An echo may have fewer decimals than the prompt; whole numbers would be met by chance.
 _ECHO_DECIMALS = (1, 2)
-# Words between two pieces of a list: no new line, sentence or label.
-_TEARS = re.compile(r"\s*,(?:[^\n.:;!?=\[\](){}]|[.](?=\w))*")
 # A first row this close to the origin stands for t = 0.
 _AT_ORIGIN_M = 1e-6
 # A list beside another one in one outer bracket: "[[[5, 0], [9, 0]], [[6, 1], [12, 2]]]".
@@ -137,7 +136,7 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
         lists = _with_cut_end(text, lists, form.rows)
     if form.label:
         lists = [_as_one_of_several(text, one) for one in lists]
-    lists = _as_torn(text, lists, form.rows)
+    lists = whole_lists(text, lists, form.rows)
     lists = [part for one in lists for part in _parts(one, form.rows, history, notes)]
     lists = [_as_closed(one, form.rows) for one in lists]
     answers: list[_Candidate] = []
@@ -258,22 +257,6 @@ def _with_cut_end(text: str, lists: Sequence[NumberList], count: int) -> Sequenc
     if ended or any(character.isalnum() for character in text[last.end :]):
         return lists
     return (*lists[:-1], replace(last, cut=True, fault=CUT))
-
-
-def _as_torn(text: str, lists: Sequence[NumberList], count: int) -> list[NumberList]:
-    """Mark lists that words in one sentence tear, where all of them have the rows asked for."""
-    found: list[NumberList] = []
-    run: list[NumberList] = []
-    for i, one in enumerate(lists):
-        run.append(one)
-        following = lists[i + 1] if i + 1 < len(lists) else None
-        if following is not None and _TEARS.fullmatch(text, one.end, following.start):
-            continue
-        if len(run) > 1 and sum(len(part.rows) for part in run) == count:
-            run = [replace(part, fault=part.fault or UNREAD) for part in run]
-        found += run
-        run = []
-    return found
 
 
 def _as_one_of_several(text: str, one: NumberList) -> NumberList:
