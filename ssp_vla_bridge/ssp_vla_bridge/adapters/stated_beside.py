@@ -311,7 +311,7 @@ def _of_time(
             return Beside()
         if abs(float(plain) - raster.step_s) < 1e-9:
             return Beside()
-        return Beside(times_problem=f"it can't be told in what {key!r} is {plain}")
+        return Beside(times_problem=f"the unit of {key!r}: {plain} isn't stated")
     if not (is_rate or is_step or some) or _SPAN.search(plain) is None:
         return Beside()
     words = plain if is_rate else f"dt {plain}"
