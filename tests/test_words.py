@@ -37,7 +37,7 @@ def shipped(*patterns: str) -> list[Path]:
 
 
 def messages(file: Path) -> Iterator[str]:
-    """The strings of a source that are sentences, without docstrings."""
+    """The strings of a source that are sentences, without docstrings and regular expressions."""
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     tree = ast.parse(file.read_text())
     docs = {
@@ -45,8 +45,15 @@ def messages(file: Path) -> Iterator[str]:
         for node in ast.walk(tree)
         if isinstance(node, documented) and node.body and isinstance(node.body[0], ast.Expr)
     }
+    expressions = {
+        id(part)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "re.compile"
+        for part in ast.walk(node)
+    }
+    skipped = docs | expressions
     for node in ast.walk(tree):
-        if not isinstance(node, ast.Constant) or id(node) in docs:
+        if not isinstance(node, ast.Constant) or id(node) in skipped:
             continue
         if isinstance(node.value, str) and " " in node.value.strip():
             yield node.value
