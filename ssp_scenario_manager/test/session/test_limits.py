@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from ssp_core.motion.state import ObjectState
+from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.vocabulary import ControlState, Verdict
@@ -55,6 +56,24 @@ def test_separation(state: StateMaker, gap_m: float, code: SafetyCode | None) ->
     assert [(v.code, v.object_id, v.stamp_ns, v.detail, v.measured) for v in found] == (
         [] if code is None else [(code, "ot1", 7, "vut and ot1", gap_m)]
     )
+
+
+@pytest.mark.parametrize("gap_m", [0.0, 0.25])
+def test_in_a_driven_run_only_objects_keep_apart(
+    state: StateMaker, spec: RunSpec, gap_m: float
+) -> None:
+    """The VUT's separation is the driver's matter there, that between objects is a limit still."""
+    driven = Driven(driver="no_response", first_request_s=1.0, hand_over_s=2.0, end_s=9.0)
+    length_m = state().size.front_m + state().size.rear_m
+    places = {"vut": 0.0, "ot1": length_m + gap_m, "ot2": 2.0 * (length_m + gap_m)}
+    everyone = [state(one, x_m=x_m, **DRIVING) for one, x_m in places.items()]
+    code = SafetyCode.COLLISION if gap_m == 0.0 else SafetyCode.SEPARATION
+    for run, pairs in (
+        (spec, ["vut and ot1", "ot1 and ot2"]),
+        (spec.model_copy(update={"driven": driven}), ["ot1 and ot2"]),
+    ):
+        found = violations(everyone, run)
+        assert [(one.code, one.detail) for one in found] == [(code, pair) for pair in pairs]
 
 
 # -- times ----------------------------------------------------------------------------------------
