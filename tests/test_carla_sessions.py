@@ -82,7 +82,7 @@ FAILURES = {
 
 
 @dataclass(frozen=True)
-class Ended:
+class ProbeEnd:
     """A run and the server that drew it."""
 
     status: int
@@ -92,7 +92,7 @@ class Ended:
 
 
 @pytest.fixture(scope="module")
-def ended(task: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Ended]]:
+def ended(task: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, ProbeEnd]]:
     """All of them, one after the other in one process of CARLA's client."""
     folder = tmp_path_factory.mktemp("ended")
     with pytest.MonkeyPatch.context() as patch, ExitStack() as servers:
@@ -115,7 +115,7 @@ def ended(task: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict
             )
         )
         yield {
-            name: Ended(status, text, folder / name.replace(" ", "_"), server)
+            name: ProbeEnd(status, text, folder / name.replace(" ", "_"), server)
             for (name, server), (status, text) in zip(found.items(), told, strict=True)
         }
 
@@ -123,7 +123,7 @@ def ended(task: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict
 @pytest.mark.carla
 @pytest.mark.parametrize("name", FAILURES)
 def test_a_server_that_fails_ends_the_run_with_its_reason_and_a_readable_bag(
-    name: str, ended: dict[str, Ended]
+    name: str, ended: dict[str, ProbeEnd]
 ) -> None:
     run, failure = ended[name], FAILURES[name]
     assert run.status == 1, run.said
@@ -152,7 +152,7 @@ def test_a_server_that_fails_ends_the_run_with_its_reason_and_a_readable_bag(
 
 @pytest.mark.carla
 def test_a_recording_is_drawn_anew_on_the_map_of_its_task_alone(
-    ended: dict[str, Ended], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ended: dict[str, ProbeEnd], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recording, other = ended["lost picture"].folder, tmp_path / "other.xodr"
     other.write_text(EMPTY_XODR)

@@ -13,7 +13,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file
-from ssp_core.run_file.shortlist import Limits, Listed, Shortlist, load_candidate
+from ssp_core.run_file.shortlist import Limits, ListedEvent, Shortlist, load_candidate
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.clients.model_client import InProcessClients
 from ssp_eval.evaluate.clients.models import bridge_spec
@@ -191,8 +191,8 @@ def test_the_verb_lists_explains_and_writes(
     assert "none: holds no evaluated cells" in capsys.readouterr().err
 
 
-def candidate(version: str, rank: int | None = 1, scenario: str = "cut_in") -> Listed:
-    return Listed(
+def candidate(version: str, rank: int | None = 1, scenario: str = "cut_in") -> ListedEvent:
+    return ListedEvent(
         scenario=scenario,
         event_version=version,
         rank=rank,
@@ -207,7 +207,7 @@ def candidate(version: str, rank: int | None = 1, scenario: str = "cut_in") -> L
     )
 
 
-def write_list(path: Path, *events: Listed) -> Path:
+def write_list(path: Path, *events: ListedEvent) -> Path:
     limits = Limits(no_response=0.5, turned=0.25, width=0.3, most=10)
     found = Shortlist(
         software="ssp", limits=limits, models=["m"], events=list(events), left_out=[], notes=[]

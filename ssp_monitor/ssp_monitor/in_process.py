@@ -41,7 +41,7 @@ from ssp_core.world.transforms import (
 )
 from ssp_monitor.recorder.plan import run_attachments
 from ssp_monitor.recorder.recorder import LATCHED, OFFERED, TopicRecord
-from ssp_monitor.recorder.report import Counted, report_attachment, seals
+from ssp_monitor.recorder.report import TopicCounts, report_attachment, seals
 from ssp_monitor.recorder.topics import bag_topics
 
 # A recorder in one process receives what there is.
@@ -173,7 +173,7 @@ class InProcessRecorder(Closing):
         if self._camera is not None:
             self.not_given_back = self._camera.close()
         received = {r.name: r.messages for r in self._records.values()}
-        counted = Counted(received, _NOTHING, _NOTHING)
+        counted = TopicCounts(received, _NOTHING, _NOTHING)
         name, media_type, data = report_attachment(
             self._records.values(),
             counted,

@@ -26,7 +26,7 @@ from ssp_monitor.recorder.encoding import video_choice
 from ssp_monitor.recorder.losses import SimulatedTime, stamp_at
 from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.report import (
-    Counted,
+    TopicCounts,
     check_closed,
     report_attachment,
     seals,
@@ -230,7 +230,7 @@ def test_the_bag_says_what_is_in_it_and_what_is_missing(tmp_path, clock_cdr):
     def seal() -> tuple[str, str, bytes]:
         return report_attachment(
             recorder.records(),
-            Counted({"/clock": 100}, {"/clock": 7}, recorder.dropped_by_topic),
+            TopicCounts({"/clock": 100}, {"/clock": 7}, recorder.dropped_by_topic),
             run_id="r",
             missing=6,
             lost_limit=5,

@@ -60,7 +60,7 @@ class Received:
 
 
 @dataclass(frozen=True)
-class Failed:
+class FailedRequest:
     """No reply, and why, for people."""
 
     failure: Failure
@@ -69,7 +69,7 @@ class Failed:
 
 def exchange(
     base_url: str, key: str, request: Mapping[str, Any], limit_s: float, max_bytes: int
-) -> Received | Failed:
+) -> Received | FailedRequest:
     """Post one chat completion and take the whole reply.
 
     Only a name lookup may take longer than the limit: the system's resolver can't be interrupted.
@@ -86,13 +86,13 @@ def exchange(
 
 async def _exchange(
     base_url: str, key: str, request: Mapping[str, Any], limit_s: float, max_bytes: int
-) -> Received | Failed:
-    silent = Failed(Failure.LATE, f"no whole answer within {round(limit_s, 2):g} s")
+) -> Received | FailedRequest:
+    silent = FailedRequest(Failure.LATE, f"no whole answer within {round(limit_s, 2):g} s")
     timeout = openai.Timeout(limit_s, connect=min(_CONNECT_S, limit_s))
     try:
         async with (
             asyncio.timeout(limit_s),
-            _Bounded(max_bytes, timeout=timeout) as http,
+            _BoundedTransport(max_bytes, timeout=timeout) as http,
             openai.AsyncOpenAI(
                 base_url=base_url, api_key=key, max_retries=0, timeout=timeout, http_client=http
             ) as client,
@@ -107,12 +107,12 @@ async def _exchange(
     except (TimeoutError, openai.APITimeoutError) as error:
         # A connection that isn't made has a timeout of its own, whose type says so.
         if type(error.__cause__).__name__ == "ConnectTimeout":
-            return Failed(Failure.UNREACHABLE, "the server can't be reached (no connection)")
+            return FailedRequest(Failure.UNREACHABLE, "the server can't be reached (no connection)")
         return silent
     except (openai.APIConnectionError, _TooLarge, _Undecodable) as error:
         return _broken(error)
     except Exception as error:  # a value that JSON, HTTP or the library can't take
-        return Failed(Failure.UNSENDABLE, f"the request can't be made ({_named(error)})")
+        return FailedRequest(Failure.UNSENDABLE, f"the request can't be made ({_named(error)})")
 
 
 def _received(response: Any) -> Received:
@@ -120,19 +120,19 @@ def _received(response: Any) -> Received:
     return Received(response.status_code, headers, response.content)
 
 
-def _broken(error: Exception) -> Failed:
+def _broken(error: Exception) -> FailedRequest:
     cause = (error.__cause__ or error) if isinstance(error, openai.APIConnectionError) else error
     if isinstance(cause, _TooLarge):
-        return Failed(Failure.TOO_LARGE, str(cause))
+        return FailedRequest(Failure.TOO_LARGE, str(cause))
     if isinstance(cause, _Undecodable):
-        return Failed(Failure.LOST, f"the answer can't be decompressed ({cause})")
+        return FailedRequest(Failure.LOST, f"the answer can't be decompressed ({cause})")
     # By name, as the HTTP library is not ours to import.
     if type(cause).__name__ in ("ConnectError", "ConnectTimeout", "ProxyError"):
-        return Failed(Failure.UNREACHABLE, f"the server can't be reached ({_named(cause)})")
+        return FailedRequest(Failure.UNREACHABLE, f"the server can't be reached ({_named(cause)})")
     if type(cause).__name__ in ("UnsupportedProtocol", "LocalProtocolError", "InvalidURL"):
-        return Failed(Failure.UNSENDABLE, f"the request can't be made ({_named(cause)})")
+        return FailedRequest(Failure.UNSENDABLE, f"the request can't be made ({_named(cause)})")
     reason = f"the connection broke off before the answer was whole ({_named(cause)})"
-    return Failed(Failure.LOST, reason)
+    return FailedRequest(Failure.LOST, reason)
 
 
 def _named(error: BaseException) -> str:
@@ -153,7 +153,7 @@ def _tls() -> ssl.SSLContext:
     return ssl.create_default_context()
 
 
-class _Bounded(openai.DefaultAsyncHttpxClient):
+class _BoundedTransport(openai.DefaultAsyncHttpxClient):
     """Sends no header that we don't mean to send, and reads no more than it must.
 
     Args:

@@ -186,7 +186,7 @@ def _ahead(target: ParticipantSpec) -> ParticipantSpec:
     return target.model_copy(update={"start": start, "approach": motion})
 
 
-class Foreseen:
+class ForeseenSession:
     """The VUT on its own, which is what it is in these runs until it gives way."""
 
     def __init__(self, run: RunSpec) -> None:
@@ -291,7 +291,7 @@ def run_of(scenario: Scenario, case: Case, gap_s: float | None, noise: LinkDistu
     cruise = run.driver.cruise_mps
     driver = run.driver.model_copy(update={"cruise_mps": cruise * case.at_first})
     run = run.model_copy(update={"driver": driver})
-    foreseen = Foreseen(run)
+    foreseen = ForeseenSession(run)
     fired_ns = foreseen.fires_ns(foreseen.trace([]))
     later = _changes(case, cruise, ns_to_seconds(fired_ns) + case.after_s)
     passes_s = foreseen.passes_s(fired_ns, foreseen.trace(later))

@@ -20,7 +20,7 @@ import statsmodels.stats.proportion  # noqa: F401
 # A campaign imports these when it needs them: once here, not after each fork.
 from ssp_scenario_manager.closed_loop.campaigns import campaign
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import LoopPlan
-from ssp_scenario_manager.closed_loop.campaigns.runs import Done, Job
+from ssp_scenario_manager.closed_loop.campaigns.runs import Job, JobRows
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, RUNS_FILE, Row, rows_there
 
 _DRIVER = RUN_COLUMNS.index("driver")
@@ -50,9 +50,9 @@ class RecordedRows:
     def __init__(self, rows: Sequence[Row]) -> None:
         self._rows = rows
 
-    def __call__(self, job: Job) -> Done:
+    def __call__(self, job: Job) -> JobRows:
         found = [row for row in self._rows if row[_DRIVER] == job.driver.shown]
-        return Done(found, [() for _ in found])
+        return JobRows(found, [() for _ in found])
 
 
 def kill_campaign(plan: LoopPlan, folder: Path, done: Path, moments: Sequence[Moment]) -> list[int]:

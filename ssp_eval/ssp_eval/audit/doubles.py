@@ -24,7 +24,7 @@ _SAME_PICTURES = 10
 
 
 @dataclass(frozen=True)
-class Held:
+class ComparedRecording:
     """One recording, held against those before it.
 
     Args:
@@ -36,7 +36,7 @@ class Held:
     tracks: str
 
 
-def hold_apart(examined: Sequence[Examined]) -> list[Held]:
+def hold_apart(examined: Sequence[Examined]) -> list[ComparedRecording]:
     """Find recordings that are another domain's, by their files, sessions, pictures and tracks.
 
     Two simulated sessions of this project may be equal: their plans come from one K*. What each of
@@ -78,7 +78,7 @@ def hold_apart(examined: Sequence[Examined]) -> list[Held]:
             if not shared:
                 twins[j].append(f"its tracks are those of the {theirs} recording ({same.text})")
     return [
-        Held(
+        ComparedRecording(
             (Finding("same_recording", "; ".join(texts)),) if texts else (),
             "; ".join(lines),
         )

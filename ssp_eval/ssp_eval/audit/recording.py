@@ -65,7 +65,7 @@ from ssp_scenario_manager.maps.site import Site, SiteBlock, site_version
 
 
 @dataclass(frozen=True)
-class Attached:
+class BagAttachments:
     """The attachments of a bag by the recorder, as far as they could be read.
 
     Args:
@@ -82,7 +82,7 @@ class Attached:
     findings: tuple[Finding, ...]
 
 
-def read_attached(bag: BagReader) -> Attached:
+def read_attached(bag: BagReader) -> BagAttachments:
     """Read task, K*, site and log of a recording; what is wrong with them becomes findings."""
     findings: list[Finding] = []
     task = event = site = None
@@ -101,7 +101,7 @@ def read_attached(bag: BagReader) -> Attached:
     except InputError as error:
         findings.append(Finding("seal_broken", _told(error, bag)))
     findings += _seals(task, event, site)
-    return Attached(task, event, site, records, later, tuple(findings))
+    return BagAttachments(task, event, site, records, later, tuple(findings))
 
 
 def _told(error: InputError, bag: BagReader) -> str:
@@ -163,7 +163,9 @@ def _seals(task: Task | None, event: Event | None, site: Site | None) -> list[Fi
     return found
 
 
-def site_changes(attached: Attached, executed: RunSpec) -> tuple[list[ChangeEntry], list[Finding]]:
+def site_changes(
+    attached: BagAttachments, executed: RunSpec
+) -> tuple[list[ChangeEntry], list[Finding]]:
     """Return every difference between the compiled run and the one that ran, and who logged it.
 
     Returns:
@@ -206,7 +208,7 @@ def site_changes(attached: Attached, executed: RunSpec) -> tuple[list[ChangeEntr
     return entries, findings
 
 
-def disclosed(attached: Attached) -> dict[str, str]:
+def disclosed(attached: BagAttachments) -> dict[str, str]:
     """Return what the log discloses, by field or subject; and changes that were entered late."""
     found = {
         record.field or record.subject: record.reason
@@ -269,7 +271,7 @@ class Recording:
     phase_events: Mapping[str, float]
     safety: tuple[SafetyRecord, ...]
     optics: Optics | None
-    attached: Attached
+    attached: BagAttachments
     labels: Labels | None
     agreement: Agreement | None = None
     observation_files: tuple[Path, ...] = ()
@@ -346,7 +348,7 @@ class Head:
     path: Path
     files: BagFiles
     provenance: Provenance
-    attached: Attached
+    attached: BagAttachments
 
 
 def read_head(path: str | Path) -> Head:

@@ -73,7 +73,7 @@ _SAID = frozenset({*Verdict} - {Verdict.NOT_GIVEN})
 
 
 @dataclass(frozen=True)
-class Moved:
+class MovedAnswers:
     """All that a report says of what moved the answers."""
 
     cells: tuple[CellAnswers, ...]
@@ -81,7 +81,7 @@ class Moved:
     findings: tuple[Finding, ...]
 
 
-def moved_by(cells: Iterable[CellData]) -> Moved | None:
+def moved_by(cells: Iterable[CellData]) -> MovedAnswers | None:
     """Find the causes that moved the answers in these cells; None where no cause was changed.
 
     Args:
@@ -97,7 +97,7 @@ def answers_in(cells: Iterable[CellData]) -> list[CellAnswers]:
     return [kept for cell in listed if cell.id in wanted and (kept := asked(cell))]
 
 
-def compared(answers: Iterable[CellAnswers]) -> Moved | None:
+def compared(answers: Iterable[CellAnswers]) -> MovedAnswers | None:
     """Find the causes as moved_by does, from collected answers."""
     cells = tuple(answers)
     by_model: dict[str, list[Effect]] = {}
@@ -105,7 +105,7 @@ def compared(answers: Iterable[CellAnswers]) -> Moved | None:
         by_model.setdefault(effect.model, []).append(effect)
     if not by_model:
         return None
-    return Moved(
+    return MovedAnswers(
         cells,
         tuple(effect for of in by_model.values() for effect in of),
         tuple(finding(model, of) for model, of in by_model.items()),

@@ -7,7 +7,7 @@ from statistics import fmean
 
 from ssp_eval.causes.answers import Answer, CellAnswers, cause_of
 from ssp_eval.causes.effects import TRAJECTORY, Effect, Verdict
-from ssp_eval.causes.findings import Finding, Moved
+from ssp_eval.causes.findings import Finding, MovedAnswers
 from ssp_eval.statistics.table import Column, Table, Value
 
 FINDINGS, SLOTS, PATHS, AGREEMENT = (
@@ -29,7 +29,7 @@ _TESTED = (
 _MEANING = ("docs/twins.md says what such an effect shows, and what it doesn't.",)
 
 
-def moved_tables(moved: Moved) -> list[Table]:
+def moved_tables(moved: MovedAnswers) -> list[Table]:
     """Return all tables of what moved the answers."""
     return [
         findings_table(moved.findings),

@@ -29,7 +29,7 @@ _ID = re.compile(r"[a-z][a-z0-9_]{0,31}")
 
 
 @dataclass(frozen=True)
-class Declared:
+class DeclaredFacts:
     """The declared facts about a recording that can't be read in it.
 
     Args:
@@ -107,7 +107,7 @@ class ImportOptions:
     end_s: float | None
     rate_hz: float | None
     motion: MotionOptions
-    declared: Declared
+    declared: DeclaredFacts
     accepted: tuple[str, ...] = ()
 
     def check_ids(self, ids: tuple[str, ...]) -> None:
@@ -227,14 +227,14 @@ def domain_option(default: str | None) -> Option:
     )
 
 
-def _declared(given: Mapping[str, Any]) -> Declared:
+def _declared(given: Mapping[str, Any]) -> DeclaredFacts:
     scenario, version, event, data = given["scenario"], given["event_version"], None, None
     if given["event"] is not None:
         if scenario is not None or version is not None:
             raise click.UsageError("--event gives --scenario and --event-version by itself")
         event, version = load_event(given["event"])
         scenario, data = event.name, read_event_file(given["event"])[1].read_bytes()
-    return Declared(
+    return DeclaredFacts(
         given["domain"],
         scenario,
         version,

@@ -43,7 +43,7 @@ from ssp_eval.data.provenance import (
     ImportRecord,
 )
 from ssp_eval.importers.findings import Findings
-from ssp_eval.importers.options import Declared, MotionOptions
+from ssp_eval.importers.options import DeclaredFacts, MotionOptions
 from ssp_eval.importers.road import BoundRoad, bind_road
 from ssp_eval.importers.tracks import Track
 from ssp_scenario_manager.compile.task import EVENT_FILE
@@ -194,7 +194,7 @@ def measured_motion(
 
 def attach_record(
     writer: BagWriter,
-    declared: Declared,
+    declared: DeclaredFacts,
     source: dict[str, object],
     crop_s: tuple[float, float],
     camera: CameraFacts,
@@ -354,7 +354,7 @@ def keep_every(fps: float, rate_hz: float | None) -> int:
 
 
 @dataclass(frozen=True)
-class Thinned:
+class KeptFrames:
     """The frames that are kept of a clip.
 
     Args:
@@ -370,7 +370,9 @@ class Thinned:
     notes: tuple[str, ...]
 
 
-def thin(times_ns: NDArray[np.int64], rate_hz: float | None, fps: float | None = None) -> Thinned:
+def thin(
+    times_ns: NDArray[np.int64], rate_hz: float | None, fps: float | None = None
+) -> KeptFrames:
     """Keep every n-th frame, and more where the rate is lower than on the average.
 
     Args:
@@ -403,7 +405,7 @@ def thin(times_ns: NDArray[np.int64], rate_hz: float | None, fps: float | None =
     kept = np.array(found, dtype=np.int64)
     span_ns = float(times_ns[kept[-1]] - times_ns[0])
     rate = (len(kept) - 1) * NS_PER_S / span_ns if more and span_ns else fps / step
-    return Thinned(kept, step, rate, notes)
+    return KeptFrames(kept, step, rate, notes)
 
 
 def jpeg(image: Bgr) -> bytes:

@@ -33,8 +33,8 @@ from ssp_eval.importers.target import (
     IMAGE,
     CameraFacts,
     ImportSummary,
+    KeptFrames,
     Motion,
-    Thinned,
     attach_record,
     check_free,
     jpeg,
@@ -125,14 +125,14 @@ def import_clip(options: VideoOptions, advance: Callable[[int], None]) -> Import
         )
 
 
-def _kept(video: Video, options: VideoOptions, every: int, sound: Soundness) -> Thinned:
+def _kept(video: Video, options: VideoOptions, every: int, sound: Soundness) -> KeptFrames:
     """Return the frames of the crop that are kept."""
     clip, fps = options.clip, video.info.fps
     slack_s = 0.01 / fps
     end_s = math.inf if clip.end_s is None else clip.end_s
     times_s = [t for t in sound.times_s if clip.start_s - slack_s <= t < end_s - slack_s]
     if len(times_s) < 2:
-        return Thinned(np.zeros(1, dtype=np.int64), every, fps / every, ())
+        return KeptFrames(np.zeros(1, dtype=np.int64), every, fps / every, ())
     return thin(np.array([seconds_to_ns(t) for t in times_s]), clip.rate_hz, fps)
 
 
@@ -184,7 +184,7 @@ def _write(
     video: Video,
     options: VideoOptions,
     table: Table | None,
-    kept: Thinned,
+    kept: KeptFrames,
     damaged: int,
     findings: Findings,
     advance: Callable[[int], None],

@@ -32,7 +32,7 @@ BOXES_SCHEMA = "ssp.boxes/1"
 
 
 @dataclass(frozen=True)
-class Boxed:
+class ObjectBox:
     """One object in one frame.
 
     Args:
@@ -54,7 +54,7 @@ class BoxedFrame:
     """All objects that a frame may show, nearest first; ``t_s`` is its clip time."""
 
     t_s: float
-    objects: tuple[Boxed, ...]
+    objects: tuple[ObjectBox, ...]
 
     def to_json(self) -> dict[str, Any]:
         """Return one line of the file."""
@@ -73,7 +73,7 @@ class BoxedFrame:
         }
 
 
-def boxes(view: View, states: Iterable[ObjectState], vut_id: str) -> tuple[Boxed, ...]:
+def boxes(view: View, states: Iterable[ObjectState], vut_id: str) -> tuple[ObjectBox, ...]:
     """Return the objects of which a view holds something and which aren't hidden, nearest first.
 
     Args:
@@ -91,7 +91,9 @@ def boxes(view: View, states: Iterable[ObjectState], vut_id: str) -> tuple[Boxed
         clear = clear_share(view.position_m, state, rest)
         if clear > 0.0:
             away = np.hypot(state.x_m - view.position_m[0], state.y_m - view.position_m[1])
-            found.append(Boxed(state.object_id, state.object_class.word, box, float(away), clear))
+            found.append(
+                ObjectBox(state.object_id, state.object_class.word, box, float(away), clear)
+            )
     return tuple(sorted(found, key=lambda o: (o.distance_m, o.object_id)))
 
 

@@ -50,7 +50,7 @@ _MOST = 3
 
 
 @dataclass(frozen=True)
-class _Given:
+class _GivenValues:
     """The values that a user states where a recording doesn't.
 
     Args:
@@ -91,7 +91,7 @@ class _Recording:
 
 
 @dataclass(frozen=True)
-class _Planned:
+class _LabelPlan:
     """A recording with the plan of its labels; without states there is no proposal."""
 
     recording: _Recording
@@ -184,7 +184,7 @@ def new(
         raise click.UsageError(f"give at most {_MOST} recordings, one per domain")
     if not sources and (truth is None or template):
         raise click.UsageError("give a BAG or VIDEO, or --truth FILE")
-    given = _Given(
+    given = _GivenValues(
         domain, scenario, event_version, None if event is None else given_event(event), truth, start
     )
     paths = [find_bag(path) if is_bag(path) else path for path in sources]
@@ -211,7 +211,7 @@ def new(
     _say_proposal(targets[0], proposal, first.truth)
 
 
-def _read(paths: Sequence[Path], given: _Given) -> list[_Recording]:
+def _read(paths: Sequence[Path], given: _GivenValues) -> list[_Recording]:
     """Read the parts of recordings that planning and proposing their labels need.
 
     Args:
@@ -243,7 +243,7 @@ def _read(paths: Sequence[Path], given: _Given) -> list[_Recording]:
     return found
 
 
-def _of_truth_file(given: _Given) -> _Recording:
+def _of_truth_file(given: _GivenValues) -> _Recording:
     if given.truth is None:
         raise InputError(
             "there is neither a recording nor a truth file",
@@ -262,7 +262,7 @@ def _of_truth_file(given: _Given) -> _Recording:
     )
 
 
-def _of_source(source: Source, event: KStar | None, given: _Given) -> _Recording:
+def _of_source(source: Source, event: KStar | None, given: _GivenValues) -> _Recording:
     path, facts = source.path, source.provenance
     origin = source.origin or str(path)
     truth_file = None if source.states.series else given.truth
@@ -340,7 +340,7 @@ def _check_same_event(recordings: Sequence[_Recording]) -> None:
         seen[one.domain] = one.path
 
 
-def _plan(recordings: Sequence[_Recording]) -> list[_Planned]:
+def _plan(recordings: Sequence[_Recording]) -> list[_LabelPlan]:
     """Return one plan for all (METHOD 5.2b), and a proposal for each that has states.
 
     Raises:
@@ -363,12 +363,12 @@ def _plan(recordings: Sequence[_Recording]) -> list[_Planned]:
         timelines.append(timeline)
     plan = plan_labels(timelines)
     return [
-        _Planned(one, timeline, plan, None if found is None else found.by_plan(plan))
+        _LabelPlan(one, timeline, plan, None if found is None else found.by_plan(plan))
         for one, timeline, found in zip(recordings, timelines, located, strict=True)
     ]
 
 
-def _plan_alone(one: _Recording) -> list[_Planned]:
+def _plan_alone(one: _Recording) -> list[_LabelPlan]:
     """Return the plan of a single recording; [] where there is none, and why is said."""
     if one.truth is None and one.timeline is None:
         return []
@@ -417,7 +417,7 @@ def _write(files: Sequence[NewFile]) -> None:
     write_files(files)
 
 
-def _say_another_video(recordings: Sequence[_Recording], given: _Given) -> None:
+def _say_another_video(recordings: Sequence[_Recording], given: _GivenValues) -> None:
     event = None if given.event is None else given.event.event
     for one in recordings:
         video = None if one.source is None or one.truth is not None else one.source.video_sha256
@@ -427,7 +427,7 @@ def _say_another_video(recordings: Sequence[_Recording], given: _Given) -> None:
             )
 
 
-def _say_plan(planned: Sequence[_Planned], targets: Sequence[Path], template: bool) -> None:
+def _say_plan(planned: Sequence[_LabelPlan], targets: Sequence[Path], template: bool) -> None:
     plan = planned[0].plan
     for one, target in zip(planned, targets, strict=True):
         truth = one.recording.truth

@@ -158,7 +158,7 @@ class Proposal:
 
 
 @dataclass(frozen=True)
-class Located:
+class LocatedRecording:
     """A recording whose event was found: what every label of it is read from."""
 
     truth: Truth
@@ -230,7 +230,7 @@ class Located:
         return Proposal(result, event, self.crop)
 
 
-def locate(truth: Truth) -> Located:
+def locate(truth: Truth) -> LocatedRecording:
     """Find a recording's event.
 
     Raises:
@@ -250,7 +250,7 @@ def locate(truth: Truth) -> Located:
     crop = crop_of(
         truth.start_s, truth.end_s, event.trigger_s, event.resolution_s, truth.rules.window
     )
-    return Located(truth, series, corridor, event, crop)
+    return LocatedRecording(truth, series, corridor, event, crop)
 
 
 def propose(truth: Truth) -> Proposal:

@@ -55,7 +55,7 @@ ClipTime = Finite | None
 Value = TypeVar("Value")
 
 
-class Seen(Strict):
+class FrameAnswers(Strict):
     """Answers that rest on the same frames; ``note`` is for people."""
 
     frames: Frames = []
@@ -81,7 +81,7 @@ class Seen(Strict):
         return f"frames {', '.join(parts)}" if parts else "no frames"
 
 
-class Topology(Seen):
+class Topology(FrameAnswers):
     """The road as the VUT drives on it. With one lane in its direction ``vut_lane`` may be any.
 
     Road type and boundaries may be left out: as a rule they may vary between domains.
@@ -106,7 +106,7 @@ class Participant(Strict):
     starts_in: PlaceWord | None = Field(None, description="of an OT")
 
 
-class Roles(Seen):
+class Roles(FrameAnswers):
     """The participants, the initiator of the event, and the one affected."""
 
     participants: Annotated[dict[ObjectId, Participant], Field(min_length=2, max_length=16)]
@@ -128,13 +128,13 @@ class Roles(Seen):
         return tuple(who for who, one in self.participants.items() if one.role == "OT")
 
 
-class Statement(Seen, Generic[Value]):
+class Statement(FrameAnswers, Generic[Value]):
     """One answer."""
 
     value: Value | None
 
 
-class PhaseStart(Seen):
+class PhaseStart(FrameAnswers):
     """The start of a phase."""
 
     t_s: ClipTime
@@ -213,7 +213,7 @@ class Answers(Strict):
     visibility: Visibility
     log: Log = NO_LOG
 
-    def seen(self) -> Iterator[tuple[str, Seen]]:
+    def seen(self) -> Iterator[tuple[str, FrameAnswers]]:
         """Yield every group of answers that has evidence, by its path."""
         for name in ("topology", "roles", "dominant_motion", "conflict_type", "passing_order"):
             yield name, getattr(self, name)
@@ -382,7 +382,9 @@ def _is_idle(path: str, key: str, answers: Answers) -> bool:
     return path == "roles" and key == f"participants.{answers.roles.vut}.starts_in"
 
 
-def _property(seen: Seen, words: Mapping[str, str | tuple[str, ...] | None], by: str) -> Property:
+def _property(
+    seen: FrameAnswers, words: Mapping[str, str | tuple[str, ...] | None], by: str
+) -> Property:
     missing = [part for part, word in words.items() if word is None]
     if missing:
         return Property(None, f"not observed by {by}: {', '.join(missing)}")

@@ -15,7 +15,7 @@ from rich.progress import Progress as RichProgress
 from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.options import WholeNumber
-from ssp_eval.package.log import Change, Logged, log_change
+from ssp_eval.package.log import Change, LogEntries, log_change
 from ssp_eval.package.model import Package, Progress, load_table
 from ssp_scenario_manager.compile.task import RUN_FILE
 from ssp_scenario_manager.event_spec.log import check_not_ahead, utc_now
@@ -239,7 +239,7 @@ def log_change_command(
     return 0
 
 
-def _say(logged: Logged) -> None:
+def _say(logged: LogEntries) -> None:
     record = logged.record
     console.out.print(
         f"{record.field}: {json.dumps(record.old)} → {json.dumps(record.new)}, entered into "

@@ -118,7 +118,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Logged:
+class LogEntries:
     """The entries that were made.
 
     Args:
@@ -144,7 +144,7 @@ class _Place:
         return self.folder / LOG_FILE
 
 
-def log_change(folder: Path, change: Change, apply: bool = False) -> Logged:
+def log_change(folder: Path, change: Change, apply: bool = False) -> LogEntries:
     """Check a change against what was compiled and logged so far, and append it to the log.
 
     Args:
@@ -187,7 +187,7 @@ def log_change(folder: Path, change: Change, apply: bool = False) -> Logged:
         applied = False
     record = _record(task, change, old, new, place)
     append_record(place.log, record)
-    return Logged(record, place.log, applied, place.bag is not None, has)
+    return LogEntries(record, place.log, applied, place.bag is not None, has)
 
 
 def _place(folder: Path) -> _Place:

@@ -124,7 +124,7 @@ def _take(*folders: Path | None) -> None:
 
 
 @dataclass(frozen=True)
-class _Wanted:
+class _WantedFiles:
     """The files that are to be written beside the page."""
 
     folder: Path
@@ -261,7 +261,7 @@ def report(
             rows,
             out,
             drawn,
-            lambda folder: _Wanted(
+            lambda folder: _WantedFiles(
                 tables or folder / TABLES, formats, reference, options, expected
             ),
         )
@@ -290,7 +290,7 @@ def report(
             draw_figures(drawn, shown, out_dir, data[: len(cell_files(out_dir))])
         repeated = answers_in(data[len(cell_files(out_dir)) :])
         if tables is not None:
-            wanted = _Wanted(tables, formats, reference, options, expected)
+            wanted = _WantedFiles(tables, formats, reference, options, expected)
             audits = named_audits((out_dir, *repeats), (cell.facts for cell in data))
             known = [label_table(data, audits)]
             if (responses := response_table(audits)) is not None:
@@ -375,7 +375,7 @@ def _report_cells(
     rows: Sequence[CellRow],
     out: Path | None,
     drawn: WantedFigures | None,
-    wanted: Callable[[Path], _Wanted],
+    wanted: Callable[[Path], _WantedFiles],
 ) -> int:
     """Draw figures and write tables of component scores; returns the exit status."""
     if drawn is not None:
@@ -449,7 +449,7 @@ def _shown_statistics(
 def _analyse(
     rows: Sequence[CellRow],
     data: Sequence[CellData],
-    wanted: _Wanted,
+    wanted: _WantedFiles,
     statistics: Path,
     of_audits: Sequence[Table] = (),
     constants: Sequence[OfScenario] = (),

@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from ssp_core import __version__
 from ssp_core.templates import templates
-from ssp_eval.causes.findings import Moved
+from ssp_eval.causes.findings import MovedAnswers
 from ssp_eval.causes.forest import forests
 from ssp_eval.causes.tables import FINDINGS, moved_tables
 from ssp_eval.data.audit import Audit
@@ -165,7 +165,7 @@ def statistics_parts(tables: Sequence[Table]) -> dict[str, list[Grid]]:
     return found
 
 
-def moved_part(moved: Moved | None) -> dict[str, Any] | None:
+def moved_part(moved: MovedAnswers | None) -> dict[str, Any] | None:
     """Return the content of the section "What moved the answer"; None where nothing was changed."""
     if moved is None:
         return None
@@ -350,7 +350,7 @@ def render(
     audits: Mapping[str, str] = MappingProxyType({}),
     analysis: Sequence[Table] = (),
     named: Sequence[Audit] = (),
-    moved: Moved | None = None,
+    moved: MovedAnswers | None = None,
     expected: Sequence[str] = (),
     carried: str = "",
 ) -> str:

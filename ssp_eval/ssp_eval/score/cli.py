@@ -43,7 +43,7 @@ def format_response(rsr: int, rl_s: float | None) -> str:
 
 
 @dataclass(frozen=True)
-class Scored:
+class ScoredCase:
     """A case and its scores."""
 
     name: str
@@ -56,7 +56,7 @@ class Scored:
         return [name for name in COMPONENTS if getattr(self.metrics, name) is None]
 
 
-def score_table(cases: Sequence[Scored]) -> Table:
+def score_table(cases: Sequence[ScoredCase]) -> Table:
     """Return the scores of several cells; ``*`` marks an IVCS with a null component as 0."""
     table = Table(title="Scores per cell (METHOD 6)")
     table.add_column("case", no_wrap=True)
@@ -76,7 +76,7 @@ def score_table(cases: Sequence[Scored]) -> Table:
     return table
 
 
-def score_notes(cases: Sequence[Scored]) -> list[str]:
+def score_notes(cases: Sequence[ScoredCase]) -> list[str]:
     """Return the lines that belong under the table."""
     notes = [DISCLAIMER]
     for case in cases:
@@ -113,7 +113,7 @@ def score(case_dirs: tuple[Path, ...], as_json: bool, thresholds_file: Path | No
     columns = load_columns(console.tracked(files, "reading cases", len(files)))
     counts = np.diff(columns.record_start).tolist()
     cells = score_columns(columns, thresholds).cells()
-    scored = [Scored(name, *one) for (name, _), *one in zip(cases, counts, cells, strict=True)]
+    scored = [ScoredCase(name, *one) for (name, _), *one in zip(cases, counts, cells, strict=True)]
     for case in scored:
         if not case.records:
             note = f"{RECORDS_FILE} holds no record; every output is missing"
@@ -154,5 +154,5 @@ def _files(folder: Path) -> tuple[Path, Path]:
     return present[0] if present else folder / LABELS_FILES[0], folder / RECORDS_FILE
 
 
-def _line(case: Scored, thresholds: Thresholds) -> dict[str, object]:
+def _line(case: ScoredCase, thresholds: Thresholds) -> dict[str, object]:
     return {"case": case.name, **case.metrics.to_json(), "thresholds_sha256": thresholds.sha256}

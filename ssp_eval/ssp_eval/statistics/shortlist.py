@@ -14,7 +14,7 @@ from ssp_core.errors import InputError
 from ssp_core.files import write_text
 from ssp_core.hashing import sha256_file
 from ssp_core.options import Number, WholeNumber
-from ssp_core.run_file.shortlist import LeftOut, Limits, Listed, Shortlist
+from ssp_core.run_file.shortlist import LeftOut, Limits, ListedEvent, Shortlist
 from ssp_core.vocabulary import DomainWord
 from ssp_eval.evaluate.store.cell_file import CELL_FILE, losses_text, outages
 from ssp_eval.evaluate.store.results import CellData, load_cells
@@ -122,7 +122,7 @@ def _not_comparable(one: Stage, other: Stage, common: Sequence[str]) -> str:
     return "its stages were scored with different thresholds" if len(scales) > 1 else ""
 
 
-def _listed(scenario: str, one: Stage, other: Stage, limits: Limits, resamples: int) -> Listed:
+def _listed(scenario: str, one: Stage, other: Stage, limits: Limits, resamples: int) -> ListedEvent:
     both = (*one.values(), *other.values())
     silent = [row for row, _ in both if not row.rsr]
     orders = [
@@ -137,7 +137,7 @@ def _listed(scenario: str, one: Stage, other: Stage, limits: Limits, resamples: 
         if _count(one, stage) or _count(other, stage)
     }
     shares = (len(silent) / len(both), len(turned) / len(pairs) if pairs else 0.0, width)
-    return Listed(
+    return ListedEvent(
         scenario=scenario,
         event_version=both[0][1].facts.event_version,
         rank=None,
@@ -205,7 +205,7 @@ def _reasons(
     return found
 
 
-def _ranked(events: Sequence[Listed], most: int) -> list[Listed]:
+def _ranked(events: Sequence[ListedEvent], most: int) -> list[ListedEvent]:
     """Rank candidates by priority, at most so many; the rest follow without rank."""
     candidates = [one for one in events if one.reasons]
     order = ranks({str(place): one.priority for place, one in enumerate(candidates)})
@@ -362,7 +362,7 @@ def _show(found: Shortlist) -> None:
         console.note(note)
 
 
-def _fields(one: Listed) -> tuple[str, ...]:
+def _fields(one: ListedEvent) -> tuple[str, ...]:
     shares = (one.no_response, one.turned, one.width, one.priority)
     return (
         "–" if one.rank is None else str(one.rank),

@@ -15,7 +15,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_eval.audit.examine import examine
 from ssp_eval.audit.judge import disclosures, order_remark
 from ssp_eval.audit.recording import (
-    Attached,
+    BagAttachments,
     disclosed,
     read_attached,
     read_recording,
@@ -38,7 +38,7 @@ def run(make_task: Maker, make_bag: Maker) -> Path:
     return make_bag("run/bag", task=task, duration_s=0.1).parent
 
 
-def read(run: Path) -> tuple[Attached, RunSpec]:
+def read(run: Path) -> tuple[BagAttachments, RunSpec]:
     with BagReader(run / "bag") as bag:
         executed = parse_mapping(bag.attachment("run.yaml") or b"", "run.yaml")
         return read_attached(bag), parse_model(RunSpec, executed, "run.yaml")

@@ -13,7 +13,7 @@ import pytest
 
 from ssp_eval.causes.answers import Answer, Cause, CellAnswers, asked, cause_of, wanted_cells
 from ssp_eval.causes.effects import TRAJECTORY, Effect, Verdict, effects_of
-from ssp_eval.causes.findings import Moved, Word, compared, moved_by
+from ssp_eval.causes.findings import MovedAnswers, Word, compared, moved_by
 from ssp_eval.causes.forest import forests
 from ssp_eval.causes.tables import PATHS, SLOTS, moved_tables
 from ssp_eval.evaluate.store.results import CellData
@@ -44,13 +44,13 @@ WORDS = {
 
 def moved(
     answerer: Answerer, recordings: int = 20, conditions: Sequence[str] = CONDITIONS
-) -> Moved:
+) -> MovedAnswers:
     found = moved_by(cells_of("m", answerer, recordings, conditions))
     assert found is not None
     return found
 
 
-def effect(found: Moved, cause: str, output: str) -> Effect:
+def effect(found: MovedAnswers, cause: str, output: str) -> Effect:
     return next(e for e in found.effects if (e.cause.key, e.output) == (cause, output))
 
 
@@ -93,7 +93,7 @@ def test_the_effect_of_an_object_has_the_size_that_it_was_given() -> None:
     assert effect(found, "twin.without", "conflict").verdict is Verdict.NOT_GIVEN
 
 
-def count_of_tests(found: Moved) -> int:
+def count_of_tests(found: MovedAnswers) -> int:
     return sum(e.test is not None and e.test.p_least < 1.0 for e in found.effects)
 
 
@@ -250,7 +250,7 @@ def test_the_tables_have_every_digit_and_the_page_its_section() -> None:
     assert 'id="moved"' not in render(cells, None)
 
 
-def found_of(found: Moved, model: str) -> Moved:
+def found_of(found: MovedAnswers, model: str) -> MovedAnswers:
     return replace(found, effects=tuple(e for e in found.effects if e.model == model))
 
 

@@ -204,7 +204,7 @@ LATCHED = (Profile.LATCHED, Profile.TF_STATIC)
 
 
 @dataclass(frozen=True, slots=True)
-class _Added:
+class _AddedTopic:
     topic: TopicSpec
     offered: str
     latched: bool
@@ -285,7 +285,7 @@ class Recorder:
         self._queue = DropQueue(queue_bytes)
         self._records: dict[str, TopicRecord] = {}
         self._encodings: dict[str, Encoding] = {}
-        self._to_add: deque[_Added] = deque()
+        self._to_add: deque[_AddedTopic] = deque()
         self._names = TopicNames()
         self._failure: str | None = None
         self._flushed_at = time.monotonic()
@@ -321,7 +321,7 @@ class Recorder:
         self._names.claim(topic.name)
         self._queue.announce({topic.name: importance(topic)})
         encoder = self._encoder(topic.name, topic.msgtype)
-        self._to_add.append(_Added(topic, offered, latched, encoder))
+        self._to_add.append(_AddedTopic(topic, offered, latched, encoder))
 
     def put_all(self, messages: Iterable[BagMessage]) -> None:
         """Hand messages over; when too much is waiting, the least important is dropped."""
@@ -445,13 +445,13 @@ class Recorder:
                 msgtype = added.encoder.msgtype
             self._announce(name, msgtype, added)
 
-    def _add_originals(self, topic: str, msgtype: str, added: _Added) -> str:
+    def _add_originals(self, topic: str, msgtype: str, added: _AddedTopic) -> str:
         """Announce where a topic's pictures go that can't be encoded; not a real topic's name."""
         name = self._names.claim_originals(topic)
         self._announce(name, msgtype, added)
         return name
 
-    def _announce(self, name: str, msgtype: str, added: _Added) -> None:
+    def _announce(self, name: str, msgtype: str, added: _AddedTopic) -> None:
         self._writer.add_topic(name, msgtype, added.offered, latched=added.latched)
         # A new dictionary: other threads go through the old one.
         self._records = {**self._records, name: TopicRecord(name, msgtype)}

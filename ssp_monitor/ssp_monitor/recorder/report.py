@@ -29,7 +29,7 @@ def seals(attachments: Iterable[Attachment]) -> dict[str, str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Counted:
+class TopicCounts:
     """Messages by topic.
 
     Args:
@@ -47,7 +47,7 @@ class Counted:
 
 def report_attachment(
     records: Iterable[TopicRecord],
-    counted: Counted,
+    counted: TopicCounts,
     *,
     run_id: str | None,
     missing: int,
@@ -131,7 +131,7 @@ class ClosingCheck:
 
 
 @dataclass(frozen=True, slots=True)
-class Closed:
+class ClosedRecording:
     """A recording that has ended.
 
     Args:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from ssp_core.bag.pictures.stamps import LOG_LEAP_S, PAUSE_S
 from ssp_core.bag.types import BagMessage
-from ssp_core.bag.writing.latched import Kept, StaticTransforms, is_static
+from ssp_core.bag.writing.latched import LatchedMessage, StaticTransforms, is_static
 from ssp_core.clock import NS_PER_S, ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
 from ssp_monitor.replay.plan import Plan, PlannedTopic, ReplayOptions
@@ -100,7 +100,7 @@ class MessageSource:
         static = self._static.get(message.topic)
         if static is None:
             return message
-        data = static.take(Kept(message.data, message.publish_time_ns, message.sequence))
+        data = static.take(LatchedMessage(message.data, message.publish_time_ns, message.sequence))
         return message._replace(data=data)
 
 

@@ -24,10 +24,10 @@ from ssp_monitor.recorder.losses import LossesOfRun, RivalWatch, losses_beside
 from ssp_monitor.recorder.plan import Attachment, RecordingPlan
 from ssp_monitor.recorder.recorder import Recorder, RecorderState
 from ssp_monitor.recorder.report import (
-    Closed,
-    Counted,
+    ClosedRecording,
     MessageRates,
     RepeatedWarnings,
+    TopicCounts,
     check_closed,
     report_attachment,
     seals,
@@ -184,7 +184,7 @@ class Recording:
         status.warnings = self._current_warnings(state, len(records))
         return status
 
-    def close(self) -> Closed:
+    def close(self) -> ClosedRecording:
         """End reception, close the bag with a report in it, and open it again to check it."""
         self.intake.stop()
         received = self.intake.received_by_topic()
@@ -197,7 +197,7 @@ class Recording:
             check = check_closed(self.recorder.path, expected, self.recorder.originals)
         names = tuple(record.name for record in self.recorder.records())
         several = frozenset(self._graph.topics.ambiguous)
-        return Closed(state, self.lost, names, check, tuple(self._incomplete()), several)
+        return ClosedRecording(state, self.lost, names, check, tuple(self._incomplete()), several)
 
     def _incomplete(self) -> Iterable[str]:
         if self.intake.error is not None:
@@ -209,7 +209,7 @@ class Recording:
         self._current_warnings(self.recorder.state(), 0)
         return report_attachment(
             self.recorder.records(),
-            Counted(
+            TopicCounts(
                 received,
                 self.lost_by_topic(),
                 self.recorder.dropped_by_topic,
@@ -262,7 +262,7 @@ def record(
     stop: threading.Event,
     duration_s: float | None,
     tell: Callable[[RecorderStatus], None],
-) -> tuple[Closed, str]:
+) -> tuple[ClosedRecording, str]:
     """Record a plan's topics.
 
     Args:

@@ -16,8 +16,8 @@ from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.driven import Driven
 from ssp_core.world.camera import intrinsics
 from ssp_core.world.driver import (
-    Answered,
     DriveReport,
+    EffectiveAnswer,
     EgoSample,
     GivenAnswer,
     Question,
@@ -89,7 +89,7 @@ def _request(question: Question) -> bytes:
     return serialize(message)
 
 
-def _response(driven: Driven, answered: Answered) -> bytes:
+def _response(driven: Driven, answered: EffectiveAnswer) -> bytes:
     types = typestore().types
     trajectory, raw = answered.answer.trajectory, answered.answer.raw
     if raw is None:
@@ -138,7 +138,7 @@ def _latency(question: Question, given: GivenAnswer) -> bytes:
     return serialize(message)
 
 
-def _ack(answered: Answered, vut_id: str, now_ns: int) -> Acknowledgement:
+def _ack(answered: EffectiveAnswer, vut_id: str, now_ns: int) -> Acknowledgement:
     code = _REFUSED if answered.refused else 0
     plan = f"plan-{answered.number}"
     return Acknowledgement(now_ns, plan, vut_id, not answered.refused, code, answered.refused)

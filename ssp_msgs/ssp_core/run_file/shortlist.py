@@ -30,7 +30,7 @@ class Limits(Strict):
     most: Annotated[int, Field(ge=1)]
 
 
-class Listed(Strict):
+class ListedEvent(Strict):
     """One event that both stages evaluated."""
 
     scenario: str
@@ -62,14 +62,14 @@ class Shortlist(Strict):
     software: str
     limits: Limits
     models: list[str]
-    events: list[Listed]
+    events: list[ListedEvent]
     left_out: list[LeftOut]
     notes: list[str]
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
 
-def load_candidate(path: Path, name: str, version: str) -> Listed:
+def load_candidate(path: Path, name: str, version: str) -> ListedEvent:
     """Return the entry of an event that a shortlist holds as a candidate.
 
     Args:

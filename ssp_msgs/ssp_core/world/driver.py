@@ -43,7 +43,7 @@ class EgoSample:
 
 
 @dataclass(frozen=True, slots=True)
-class Privileged:
+class PrivilegedTruth:
     """The truth, for drivers that stand in no rank (METHOD 8.10).
 
     Args:
@@ -88,7 +88,7 @@ class Question:
     stamp_ns: int
     history: tuple[EgoSample, ...]
     route_m: tuple[tuple[float, float], ...]
-    privileged: Privileged | None = None
+    privileged: PrivilegedTruth | None = None
     frames: tuple[SeenFrame, ...] = ()
     camera: Camera | None = None
     pose: Pose2 = _NOWHERE
@@ -225,7 +225,7 @@ def repeated_answer(recorded: Sequence[RecordedAnswer], question: Question) -> G
 
 
 @dataclass(frozen=True, slots=True)
-class Answered:
+class EffectiveAnswer:
     """An answer when it becomes effective.
 
     Args:
@@ -267,7 +267,7 @@ class DriveReport:
     """
 
     mode: DriveMode
-    answered: Answered | None = None
+    answered: EffectiveAnswer | None = None
     effective: Reference | None = None
     asked: Question | None = None
     given: GivenAnswer | None = None

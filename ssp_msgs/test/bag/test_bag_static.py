@@ -11,7 +11,7 @@ from ssp_core.bag.operations.check import check_bag
 from ssp_core.bag.operations.cut import cut_bag
 from ssp_core.bag.operations.repair import recover
 from ssp_core.bag.reading.reader import BagReader
-from ssp_core.bag.writing.latched import Kept, StaticTransforms, is_static, late_joiner
+from ssp_core.bag.writing.latched import LatchedMessage, StaticTransforms, is_static, late_joiner
 from ssp_core.bag.writing.split import Split
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.world.transforms import (
@@ -97,7 +97,7 @@ def test_each_later_file_begins_with_the_transforms_of_all_publishers(
 def kept(*messages: bytes) -> list[bytes]:
     static = StaticTransforms()
     for k, message in enumerate(messages):
-        static.keep(Kept(message, k, k))
+        static.keep(LatchedMessage(message, k, k))
     return [one.cdr for one in static.kept]
 
 
@@ -117,9 +117,9 @@ def test_a_message_that_says_all_is_kept_as_it_is() -> None:
 def test_what_is_no_message_of_transforms_is_kept_beside_them() -> None:
     assert kept(b"nonsense", cdr(THREE[0])) == [b"nonsense", cdr(THREE[0])]
     static = StaticTransforms()
-    assert static.take(Kept(b"nonsense", 0, 0)) == b"nonsense"
-    assert static.take(Kept(cdr(THREE[0]), 0, 0)) == cdr(THREE[0])
-    assert static.take(Kept(cdr(THREE[1]), 0, 0)) == cdr(*THREE[:2])
+    assert static.take(LatchedMessage(b"nonsense", 0, 0)) == b"nonsense"
+    assert static.take(LatchedMessage(cdr(THREE[0]), 0, 0)) == cdr(THREE[0])
+    assert static.take(LatchedMessage(cdr(THREE[1]), 0, 0)) == cdr(*THREE[:2])
 
 
 def test_topics_are_known_by_name_and_type() -> None:

@@ -64,7 +64,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Steered:
+class SteeredMotion:
     """Motion along the road of a body that keeps its speed while ``ramps`` move it sideways.
 
     What it gains sideways it loses ahead, as a car does that only steers: sqrt(v^2 - v_y^2).
@@ -111,7 +111,7 @@ class Actor:
     object_id: str
     object_class: ObjectClass
     role: Role
-    along: Line | Steered
+    along: Line | SteeredMotion
     across: Line
     facing_rad: float = 0.0
 

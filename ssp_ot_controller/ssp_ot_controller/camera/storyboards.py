@@ -25,7 +25,7 @@ from ssp_ot_controller.camera.actors import (
     Actor,
     Line,
     Ramp,
-    Steered,
+    SteeredMotion,
     Turning,
     Winding,
     curve_pieces,
@@ -232,7 +232,7 @@ def cut_in(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     peak = 2.0 * LANE_M / change_s
     across = (Ramp(cut_s, change_s / 2, -peak), Ramp(cut_s + change_s / 2, change_s / 2, peak))
     ahead_m = gap_m + slower * cut_s + CAR.front_m + CAR.rear_m
-    along = Steered(VUT_START_M + ahead_m, speed - slower, across)
+    along = SteeredMotion(VUT_START_M + ahead_m, speed - slower, across)
     other = Actor("ot1", ObjectClass.CAR, Role.OT, along, Line(LANE_M, 0.0, across))
     vut = _vut(speed, Ramp(cut_s + 1.3, 2.2, -slower - 0.6))
     return vut, (other, *_oncoming(lanes, 150.0, 9.0))
@@ -409,7 +409,7 @@ def cut_out(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     leave_s, change_s, gap_m = near_s - 1.1, 2.4, 23.0
     peak = 2.0 * LANE_M / change_s
     across = (Ramp(leave_s, change_s / 2, peak), Ramp(leave_s + change_s / 2, change_s / 2, -peak))
-    along = Steered(VUT_START_M + gap_m + CAR.front_m + CAR.rear_m, speed - 1.5, across)
+    along = SteeredMotion(VUT_START_M + gap_m + CAR.front_m + CAR.rear_m, speed - 1.5, across)
     leaving = Actor("ot2", ObjectClass.CAR, Role.OT, along, Line(0.0, 0.0, across))
     # No harder than the driver of a session, so that the conflict lasts about as long.
     vut = _vut(speed, Ramp(near_s + 1.4, 4.2, -speed))

@@ -23,9 +23,9 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.driven import BUILT_IN, Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import (
-    Answered,
     DriveMode,
     DriveReport,
+    EffectiveAnswer,
     PlanDriver,
     SeeingDriver,
 )
@@ -183,7 +183,7 @@ class Pilot:
             commands[vut.object_id] = world.step_index, command
         return report
 
-    def _take_due(self, questions: Questions, now_ns: int) -> Answered | None:
+    def _take_due(self, questions: Questions, now_ns: int) -> EffectiveAnswer | None:
         """Take the open answer if it is effective now, and its plan."""
         due = questions.due(now_ns)
         if due is None:

@@ -63,7 +63,7 @@ class MapPlan:
 
 
 @dataclass(frozen=True, slots=True)
-class _Sampled:
+class _SampledPlan:
     """A plan in the ego frame at the session's steps: values and derivatives, shape (n,)."""
 
     t_s: FloatArray
@@ -151,7 +151,7 @@ def fallback_of(
     )
 
 
-def _sampled(trajectory: Trajectory, step_s: float, limits: PlanLimits) -> _Sampled:
+def _sampled(trajectory: Trajectory, step_s: float, limits: PlanLimits) -> _SampledPlan:
     from scipy.interpolate import PchipInterpolator  # type: ignore[import-untyped]  # slow, no types
 
     t = np.array(trajectory.t_s)
@@ -164,10 +164,10 @@ def _sampled(trajectory: Trajectory, step_s: float, limits: PlanLimits) -> _Samp
     curve = PchipInterpolator(t, np.array([trajectory.x_m, trajectory.y_m], dtype=np.float64).T)
     curves = curve, curve.derivative(), curve.derivative(2)
     (x, y), (vx, vy), (ax, ay) = (np.ascontiguousarray(one(inside).T) for one in curves)
-    return _Sampled(steps, x, y, vx, vy, ax, ay, np.hypot(vx, vy))
+    return _SampledPlan(steps, x, y, vx, vy, ax, ay, np.hypot(vx, vy))
 
 
-def _problem(plan: _Sampled, limits: PlanLimits) -> str:
+def _problem(plan: _SampledPlan, limits: PlanLimits) -> str:
     """Say which limit a sampled plan passes; empty: none. A value that is no number passes it."""
     begins_m = math.hypot(plan.x_m[0], plan.y_m[0])
     if not begins_m <= limits.start_m:
@@ -184,7 +184,7 @@ def _problem(plan: _Sampled, limits: PlanLimits) -> str:
     return ""
 
 
-def _acceleration_mps2(plan: _Sampled, window_s: float) -> float:
+def _acceleration_mps2(plan: _SampledPlan, window_s: float) -> float:
     half_s = window_s / 2.0
     t = plan.t_s
     middle = t[(t >= half_s - 1e-9) & (t <= t[-1] - half_s + 1e-9)]
@@ -195,7 +195,7 @@ def _acceleration_mps2(plan: _Sampled, window_s: float) -> float:
     return float(np.hypot(*change).max()) / window_s
 
 
-def _back_m(plan: _Sampled, held_mps: float) -> float:
+def _back_m(plan: _SampledPlan, held_mps: float) -> float:
     """Return the way against the own heading, which follows the motion within a right angle."""
     step_x, step_y = np.diff(plan.x_m), np.diff(plan.y_m)
     # Steps within 45 degrees of where the VUT looks don't go back: the usual plan.
@@ -213,7 +213,7 @@ def _back_m(plan: _Sampled, held_mps: float) -> float:
     return back
 
 
-def _points(plan: _Sampled, pose: Pose2, step_s: float, limits: PlanLimits) -> FloatArray:
+def _points(plan: _SampledPlan, pose: Pose2, step_s: float, limits: PlanLimits) -> FloatArray:
     speed = plan.speed_mps
     fast = speed >= limits.held_mps
     yaw = _held(np.arctan2(plan.vy_mps, plan.vx_mps), fast)

@@ -19,10 +19,10 @@ from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import (
     Answer,
-    Answered,
+    EffectiveAnswer,
     GivenAnswer,
     PlanDriver,
-    Privileged,
+    PrivilegedTruth,
     Question,
     SeeingDriver,
     SeenFrame,
@@ -148,7 +148,7 @@ class Questions:
         if driver.privileged:
             observable_s = self._observable_s
             observable_ns = None if observable_s is None else seconds_to_ns(observable_s)
-            shown = replace(question, privileged=Privileged(tuple(truths), observable_ns))
+            shown = replace(question, privileged=PrivilegedTruth(tuple(truths), observable_ns))
         try:
             return GivenAnswer(driver.answer(shown))
         except (Exception, SystemExit) as error:  # whatever a driver raises is the driver's end
@@ -162,7 +162,7 @@ class Questions:
         self._fresh.check(frames, now_ns, self._seen)
         return frames
 
-    def due(self, now_ns: int) -> tuple[Answered, MapPlan | None] | None:
+    def due(self, now_ns: int) -> tuple[EffectiveAnswer, MapPlan | None] | None:
         """Take the open answer if it is effective now, with its plan in the map frame.
 
         The plan is None where it is refused; the answer says why.
@@ -183,7 +183,7 @@ class Questions:
             raise ValueError("an answer that was read is there")
         refused = plan if isinstance(plan, str) else ""
         latency_s = ns_to_seconds(due.latency_ns)
-        answered = Answered(question.number, question.stamp_ns, latency_s, answer, refused)
+        answered = EffectiveAnswer(question.number, question.stamp_ns, latency_s, answer, refused)
         return answered, None if isinstance(plan, str) else plan
 
     def _read(self, question: Question, answer: Answer | None, vut: ObjectState) -> MapPlan | str:

@@ -42,7 +42,7 @@ from ssp_ot_controller.sil.disturbance import Channel, FaultChange, LinkSizes
 
 
 @dataclass(frozen=True, slots=True)
-class Stopped:
+class ObjectStop:
     """An object stops by itself (SafetyEvent.msg)."""
 
     object_id: str
@@ -85,7 +85,7 @@ class PoolStep:
     commands: tuple[tuple[str, Command], ...]
     states: tuple[ObjectState, ...]
     acks: tuple[Acknowledgement, ...]
-    events: tuple[Stopped, ...]
+    events: tuple[ObjectStop, ...]
     counts: Counts
     faults: tuple[FaultChange, ...] = ()
 
@@ -286,7 +286,7 @@ class ObjectPool:
         commands: list[tuple[str, Command]] = []
         states: list[ObjectState] = []
         acks: list[Acknowledgement] = []
-        events: list[Stopped] = []
+        events: list[ObjectStop] = []
         faults: list[FaultChange] = []
         for object_id, member in self._members.items():
             channel = member.channel
@@ -310,7 +310,7 @@ class ObjectPool:
                 strangers,
             )
             if outcome.stopped is not None:
-                events.append(Stopped(object_id, outcome.stopped))
+                events.append(ObjectStop(object_id, outcome.stopped))
             commands.append((object_id, outcome.command))
             states += channel.up(outcome.report, now_ns)
         # What the objects of one process tell the manager, they hear of each other a step later.
@@ -357,7 +357,7 @@ class ObjectPool:
             commands,
             tuple(report for report in reports if report is not None),
             (),
-            tuple(Stopped(i, stop) for i in moving),
+            tuple(ObjectStop(i, stop) for i in moving),
             self._count(0, 0, len(moving)),
         )
 

@@ -4,9 +4,9 @@
 frame is ENU at the origin of its OSEM; frame map is where the object stands and its fence lies.
 Nothing here reads a clock.
 
-This file owns where the object is, what it would drive from its start (``Planned``), and why it
-stops by itself (``OwnStop``). ``CentreLink`` owns the connection, ``Target`` its state. A new
-centre finds the body where it is, and no trajectory of another centre.
+This file owns where the object is, what it would drive from its start (``PlannedTrajectory``), and
+why it stops by itself (``OwnStop``). ``CentreLink`` owns the connection, ``Target`` its state. A
+new centre finds the body where it is, and no trajectory of another centre.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ _NO_START = (
 )
 
 
-class Planned:
+class PlannedTrajectory:
     """The trajectory that an object drives from its start.
 
     Attributes:
@@ -170,7 +170,7 @@ class IsoObject:
         self._now_ns = now_ns
         self._states = 0
         self._frame = Pose2(0.0, 0.0, 0.0)
-        self._planned = Planned()
+        self._planned = PlannedTrajectory()
         self._start_ns: int | None = None
         self._stop = OwnStop()
         self._moved_ns = now_ns - _STOOD_NS

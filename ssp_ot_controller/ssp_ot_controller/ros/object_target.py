@@ -54,7 +54,7 @@ from ssp_ot_controller.objects.messages import (
     HeartbeatResponder,
     answers_late,
 )
-from ssp_ot_controller.objects.pool import ObjectPool, PoolStep, Stopped
+from ssp_ot_controller.objects.pool import ObjectPool, ObjectStop, PoolStep
 from ssp_ot_controller.objects.state_machine import ObjectEvent, other_rules
 from ssp_ot_controller.ros.parameters import OBJECT_TARGET
 
@@ -168,7 +168,7 @@ class ObjectPublishers:
         )
         return steps.BodyCommands(step.now_ns, self._node.get_name(), step.step, commands)
 
-    def _announce(self, event: Stopped, now_ns: int) -> None:
+    def _announce(self, event: ObjectStop, now_ns: int) -> None:
         stop, name = event.stop, MEANINGS[event.stop.code].limit_name
         passed = event.fact(self._node.get_name(), now_ns)
         self._safety.publish(encode_limit(passed, "local_stop"))

@@ -18,7 +18,7 @@ from ssp_core.geometry import Polyline, box_distance, point_in_polygon
 from ssp_core.motion.encounter import CORRIDOR_MARGIN_M, encounter, is_observable
 from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ObjectClass, Role
-from ssp_ot_controller.camera.actors import Actor, Line, Ramp, Steered, Turning
+from ssp_ot_controller.camera.actors import Actor, Line, Ramp, SteeredMotion, Turning
 from ssp_ot_controller.camera.clip import truth, truth_path, write_clip
 from ssp_ot_controller.camera.renderer.render import BRAKE_MPS2
 from ssp_ot_controller.camera.storyboards import (
@@ -56,7 +56,9 @@ def test_speed_is_the_derivative_of_the_position(
 @settings(max_examples=40)
 def test_steering_keeps_the_speed_on_the_path(speed: float, share: float, half: float) -> None:
     ramps = (Ramp(1.0, half, share * speed), Ramp(1.0 + half, half, -share * speed))
-    actor = Actor("a", ObjectClass.CAR, Role.OT, Steered(3.0, speed, ramps), Line(0.0, 0.0, ramps))
+    actor = Actor(
+        "a", ObjectClass.CAR, Role.OT, SteeredMotion(3.0, speed, ramps), Line(0.0, 0.0, ramps)
+    )
     h = 1e-5
     for t in np.linspace(0.05, 9.0, 19):
         slope = (actor.along.position(t + h) - actor.along.position(t - h)) / (2 * h)

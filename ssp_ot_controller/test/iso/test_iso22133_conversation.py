@@ -19,7 +19,7 @@ from ssp_ot_controller.bodies.iso22133.conversation import (
     LAG_S,
     PAUSE_NS,
     Conversation,
-    Reported,
+    NewestReport,
     Settings,
 )
 from ssp_ot_controller.bodies.iso22133.messages import (
@@ -63,8 +63,8 @@ class Talk:
     settings: Settings
     now_ns: int = T0
     decided: Decided = field(default_factory=lambda: Decided(P.CONNECTED, C.DISARMED))
-    reported: Reported = field(
-        default_factory=lambda: Reported(connected=True, number=C.DISARMED, heard=True)
+    reported: NewestReport = field(
+        default_factory=lambda: NewestReport(connected=True, number=C.DISARMED, heard=True)
     )
     sent: list[Message] = field(default_factory=list)
 

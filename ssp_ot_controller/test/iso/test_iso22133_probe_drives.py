@@ -16,7 +16,7 @@ from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.safety.consistency import Bounds
 from ssp_core.vocabulary import ObjectClass, ObjectWord
-from ssp_ot_controller.bodies.iso22133.conversation import Reported
+from ssp_ot_controller.bodies.iso22133.conversation import NewestReport
 from ssp_ot_controller.bodies.iso22133.gateway import ProbeGate
 from ssp_ot_controller.bodies.iso22133.messages import DriveDirection, Monr, ObjectError
 from ssp_ot_controller.bodies.iso22133.probe_report import (
@@ -223,7 +223,7 @@ def test_a_kind_has_the_bounds_of_the_session_and_its_gate_asks_for_them(
         session.signed,
     )
     report = Probed(omnidirectional=True, stages=STAGES[:1]).run()
-    gate = " ".join(ProbeGate(report, limits, "", kind).judge(Reported()).gate)
+    gate = " ".join(ProbeGate(report, limits, "", kind).judge(NewestReport()).gate)
     assert ("probe it with `--class" in gate) is (not names)
 
 

@@ -18,7 +18,7 @@ from ssp_core.credentials import check_key, is_http_address, without_userinfo
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping, taken_folder
 from ssp_core.options import Number, WholeNumber
-from ssp_scenario_manager.event_spec.checks.check import Undecided, check_event
+from ssp_scenario_manager.event_spec.checks.check import UndecidedField, check_event
 from ssp_scenario_manager.event_spec.extract.candidate import Origin
 from ssp_scenario_manager.event_spec.extract.clip import WIDE_SPACING_S, Crop
 from ssp_scenario_manager.event_spec.extract.extraction import Extracted, Order, extract
@@ -226,7 +226,7 @@ def _report(order: Order, found: Extracted) -> None:
     out.print(f"\nNext: ssp spec review {files[0]} --who NAME --video {files[1]}", markup=False)
 
 
-def _lines(items: list[Undecided]) -> list[str]:
+def _lines(items: list[UndecidedField]) -> list[str]:
     """Return one line per field: path, value, confidence, where from, evidence frames."""
     widths = [
         max((len(item.field) for item in items), default=0),

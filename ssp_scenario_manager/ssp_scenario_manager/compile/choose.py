@@ -50,7 +50,7 @@ class NotChosen(InputError):
 
 
 @dataclass(frozen=True)
-class Chosen:
+class Winner:
     """The winner.
 
     Args:
@@ -75,7 +75,7 @@ def choose_block(
     said: Callable[[str], None] = lambda _block: None,
     would_do: Callable[[Block], str | None] = lambda _block: None,
     other_lanes: Callable[[Sequence[Block]], str | None] = lambda _blocks: None,
-) -> Chosen:
+) -> Winner:
     """Return the winner of the retrieval that passes connectivity and conflict-geometry checks.
 
     Not every block of equal score is realised: without a choice, until ENOUGH of them fit; with
@@ -131,7 +131,7 @@ def choose_block(
             tied = tuple(block for block in ids if block == choice or block in beside)
             # Where no other block fits, there was nothing to choose.
             by, tied = (who or "", tied) if beside else (HIGHEST, ())
-            return Chosen(mine[0], list(found.values()), by, tied)
+            return Winner(mine[0], list(found.values()), by, tied)
         fits = fitting(others, ENOUGH if choice is None or choice in ids else 1)
         names = [fit.block.block_id for fit in fits]
         if fits and choice is not None:
@@ -139,7 +139,7 @@ def choose_block(
             remedy = f"the best that fit: {_some(names)}"
             raise refused(f"is not among the best blocks{why}", remedy, names, choice)
         if len(fits) == 1:
-            return Chosen(fits[0], list(found.values()), HIGHEST, ())
+            return Winner(fits[0], list(found.values()), HIGHEST, ())
         if fits:
             count = f"{'' if len(fits) < ENOUGH else 'at least '}{len(fits)} blocks"
             remedy = "choose one: ssp compile … --choose BLOCK --who NAME; the choice is logged"

@@ -14,7 +14,7 @@ from ssp_core.hashing import sha256_bytes
 from ssp_core.run_file.shortlist import load_candidate
 from ssp_scenario_manager.compile.area import OperatingArea
 from ssp_scenario_manager.compile.choose import (
-    Chosen,
+    Winner,
     choose_block,
     fitting_lanes,
     fitting_trigger,
@@ -22,7 +22,7 @@ from ssp_scenario_manager.compile.choose import (
 from ssp_scenario_manager.compile.place import Order, Realisation, realise
 from ssp_scenario_manager.compile.retrieval import score_blocks
 from ssp_scenario_manager.compile.task import EventLink, PlaceLink, Target, Task, sealed
-from ssp_scenario_manager.compile.validate import Validated, read_validation
+from ssp_scenario_manager.compile.validate import SimulationOutcome, read_validation
 from ssp_scenario_manager.event_spec.checks.base import Failure
 from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_version, read_event_file
@@ -61,7 +61,7 @@ def _source(event: Event, link: EventLink) -> Record:
 
 
 def _decisions(
-    request: Request, task: Task, chosen: Chosen, validated: Validated | None
+    request: Request, task: Task, chosen: Winner, validated: SimulationOutcome | None
 ) -> Iterator[Record]:
     """Record the values that were chosen, left out and taken over (METHOD 2.2, 2.3)."""
     event, version = task.event, {"task_version": task.version}
@@ -152,7 +152,7 @@ class Compiled:
     event_file: bytes
     area: OperatingArea
     site_file: bytes | None
-    chosen: Chosen
+    chosen: Winner
     log: tuple[Record, ...]
     shortlist: bytes | None = None
 

@@ -32,7 +32,7 @@ _DRIVEN = frozenset({"car", "truck", "bus", "motorcycle", "cyclist"})
 
 
 @dataclass(frozen=True, slots=True)
-class Met:
+class NeedFit:
     """The degree to which a block meets one need.
 
     Args:
@@ -44,9 +44,9 @@ class Met:
     missing: str | None = None
 
 
-MET = Met(1.0)
+MET = NeedFit(1.0)
 # The map doesn't say.
-UNKNOWN = Met(0.5)
+UNKNOWN = NeedFit(0.5)
 
 
 def bounds(quantity: Quantity | None) -> tuple[float, float]:
@@ -100,12 +100,12 @@ def _said(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def road_type(event: Event, block: Block) -> Met:
+def road_type(event: Event, block: Block) -> NeedFit:
     """Score a type that K* has; a proving ground stands in for any, an unknown type is half met."""
     field = event.topology.road_type
     if block.road_type == "proving_ground" or _may_be(field, block.road_type, RoadTypeWord):
         return MET
-    return UNKNOWN if block.road_type == "any" else Met(0.0)
+    return UNKNOWN if block.road_type == "any" else NeedFit(0.0)
 
 
 def _may_be(field: WordField[Any], found: str, vocabulary: Any) -> bool:
@@ -114,44 +114,46 @@ def _may_be(field: WordField[Any], found: str, vocabulary: Any) -> bool:
     return not words or found in words or words == set(get_args(vocabulary))
 
 
-def segment(event: Event, block: Block) -> Met:
+def segment(event: Event, block: Block) -> NeedFit:
     """Compare the segment: straight, curve or junction, as K* says."""
     words = event.topology.segment.words
     if not words or block.segment in words:
         return MET
-    return Met(0.0, f"segment {block.segment}, needs {' or '.join(words)}")
+    return NeedFit(0.0, f"segment {block.segment}, needs {' or '.join(words)}")
 
 
-def _count(name: str, found: int, wanted: Count, least: int) -> Met:
+def _count(name: str, found: int, wanted: Count, least: int) -> NeedFit:
     low, exact = max(wanted.min, least), wanted.min == wanted.max
     if found < low:
-        return Met(found / low, f"{name} lanes {found}, needs {'' if exact else 'at least '}{low}")
+        return NeedFit(
+            found / low, f"{name} lanes {found}, needs {'' if exact else 'at least '}{low}"
+        )
     if found > wanted.max:
         needs = f"needs {'' if exact else 'at most '}{wanted.max}"
-        return Met(wanted.max / found, f"{name} lanes {found}, {needs}")
+        return NeedFit(wanted.max / found, f"{name} lanes {found}, {needs}")
     return MET
 
 
 _ANY_COUNT = Count(min=0, max=16)
 
 
-def same_direction(event: Event, block: Block, kind: Kind) -> Met:
+def same_direction(event: Event, block: Block, kind: Kind) -> NeedFit:
     """Count lanes in the VUT's direction: as many as K* says and as the kind needs."""
     forward, backward = len(block.forward_lanes), len(block.backward_lanes)
     wanted = event.topology.lanes_same_direction.range or _ANY_COUNT
     met = _count("same-direction", forward, wanted, kind.same_direction_lanes)
     if met.missing is not None and forward == 1 and backward <= 1 and met.share < 1.0:
-        return Met(met.share, f"one driving lane per direction: {met.missing}")
+        return NeedFit(met.share, f"one driving lane per direction: {met.missing}")
     return met
 
 
-def opposite(event: Event, block: Block) -> Met:
+def opposite(event: Event, block: Block) -> NeedFit:
     """Count oncoming lanes, as K* says, on the left: part T has no field for their side."""
     if block.left_hand:
-        return Met(0.0, "left-hand traffic: the events are of right-hand traffic")
+        return NeedFit(0.0, "left-hand traffic: the events are of right-hand traffic")
     mine = min((lane.y_m for lane in block.forward_lanes), default=-math.inf)
     if any(lane.y_m < mine for lane in block.backward_lanes):
-        return Met(0.0, "left-hand traffic: oncoming lanes lie to the right of the VUT's")
+        return NeedFit(0.0, "left-hand traffic: oncoming lanes lie to the right of the VUT's")
     wanted = event.topology.lanes_opposite.range or _ANY_COUNT
     return _count("oncoming", len(block.backward_lanes), wanted, 0)
 
@@ -161,44 +163,44 @@ def vut_lanes(event: Event, block: Block) -> list[int]:
     return lanes_of_words(event.topology.vut_lane.words, len(block.forward_lanes))
 
 
-def vut_lane(event: Event, block: Block) -> Met:
+def vut_lane(event: Event, block: Block) -> NeedFit:
     """Score a lane for the VUT."""
     if vut_lanes(event, block):
         return MET
     lanes, word = len(block.forward_lanes), " or ".join(event.topology.vut_lane.words)
-    return Met(0.0, f"same-direction lanes {lanes}, none of them is the {word}")
+    return NeedFit(0.0, f"same-direction lanes {lanes}, none of them is the {word}")
 
 
-def boundary(field: WordField[Any], found: str) -> Met:
+def boundary(field: WordField[Any], found: str) -> NeedFit:
     """Compare the roadside: a sidewalk has a kerb; a kerb has half of a sidewalk."""
     words = set(field.words)
     if _may_be(field, found, BoundaryWord) or ("kerb" in words and found == "sidewalk"):
         return MET
-    return UNKNOWN if found == "any" or ("sidewalk" in words and found == "kerb") else Met(0.0)
+    return UNKNOWN if found == "any" or ("sidewalk" in words and found == "kerb") else NeedFit(0.0)
 
 
 # -- part I ---------------------------------------------------------------------------------------
 
 
-def relation(event: Event, block: Block) -> Met:
+def relation(event: Event, block: Block) -> NeedFit:
     """Score a candidate conflict area of the relation."""
     wanted = event.interaction.relation
     if any(area.kind == wanted for area in block.conflict_areas):
         return MET
-    return Met(0.0, f"no conflict area for the relation {wanted}")
+    return NeedFit(0.0, f"no conflict area for the relation {wanted}")
 
 
-def manoeuvres(event: Event, block: Block, kind: Kind) -> Met:
+def manoeuvres(event: Event, block: Block, kind: Kind) -> NeedFit:
     """Score the share of the manoeuvres of K* and the kind that the block permits."""
     needed = kind.manoeuvres(event) | event.topology.permitted_manoeuvres.needed
     lacking = sorted(needed - block.permitted)
     if not lacking:
         return MET
     share = 1.0 - len(lacking) / len(needed)
-    return Met(share, f"not permitted: {', '.join(lacking)}")
+    return NeedFit(share, f"not permitted: {', '.join(lacking)}")
 
 
-def places(event: Event, block: Block) -> Met:
+def places(event: Event, block: Block) -> NeedFit:
     """Score the share of participants whose place the block has: beside the VUT or oncoming."""
     lanes = len(block.forward_lanes)
     mine = vut_lanes(event, block)
@@ -215,7 +217,7 @@ def places(event: Event, block: Block) -> Met:
             lacking.append(f"{name} needs an oncoming lane")
     if not lacking:
         return MET
-    return Met(1.0 - len(lacking) / len(event.participants), "; ".join(lacking))
+    return NeedFit(1.0 - len(lacking) / len(event.participants), "; ".join(lacking))
 
 
 def _met_from(event: Event, block: Block, place: str) -> bool:
@@ -225,7 +227,7 @@ def _met_from(event: Event, block: Block, place: str) -> bool:
     return any(c.kind == wanted and place == f"{c.comes_from}_road" for c in conflicts)
 
 
-def turn(event: Event, block: Block) -> list[Met]:
+def turn(event: Event, block: Block) -> list[NeedFit]:
     """Score a route's turn in its junction, where the VUT turns; nothing else is scored."""
     intent = event.participants[event.vut_id].intent
     if KINDS[event.interaction.type].turns_left:
@@ -236,29 +238,29 @@ def turn(event: Event, block: Block) -> list[Met]:
     turned_rad = block.passage.turn_rad
     if STRAIGHT_ON_RAD <= side * turned_rad <= BACK_RAD:
         return [MET]
-    return [Met(0.0, f"it turns by {math.degrees(turned_rad):.0f} deg, needs {intent}")]
+    return [NeedFit(0.0, f"it turns by {math.degrees(turned_rad):.0f} deg, needs {intent}")]
 
 
 # -- part C ---------------------------------------------------------------------------------------
 
 
-def length(event: Event, block: Block) -> Met:
+def length(event: Event, block: Block) -> NeedFit:
     """Compare the room with that for approach, conflict and run-out."""
     said = f"length {block.length_m:.1f}"
     return _measured(said, block.length_m, bounds(event.constraints.site.length), "m")
 
 
-def _measured(said: str, found: float, wanted: tuple[float, float], unit: str) -> Met:
+def _measured(said: str, found: float, wanted: tuple[float, float], unit: str) -> NeedFit:
     """Score the share of the needed that is there, or of the present that is allowed."""
     low, high = wanted
     if found < low - 1e-6:
-        return Met(max(0.0, found / low), f"{said} {unit}, needs at least {low:g} {unit}")
+        return NeedFit(max(0.0, found / low), f"{said} {unit}, needs at least {low:g} {unit}")
     if found > high + 1e-6:
-        return Met(max(0.0, high / found), f"{said} {unit}, needs at most {high:g} {unit}")
+        return NeedFit(max(0.0, high / found), f"{said} {unit}, needs at most {high:g} {unit}")
     return MET
 
 
-def speed_limit(event: Event, block: Block) -> Met:
+def speed_limit(event: Event, block: Block) -> NeedFit:
     """Score the share of the fastest vehicle's range of approach speeds that the limit allows.
 
     Half met where the map has no limit in it.
@@ -275,13 +277,13 @@ def speed_limit(event: Event, block: Block) -> Met:
     if limit is None:
         return UNKNOWN
     if limit < low - 1e-6:
-        return Met(
+        return NeedFit(
             max(0.0, limit / low), f"speed limit {limit:.1f} m/s, needs at least {low:g} m/s"
         )
-    return MET if limit >= high else Met((limit - low) / (high - low))
+    return MET if limit >= high else NeedFit((limit - low) / (high - low))
 
 
-def lane_width(event: Event, block: Block, kind: Kind) -> Met:
+def lane_width(event: Event, block: Block, kind: Kind) -> NeedFit:
     """Score the share of the forward lanes that are neither too narrow nor too wide.
 
     The VUT's must be among them, and so many of them side by side as the kind needs.
@@ -289,7 +291,7 @@ def lane_width(event: Event, block: Block, kind: Kind) -> Met:
     low, high = bounds(event.topology.lane_width.range)
     lanes = block.forward_lanes
     if not lanes:
-        return Met(0.0)
+        return NeedFit(0.0)
     fits = [low - _WIDTH_M <= lane.width_m <= high + _WIDTH_M for lane in lanes]
     share = sum(fits) / len(fits)
     mine = [i for i in vut_lanes(event, block) if fits[i]]
@@ -300,9 +302,9 @@ def lane_width(event: Event, block: Block, kind: Kind) -> Met:
     )
     # Too few lanes is another need's business.
     if beside or len(lanes) < kind.same_direction_lanes or not vut_lanes(event, block):
-        return Met(share)
+        return NeedFit(share)
     widths = ", ".join(f"{lane.width_m:.2f}" for lane in lanes)
-    return Met(share, f"lane widths {widths} m from right to left, needs {_range(low, high)} m")
+    return NeedFit(share, f"lane widths {widths} m from right to left, needs {_range(low, high)} m")
 
 
 def _range(low: float, high: float) -> str:
@@ -311,7 +313,7 @@ def _range(low: float, high: float) -> str:
     return f"at most {high:g}" if math.isinf(low) else f"{low:g} to {high:g}"
 
 
-def curvature(event: Event, block: Block) -> Met:
+def curvature(event: Event, block: Block) -> NeedFit:
     """Compare the curvature over any 10 m with K*."""
     found, wanted = bend_1pm(block.line), bounds(event.topology.curvature.range)
     return _measured(f"curvature {found:.4f}", found, wanted, "1/m")
@@ -325,7 +327,7 @@ def kerb_sides(event: Event) -> Collection[str]:
     return tuple(s for s in ("right", "left") if f"{s}_kerb" in found)
 
 
-def clearance(event: Event, block: Block) -> Met:
+def clearance(event: Event, block: Block) -> NeedFit:
     """Compare the room beyond the outermost lanes, shoulder and sidewalk together.
 
     Where somebody waits or walks to it is a must; for run-off it makes a block fitter, as most maps
@@ -344,7 +346,7 @@ def clearance(event: Event, block: Block) -> Met:
         for side in kerb_sides(event)
         if room[side] < low - 1e-6
     ]
-    return Met(share, "; ".join(short) or None)
+    return NeedFit(share, "; ".join(short) or None)
 
 
 # λ of METHOD 2.2, the same for each score, and how near two totals are that tie.
@@ -352,7 +354,7 @@ LAMBDA = 1 / 3
 TIE = 1e-9
 
 
-def _mean(met: Sequence[Met]) -> float:
+def _mean(met: Sequence[NeedFit]) -> float:
     return min(1.0, sum(one.share for one in met) / len(met))
 
 

@@ -22,7 +22,7 @@ _REMEDY = "name the folder of a valid `ssp run` of this event's sumo task"
 
 
 @dataclass(frozen=True)
-class Validated:
+class SimulationOutcome:
     """The outcome of a simulation run.
 
     Args:
@@ -33,7 +33,7 @@ class Validated:
     values: dict[str, float]
 
 
-def read_validation(folder: Path, event_version: str) -> Validated:
+def read_validation(folder: Path, event_version: str) -> SimulationOutcome:
     """Return the run in a folder, if it validates the anchors of an event.
 
     Its bag must be undamaged, every CRC of it. It must have been valid by the session's last word
@@ -68,7 +68,7 @@ def read_validation(folder: Path, event_version: str) -> Validated:
         )
     hashes = [sha256_file(file) for file in bag_files(bag)]
     digest = hashes[0] if len(hashes) == 1 else sha256_json(hashes)
-    return Validated(
+    return SimulationOutcome(
         Validation(run_id=run.run_id, task_version=task.version, bag_sha256=digest),
         {tuning.field: tuning.value for tuning in task.tunings},
     )

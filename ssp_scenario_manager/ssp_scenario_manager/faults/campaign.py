@@ -41,7 +41,7 @@ from ssp_scenario_manager.faults.matrix import Cell, Expected, NotApplicable, Ro
 from ssp_scenario_manager.run.faults import NEED_PROCESSES
 from ssp_scenario_manager.run.in_process import Record, judged
 from ssp_scenario_manager.run.in_process_session import InProcessSession
-from ssp_scenario_manager.run.result import Happened
+from ssp_scenario_manager.run.result import RunEvents
 from ssp_scenario_manager.run.sweep import for_one_process
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.limits import Violation
@@ -113,7 +113,7 @@ def _truth(reports: list[StepReport]) -> dict[str, Track]:
     return {object_id: track_of(kept) for object_id, kept in rows.items()}
 
 
-def _faults(spec: RunSpec, happened: Happened) -> tuple[FaultNote, ...]:
+def _faults(spec: RunSpec, happened: RunEvents) -> tuple[FaultNote, ...]:
     notes = [
         FaultNote(ns_to_seconds(f.stamp_ns), int(f.fault.partition(" ")[0]), f.active)
         for f in happened.faults

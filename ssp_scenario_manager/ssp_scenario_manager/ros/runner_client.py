@@ -50,7 +50,7 @@ _UNDER_WAY = {
 
 
 @dataclass
-class _Asked:
+class _SentGoal:
     """A goal that was sent.
 
     Args:
@@ -100,7 +100,7 @@ class RunClient:
         self._token = run.session_token
         self._abort = self.node.create_client(SessionCommand, "abort")
         self._load = self.node.create_client(LoadScenario, names.LOAD_SCENARIO)
-        self._asked: _Asked | None = None
+        self._asked: _SentGoal | None = None
         self.loaded: tuple[str, ...] | None = None
         # What the manager was asked to load, and when last.
         self._load_asked: tuple[str, float] | None = None
@@ -180,7 +180,7 @@ class RunClient:
             run_file: that the manager loads.
             not_after_ns: a person's word holds until then, on the system clock; 0: no word.
         """
-        self._asked, self.session.is_led_by_us = _Asked(not_after_ns), True
+        self._asked, self.session.is_led_by_us = _SentGoal(not_after_ns), True
         goal = RunScenario.Goal(run_file=run_file, session_token=self._token)
         goal.not_after = ros.stamp_from_ns(not_after_ns)
         future = self._client.send_goal_async(goal, feedback_callback=self._on_feedback)
@@ -294,13 +294,13 @@ class RunClient:
             answer = future.result()
             self.loaded = () if answer.accepted else (answer.error_msg,)
 
-    def _on_accepted(self, asked: _Asked, future: Any) -> None:
+    def _on_accepted(self, asked: _SentGoal, future: Any) -> None:
         asked.goal = future.result()
         if not asked.goal.accepted:
             raise PeerError("the scenario manager is busy with another run")
         asked.goal.get_result_async().add_done_callback(partial(self._on_result, asked))
 
-    def _on_result(self, asked: _Asked, future: Any) -> None:
+    def _on_result(self, asked: _SentGoal, future: Any) -> None:
         self.hear_manager()
         asked.result, asked.result_at = future.result(), time.monotonic()
 

@@ -41,7 +41,7 @@ RUNNER_KINDS = NEED_PROCESSES | {"operator_abort", "trigger_never"}
 
 
 @dataclass(frozen=True, slots=True)
-class Injected:
+class InjectedFault:
     """The begin or end of a fault.
 
     Args:
@@ -149,7 +149,7 @@ class FaultInjector:
     bag: Path
     hands: FaultEndpoints
     say: Callable[[str], None]
-    injected: list[Injected] = field(default_factory=list)
+    injected: list[InjectedFault] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._timed = [_Timed(index, fault) for index, fault in of_runner(self.spec)]
@@ -264,7 +264,7 @@ class FaultInjector:
         value = fault.value if fault.value is not None else float("nan")
         self.hands.tell_fault(f"{timed.index} {fault.kind}", fault.target, active, value)
         times = round(session_s, 6), round(wall_s, 6)
-        self.injected.append(Injected(timed.index, fault.kind, fault.target, active, *times))
+        self.injected.append(InjectedFault(timed.index, fault.kind, fault.target, active, *times))
 
     def _signal(self, node: str, number: signal.Signals) -> None:
         with suppress(ProcessLookupError):

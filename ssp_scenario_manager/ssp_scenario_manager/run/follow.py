@@ -109,7 +109,7 @@ class Interrupt:
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
+class SessionOutcome:
     """The outcome of a session.
 
     Args:
@@ -135,7 +135,7 @@ def follow(
     interrupt: Interrupt,
     live: LiveSetup | None = None,
     mark: Mark = lambda: lambda: True,
-) -> Followed:
+) -> SessionOutcome:
     """Wait for the manager, have the run done, and watch processes and signals meanwhile.
 
     Args:
@@ -186,7 +186,7 @@ class _Following:
             self._hands = FaultEndpoints(client.node, spec, time.monotonic())
             self._injector = faults.FaultInjector(spec, group, bag, self._hands, say)
 
-    def until_the_end(self, run_file: Path) -> Followed:
+    def until_the_end(self, run_file: Path) -> SessionOutcome:
         if faults.strikes_armed(self._spec):
             self._by_hand = StepwiseClient(self._client.node, self._spec, str(run_file))
         failure = (
@@ -197,14 +197,14 @@ class _Following:
             or self._wait_for_others_to_go()
         )
         if failure is not None:
-            return Followed(failure)
+            return SessionOutcome(failure)
         outcome = None
         while outcome is None:
             not_after_ns = 0
             if self._live is not None and not self._live.start_at_once:
                 word = self._wait_for_word(run_file, self._live)
                 if isinstance(word, RunOutcome):
-                    return Followed(word)
+                    return SessionOutcome(word)
                 not_after_ns = word
             self._interrupt.may_stand_still = self._live is None
             if self._client.under_way:
@@ -565,10 +565,12 @@ class _Following:
         waits = lives and self._spec.mode == "lockstep"
         return WORLD_SILENT_LOCKSTEP_S if waits else WORLD_GONE_S
 
-    def _followed(self, outcome: RunOutcome) -> Followed:
+    def _followed(self, outcome: RunOutcome) -> SessionOutcome:
         client, hands, injector = self._client, self._hands, self._injector
         if hands is None or injector is None:
-            return Followed(outcome, client.session.times.session_s, client.session.times.wall_s)
+            return SessionOutcome(
+                outcome, client.session.times.session_s, client.session.times.wall_s
+            )
         goes_on = injector.release(hands.session_s, hands.wall_s)
         if goes_on:
             # It goes on where it stood still; what was on its way there is seen now.
@@ -586,7 +588,7 @@ class _Following:
             "injected": [asdict(one) for one in injector.injected],
             "heard": hands.heard,
         }
-        return Followed(
+        return SessionOutcome(
             outcome, hands.session_s, client.session.times.wall_s, faults, hands.witness()
         )
 

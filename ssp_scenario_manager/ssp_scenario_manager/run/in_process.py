@@ -29,7 +29,7 @@ from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_core.world.driver import AnswersOverError, NotRecordedError, RecordedAnswer
 from ssp_core.world.plant import FaultFact, StepReport, make_plant
 from ssp_scenario_manager.run.in_process_session import InProcessSession
-from ssp_scenario_manager.run.result import Happened, misses, result_keys, rounded
+from ssp_scenario_manager.run.result import RunEvents, misses, result_keys, rounded
 from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.run_script import RunOutcome
 
@@ -84,7 +84,7 @@ class InProcessResult:
     verdict: Verdict
     reasons: tuple[str, ...]
     session_s: float
-    happened: Happened
+    happened: RunEvents
     error_rms_m: tuple[float, float]
     aborted_ns: int | None = None
 
@@ -223,9 +223,11 @@ def run_recorded(
     return result, record, {"bag": bag.name, "seal": seal, "measured": measured(bag, spec, say)}
 
 
-def judged(spec: RunSpec, session: InProcessSession, record: Record) -> tuple[RunOutcome, Happened]:
+def judged(
+    spec: RunSpec, session: InProcessSession, record: Record
+) -> tuple[RunOutcome, RunEvents]:
     """Judge how a session that is over ended, and what happened in it."""
-    happened = Happened.seen(
+    happened = RunEvents.seen(
         spec,
         0,
         session.of_kind(PhaseBegan),

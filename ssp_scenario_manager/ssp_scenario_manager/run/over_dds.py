@@ -40,7 +40,7 @@ from ssp_scenario_manager.run.companions import (
     given_token,
     page_companion,
 )
-from ssp_scenario_manager.run.follow import Followed, Interrupt, follow, obituary
+from ssp_scenario_manager.run.follow import Interrupt, SessionOutcome, follow, obituary
 from ssp_scenario_manager.run.live import LiveSetup, describe
 from ssp_scenario_manager.run.report import measured
 from ssp_scenario_manager.run.result import happened_by, misses, participation_by, result_keys
@@ -209,7 +209,7 @@ def _end_word(outcome: RunOutcome, folder: Path, *, final: bool) -> EndWord:
 def _conclude(
     spec: RunSpec,
     folder: Path,
-    followed: Followed,
+    followed: SessionOutcome,
     outcome: RunOutcome,
     started: float,
     bodies: dict[str, str],

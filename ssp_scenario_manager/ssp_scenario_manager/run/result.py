@@ -36,7 +36,7 @@ _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
 
 
 @dataclass(frozen=True, slots=True)
-class Happened:
+class RunEvents:
     """The events of a run.
 
     Args:
@@ -85,7 +85,7 @@ class Happened:
         triggers: Iterable[Triggered],
         faults: Iterable[FaultFact],
         truths: Mapping[str, Sequence[ObjectState]],
-    ) -> Happened:
+    ) -> RunEvents:
         """Measure a run on its states.
 
         Args:
@@ -124,7 +124,7 @@ class Happened:
         )
 
     @classmethod
-    def recorded(cls, bag: BagReader, spec: RunSpec) -> Happened:
+    def recorded(cls, bag: BagReader, spec: RunSpec) -> RunEvents:
         """Read the events from a session's bag; InputError or ValueError for a damaged one."""
 
         def decoded(topic: str) -> list[Any]:
@@ -180,7 +180,7 @@ def _intrusions(
     )
 
 
-def misses(spec: RunSpec, happened: Happened) -> list[str]:
+def misses(spec: RunSpec, happened: RunEvents) -> list[str]:
     """List how a run's event departs from K* (METHOD 4.4), each with quantity, value and range.
 
     Empty for a run that was made by hand, of which no K* says anything.
@@ -223,14 +223,14 @@ def late_conflict(trigger_s: float | None, conflict_s: float | None) -> str:
     )
 
 
-def happened_by(bag: Path, spec: RunSpec) -> Happened | None:
+def happened_by(bag: Path, spec: RunSpec) -> RunEvents | None:
     """Read the events from a session's bag; None where the bag is missing or damaged.
 
     Why it can't be read stands with the latencies (``report.measured``).
     """
     try:
         with BagReader(bag) as reader:
-            return Happened.recorded(reader, spec)
+            return RunEvents.recorded(reader, spec)
     except (SspError, ValueError):
         return None
 
@@ -250,7 +250,7 @@ def participation_by(bag: Path, spec: RunSpec) -> Participation | None:
 
 
 def result_keys(
-    spec: RunSpec, happened: Happened | None, took_part: Participation | None = None
+    spec: RunSpec, happened: RunEvents | None, took_part: Participation | None = None
 ) -> dict[str, Any]:
     """Return the keys of result.json that every run has besides its verdict and reasons.
 
@@ -298,7 +298,7 @@ def rounded(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else round(value, 4)
 
 
-def _s(happened: Happened, time_ns: int) -> float | None:
+def _s(happened: RunEvents, time_ns: int) -> float | None:
     return None if happened.began_ns is None else ns_to_seconds(time_ns - happened.began_ns)
 
 
@@ -306,7 +306,7 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _phase(happened: Happened, phase: PhaseBegan) -> dict[str, Any]:
+def _phase(happened: RunEvents, phase: PhaseBegan) -> dict[str, Any]:
     announced = next((p.stamp_ns for p in happened.phases if p.phase is phase.phase), None)
     return {
         "phase": phase.phase.name.lower(),
@@ -316,7 +316,7 @@ def _phase(happened: Happened, phase: PhaseBegan) -> dict[str, Any]:
     }
 
 
-def _trigger(happened: Happened, fired: Triggered) -> dict[str, Any]:
+def _trigger(happened: RunEvents, fired: Triggered) -> dict[str, Any]:
     return {
         "trigger_id": fired.trigger_id,
         "condition": fired.condition,
@@ -328,7 +328,7 @@ def _trigger(happened: Happened, fired: Triggered) -> dict[str, Any]:
     }
 
 
-def _fault(happened: Happened, fault: FaultFact) -> dict[str, Any]:
+def _fault(happened: RunEvents, fault: FaultFact) -> dict[str, Any]:
     number, _, kind = fault.fault.partition(" ")
     return {
         "number": int(number) if number.isdecimal() else None,

@@ -19,7 +19,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import Brake, FollowPath, Hold
-from ssp_core.world.driver import Answer, Answered, DriveMode, DriveReport
+from ssp_core.world.driver import Answer, DriveMode, DriveReport, EffectiveAnswer
 from ssp_core.world.plant import StepReport
 from ssp_scenario_manager.closed_loop.outcomes.careful import (
     CAREFUL_DRIVER,
@@ -283,7 +283,7 @@ def answered(number: int, text: str, speed: float, slows_mps2: float) -> DriveRe
         reference_id=f"plan-{number}",
         points=Points(np.vstack([t, t, zeros, zeros, v, zeros, zeros])),
     )
-    answer = Answered(number, round(1e8 * number), 0.0, Answer(None, text))
+    answer = EffectiveAnswer(number, round(1e8 * number), 0.0, Answer(None, text))
     return DriveReport(DriveMode.PLAN, answered=answer, effective=reference)
 
 

@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import pytest
 
-from ssp_scenario_manager.compile.choose import HIGHEST, Chosen, NotChosen, choose_block
+from ssp_scenario_manager.compile.choose import HIGHEST, NotChosen, Winner, choose_block
 from ssp_scenario_manager.compile.task import BlockScore
 from ssp_scenario_manager.maps.block import Library
 from ssp_scenario_manager.scenarios.base import CannotPlace
@@ -45,7 +45,7 @@ SCORES = [score("a", 0.9), score("b", 0.8), score("c", 0.8), score("d", 0.95, "t
 LIBRARY = library("a", "b", "c", "d")
 
 
-def choose(place: Callable[[Any], Any], **given: Any) -> Chosen:
+def choose(place: Callable[[Any], Any], **given: Any) -> Winner:
     return choose_block(LIBRARY, SCORES, place, **given)
 
 

@@ -75,7 +75,7 @@ def test_a_process_that_dies_before_anything_is_armed_ends_the_session_at_once(
     monkeypatch.setattr(follow, "RunClient", lambda *_, **__: client)
     monkeypatch.setattr(follow, "END_TIMEOUT_S", 1e6)
 
-    def followed() -> follow.Followed:
+    def followed() -> follow.SessionOutcome:
         return follow.follow(
             run, group, Path("run.yaml"), Path("bag"), MagicMock(), follow.Interrupt()
         )

@@ -19,7 +19,7 @@ from ssp_core.vocabulary import ObjectClass, Phase, Role, Verdict
 from ssp_core.world.plant import FaultFact
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.run.result import (
-    Happened,
+    RunEvents,
     happened_by,
     misses,
     result_keys,
@@ -41,12 +41,12 @@ def passed(other_first: bool | None, gap_s: float | None) -> Passing:
 
 
 @pytest.fixture
-def empty(run: RunSpec) -> Callable[..., Happened]:
+def empty(run: RunSpec) -> Callable[..., RunEvents]:
     """A run without any report of a world."""
 
-    def make(began_ns: int | None, *faults: FaultFact) -> Happened:
+    def make(began_ns: int | None, *faults: FaultFact) -> RunEvents:
         truths: dict[str, Any] = {run.vut.id: [], **{t.id: [] for t in run.targets}}
-        return Happened.seen(run, began_ns, (), (), faults, truths)
+        return RunEvents.seen(run, began_ns, (), (), faults, truths)
 
     return make
 
@@ -60,7 +60,7 @@ def test_no_gap_is_stated_of_a_run_that_never_reached_its_conflict(run: RunSpec)
 
     def keys(*phases: Phase) -> dict[str, Any]:
         began = [p for p in whole.phases if p.phase in phases]
-        return result_keys(run, Happened.seen(run, 0, began, whole.triggers, (), truths))
+        return result_keys(run, RunEvents.seen(run, 0, began, whole.triggers, (), truths))
 
     met, unmet = keys(*Phase), keys(Phase.APPROACH, Phase.TRIGGER)
     assert (met["initiator_first"], met["time_gap_s"] > 0.0) == (True, True)
@@ -71,7 +71,7 @@ def test_no_gap_is_stated_of_a_run_that_never_reached_its_conflict(run: RunSpec)
 
 
 def test_faults_are_told_by_number_and_kind_in_the_same_order(
-    run: RunSpec, empty: Callable[..., Happened]
+    run: RunSpec, empty: Callable[..., RunEvents]
 ) -> None:
     late, early = fault("10 link_delay", 3 * S, 0.2), fault("2 state_nan", 2 * S)
     one, other = (
@@ -85,7 +85,7 @@ def test_faults_are_told_by_number_and_kind_in_the_same_order(
 
 
 def test_times_count_from_the_start_and_are_unknown_without_one(
-    run: RunSpec, empty: Callable[..., Happened]
+    run: RunSpec, empty: Callable[..., RunEvents]
 ) -> None:
     began_ns = 1_700_000_000 * S
     for start_ns, at_s in ((began_ns, 2.5), (None, None)):
@@ -95,7 +95,7 @@ def test_times_count_from_the_start_and_are_unknown_without_one(
 
 
 def test_what_nothing_tells_is_null_and_not_empty(
-    run: RunSpec, empty: Callable[..., Happened], tmp_path: Path
+    run: RunSpec, empty: Callable[..., RunEvents], tmp_path: Path
 ) -> None:
     assert happened_by(tmp_path / "no-bag", run) is None
     nothing, unseen = result_keys(run, None), result_keys(run, empty(0))
@@ -163,7 +163,7 @@ def replace_mode(run: RunSpec) -> RunSpec:
 )
 def test_a_passing_misses_with_quantity_value_and_range(
     run: RunSpec,
-    empty: Callable[..., Happened],
+    empty: Callable[..., RunEvents],
     first: Any,
     bounds: tuple[float | None, float | None],
     seen: Passing,
@@ -180,7 +180,7 @@ def test_a_range_that_nothing_lies_in_is_no_range() -> None:
 
 
 def test_nobody_judges_the_passing_of_a_run_that_was_made_by_hand(
-    run: RunSpec, empty: Callable[..., Happened]
+    run: RunSpec, empty: Callable[..., RunEvents]
 ) -> None:
     assert run.passing is None
     assert misses(run, replace(empty(0), passing=passed(None, None))) == []
@@ -201,14 +201,14 @@ def test_the_resolution_is_the_last_one_of_the_whole_recording(
 
     run = run.model_copy(update={"passing": WantedPassing(first="initiator")})
 
-    def seen(end_s: int) -> Happened:
+    def seen(end_s: int) -> RunEvents:
         pairs = [at(0.5 * k) for k in range(2 * end_s + 1)]
         announced = [
             PhaseBegan(S // 2, Phase.CONFLICT, "TTC 2.00 s"),
             PhaseBegan(2 * S, Phase.RESOLUTION, "TTC 5.00 s"),
         ]
         truths = {"vut": [a for a, _ in pairs], "ot1": [b for _, b in pairs]}
-        return Happened.seen(run, 0, announced, (), (), truths)
+        return RunEvents.seen(run, 0, announced, (), (), truths)
 
     (_, resolution) = result_keys(run, seen(8))["phases"]
     assert (resolution["phase"], resolution["at_s"], resolution["announced_s"]) == (
@@ -252,5 +252,5 @@ def test_the_nearest_is_found_of_a_box_that_lies_off_its_reference_point(run: Ru
         run.vut.id: [at(run.vut.id, second, 0.0, behind) for second in (0, 1)],
         target.id: [at(target.id, 0, -5.0, person), at(target.id, 1, -14.0, person)],
     }
-    happened = Happened.seen(run, 0, (), (), (), truths)
+    happened = RunEvents.seen(run, 0, (), (), (), truths)
     assert happened.min_distance_m == pytest.approx(0.75)

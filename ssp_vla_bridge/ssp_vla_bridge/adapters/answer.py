@@ -26,11 +26,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ssp_vla_bridge.adapters.candidates import Labelled, not_chosen
+from ssp_vla_bridge.adapters.candidates import LabelledList, not_chosen
 from ssp_vla_bridge.adapters.number_lists import CUT, NESTED, UNREAD, NumberList, scan_lists
 from ssp_vla_bridge.adapters.plain_rows import with_brackets
 from ssp_vla_bridge.adapters.plan_label import Label, Owner, label_of
-from ssp_vla_bridge.adapters.stated import Converted, Meaning, Rows, convert
+from ssp_vla_bridge.adapters.stated import ConvertedRows, Meaning, Rows, convert
 from ssp_vla_bridge.adapters.stated_beside import said_beside
 from ssp_vla_bridge.adapters.stated_times import Beside, Raster
 from ssp_vla_bridge.adapters.tables import with_lists_for_tables
@@ -114,7 +114,7 @@ class Choice:
 class _Candidate:
     one: NumberList
     label: Label
-    read: Converted
+    read: ConvertedRows
 
 
 def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool = False) -> Choice:
@@ -192,7 +192,7 @@ def _without_options(
     text: str, answers: list[_Candidate], notes: list[str]
 ) -> tuple[list[_Candidate], int]:
     """Return the lists without the options that aren't chosen, and how many these are."""
-    placed = [Labelled(one.label.text, one.one.start, one.one.end) for one in answers]
+    placed = [LabelledList(one.label.text, one.one.start, one.one.end) for one in answers]
     left, chosen = not_chosen(text, placed)
     if not left:
         return answers, 0

@@ -48,7 +48,7 @@ _DENIED = re.compile(r"(?:\b(?:not|never|neither|no)\b|n['’]t\b)[^.,;\n]{0,20}
 
 
 @dataclass(frozen=True)
-class Labelled:
+class LabelledList:
     """A list in a text.
 
     Args:
@@ -62,7 +62,7 @@ class Labelled:
     end: int
 
 
-def not_chosen(text: str, lists: Sequence[Labelled]) -> tuple[frozenset[int], int | None]:
+def not_chosen(text: str, lists: Sequence[LabelledList]) -> tuple[frozenset[int], int | None]:
     """Find the options among lists.
 
     Args:
@@ -107,7 +107,7 @@ def _base(label: str) -> str:
     return " ".join(dict.fromkeys(words))
 
 
-def _share(text: str, lists: Sequence[Labelled], i: int) -> float | None:
+def _share(text: str, lists: Sequence[LabelledList], i: int) -> float | None:
     """Return the share of 1 that an option states in its label, object or line."""
     one = lists[i]
     begin, stop = _object(text, one.start, one.end)
@@ -140,7 +140,7 @@ def _clear_maximum(shares: Sequence[float]) -> int | None:
     return shares.index(first) if shares and first - second >= _CLEAR - 1e-9 else None
 
 
-def _picked(text: str, lists: Sequence[Labelled], names: Sequence[str]) -> str | None:
+def _picked(text: str, lists: Sequence[LabelledList], names: Sequence[str]) -> str | None:
     """Return the only name that a line picks."""
     found: set[str] = set()
     text = text.replace("_", " ")  # "best_option": 1

@@ -346,7 +346,7 @@ _NOTHING = Beside()
 
 
 @dataclass(frozen=True)
-class Converted:
+class ConvertedRows:
     """A list's rows in an interface's own columns and units.
 
     Args:
@@ -367,7 +367,7 @@ def convert(
     accepted: frozenset[str],
     raster: Raster,
     beside: Beside = _NOTHING,
-) -> Converted:
+) -> ConvertedRows:
     """Bring a list into its interface's columns and units, as far as it states others.
 
     Args:
@@ -381,23 +381,23 @@ def convert(
     of_label = _in_usual_words(heading.lower())
     said = f"{_in_usual_words(beside.words)}\n{of_label}" if beside.words else of_label
     if beside.problem:
-        return Converted((), problem=beside.problem)
+        return ConvertedRows((), problem=beside.problem)
     width = len(one.rows[0]) if one.rows else 0
     notes: list[str] = []
     if any(len(row) != width for row in one.rows):
-        return Converted((), problem="the list has rows of different widths")
+        return ConvertedRows((), problem="the list has rows of different widths")
     columns = _columns(one, said, meaning, width)
     if isinstance(columns, str):
-        return Converted((), problem=columns)
+        return ConvertedRows((), problem=columns)
     rows, times, changed = _arranged(one.rows, columns, meaning)
     if not rows:
-        return Converted((), problem=f"the list has the columns {', '.join(columns)}")
+        return ConvertedRows((), problem=f"the list has the columns {', '.join(columns)}")
     if changed:
         names = (_TIME_COLUMNS.get(name, name) for name in columns)
         notes.append(f"converted from the columns ({', '.join(names)})")
     factors = _factors(one, said, meaning, accepted)
     if isinstance(factors, str):
-        return Converted((), problem=factors)
+        return ConvertedRows((), problem=factors)
     if factors[0] != (1.0, 1.0):
         rows = tuple((a * factors[0][0], b * factors[0][1]) for a, b in rows)
         notes.append(f"converted from {factors[1]}")
@@ -409,16 +409,16 @@ def convert(
         times = heading_times(said, rows, raster)
     times = in_seconds(times, said, raster)
     if times.problem:
-        return Converted((), problem=times.problem)
+        return ConvertedRows((), problem=times.problem)
     if not times.values and beside.times_problem:
-        return Converted((), problem=beside.times_problem)
+        return ConvertedRows((), problem=beside.times_problem)
     times_s = times.values
     if _BACKWARDS.search(said) and not one.times_s:
         rows, times_s = rows[::-1], times_s if times_s == tuple(sorted(times_s)) else times_s[::-1]
         notes.append("converted from the order that it states, latest first")
     if times_s:
         notes.append("at the times that it states")
-    return Converted(rows, times_s, "", tuple(notes))
+    return ConvertedRows(rows, times_s, "", tuple(notes))
 
 
 def states_columns(sentence: str) -> bool:

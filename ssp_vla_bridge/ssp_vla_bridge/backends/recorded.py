@@ -50,7 +50,7 @@ _TOPIC = re.compile(r"(?:.*/)?vla/([^/]+)/response")
 
 
 @dataclass(frozen=True)
-class Stored:
+class AnswerOnDisk:
     """A stored answer.
 
     Args:
@@ -61,7 +61,7 @@ class Stored:
     place: str
 
 
-def read_stored(path: Path) -> tuple[Stored, ...]:
+def read_stored(path: Path) -> tuple[AnswerOnDisk, ...]:
     """Read every answer in a JSON Lines file, a cell's folder, a campaign's folder or a bag.
 
     Raises:
@@ -75,7 +75,7 @@ def read_stored(path: Path) -> tuple[Stored, ...]:
     return stored
 
 
-def _answers(path: Path) -> Iterator[Stored]:
+def _answers(path: Path) -> Iterator[AnswerOnDisk]:
     if path.is_file():
         yield from _bag(path) if path.suffix == ".mcap" else _lines(path)
     elif (path / RAW_FILE).is_file():
@@ -94,7 +94,7 @@ def _answers(path: Path) -> Iterator[Stored]:
         )
 
 
-def _lines(path: Path) -> Iterator[Stored]:
+def _lines(path: Path) -> Iterator[AnswerOnDisk]:
     try:
         with open(path, "rb") as stream:
             number = 0
@@ -104,12 +104,12 @@ def _lines(path: Path) -> Iterator[Stored]:
                     continue
                 value = parse_json_line(line, path, number)
                 response = response_from_json(value, file=str(path), line=number)
-                yield Stored(response, str(path))
+                yield AnswerOnDisk(response, str(path))
     except OSError as error:
         raise not_read(path, error) from error
 
 
-def _bag(path: Path) -> Iterator[Stored]:
+def _bag(path: Path) -> Iterator[AnswerOnDisk]:
     with BagReader(path) as reader:
         topics = [name for name, topic in reader.topics.items() if topic.msgtype == RESPONSE_TYPE]
         topics = [name for name in topics if _TOPIC.fullmatch(name)]
@@ -123,7 +123,7 @@ def _bag(path: Path) -> Iterator[Stored]:
                     field=message.topic,
                     remedy="record the answers again",
                 ) from error
-            yield Stored(response, f"{path}:{message.topic}")
+            yield AnswerOnDisk(response, f"{path}:{message.topic}")
 
 
 class Recorded:
@@ -133,10 +133,10 @@ class Recorded:
         stored: in order; of two that fit from one model in one place, the later one counts.
     """
 
-    def __init__(self, stored: Sequence[Stored], interface: str = "waypoints") -> None:
+    def __init__(self, stored: Sequence[AnswerOnDisk], interface: str = "waypoints") -> None:
         self.interface = interface
-        self._by_id: dict[str, list[Stored]] = {}
-        self._by_stamp: dict[int, list[Stored]] = {}
+        self._by_id: dict[str, list[AnswerOnDisk]] = {}
+        self._by_stamp: dict[int, list[AnswerOnDisk]] = {}
         for one in stored:
             if one.response.request_id:
                 self._by_id.setdefault(one.response.request_id, []).append(one)
@@ -159,7 +159,7 @@ class Recorded:
         return Answer(stored.text, stored.arrays, stored.decoding)
 
 
-def _the_one(fitting: Sequence[Stored], asked: str) -> Response:
+def _the_one(fitting: Sequence[AnswerOnDisk], asked: str) -> Response:
     """Return the answer that all places agree on; raise PeerError where they differ."""
     last = {(one.place, one.response.model): one for one in fitting}
     first, *others = last.values()

@@ -9,7 +9,7 @@ from contextlib import suppress
 import pytest
 
 from ssp_core.chat import NoAnswer, OpenAIChat, Policy
-from ssp_core.chat_transport import Failed, Failure, Received, exchange, retry_after_s
+from ssp_core.chat_transport import FailedRequest, Failure, Received, exchange, retry_after_s
 
 MIB = 1 << 20
 REQUEST = {"model": "m", "messages": [{"role": "user", "content": [{"type": "text", "text": ""}]}]}
@@ -44,7 +44,7 @@ def test_the_limit_is_of_the_uncompressed_answer(service, coding, size, whole):
     if whole:
         assert came == Received(200, came.headers, body)
     else:
-        assert came == Failed(Failure.TOO_LARGE, "the answer is larger than 0 KiB")
+        assert came == FailedRequest(Failure.TOO_LARGE, "the answer is larger than 0 KiB")
 
 
 @pytest.mark.parametrize("compressed", [False, True])

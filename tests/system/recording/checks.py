@@ -22,7 +22,7 @@ UNMATCHED = 3
 
 
 @dataclass(frozen=True)
-class Held:
+class ComparedRecording:
     """One message of a bag: its number in the load, and its times."""
 
     number: int
@@ -30,13 +30,13 @@ class Held:
     publish_ns: int
 
 
-def held(bag: Path, topics: Iterable[LoadTopic]) -> dict[str, list[Held]]:
+def held(bag: Path, topics: Iterable[LoadTopic]) -> dict[str, list[ComparedRecording]]:
     """The load's messages in a bag by topic, in the order in which a reader gives them.
 
     Raises:
         AssertionError: the bytes of one are not those that were sent.
     """
-    found: dict[str, list[Held]] = {topic.name: [] for topic in topics}
+    found: dict[str, list[ComparedRecording]] = {topic.name: [] for topic in topics}
     by_name = {topic.name: topic for topic in topics}
     with BagReader(bag) as reader:
         names = [name for name in found if name in reader.topics]
@@ -47,7 +47,9 @@ def held(bag: Path, topics: Iterable[LoadTopic]) -> dict[str, list[Held]]:
             second, nanosecond = _STAMP.unpack_from(message.data, 4)
             stamp_ns = second * 1_000_000_000 + nanosecond if topic.msgtype == IMAGE else 0
             assert message.data == encode(topic, number, stamp_ns), f"{topic.name} {number}"
-            found[topic.name].append(Held(number, message.log_time_ns, message.publish_time_ns))
+            found[topic.name].append(
+                ComparedRecording(number, message.log_time_ns, message.publish_time_ns)
+            )
     return found
 
 

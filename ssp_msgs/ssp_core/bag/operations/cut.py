@@ -15,7 +15,7 @@ from ssp_core.bag.reading.sqlite import open_bag
 from ssp_core.bag.seals.seal import source_of
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writing.chain import Maker
-from ssp_core.bag.writing.latched import Kept, late_joiner
+from ssp_core.bag.writing.latched import LatchedMessage, late_joiner
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.images import VIDEO_TYPE
 from ssp_core.files import new_folder
@@ -164,7 +164,7 @@ class _Cut:
         for topic, _, publish_time_ns, data, sequence in self._bag.messages(
             list(kept), None, start_ns
         ):
-            kept[topic].keep(Kept(data, publish_time_ns, sequence))
+            kept[topic].keep(LatchedMessage(data, publish_time_ns, sequence))
         for topic, latched in kept.items():
             for data, publish_time_ns, sequence in latched.kept:
                 yield BagMessage(topic, start_ns, publish_time_ns, data, sequence)

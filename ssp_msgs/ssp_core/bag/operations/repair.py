@@ -42,7 +42,7 @@ from ssp_core.bag.reading.reader import bag_files, files_sha256, mcap_files, typ
 from ssp_core.bag.seals.seal import Seal, files_seal, sources_with
 from ssp_core.bag.types import TypeDefinition
 from ssp_core.bag.writing.chain import Maker, Source
-from ssp_core.bag.writing.latched import MOST_KEPT, Kept, StaticTransforms, is_static
+from ssp_core.bag.writing.latched import MOST_KEPT, LatchedMessage, StaticTransforms, is_static
 from ssp_core.bag.writing.split import REPEATED_KEY
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
@@ -189,7 +189,7 @@ class _NewBag:
         if (static := self._static.get(topic)) is not None:
             if repeated and static.says(data):
                 return
-            static.keep(Kept(data, message.publish_time, message.sequence))
+            static.keep(LatchedMessage(data, message.publish_time, message.sequence))
         elif (kept := self._latched.get(topic)) is not None:
             key = (message.publish_time, message.sequence, len(data), crc32(data))
             if repeated and key in kept:

@@ -21,7 +21,7 @@ KEPT_BYTES = 16 << 20
 MOST_FRAMES = 10_000
 
 
-class Kept(NamedTuple):
+class LatchedMessage(NamedTuple):
     """A latched message that later files repeat."""
 
     cdr: bytes
@@ -32,12 +32,12 @@ class Kept(NamedTuple):
 class LateJoiner(Protocol):
     """The messages of a topic that stay valid for late subscribers."""
 
-    def keep(self, message: Kept) -> None:
+    def keep(self, message: LatchedMessage) -> None:
         """Take the newest message."""
         ...
 
     @property
-    def kept(self) -> Iterable[Kept]:
+    def kept(self) -> Iterable[LatchedMessage]:
         """The messages that a late joiner gets, the oldest first."""
         ...
 
@@ -63,9 +63,9 @@ class LatchedTopic:
         self._most = stated_depth(offered_qos, MOST_KEPT) or UNTOLD_DEPTH
         self._least = min(max(1, len(parse_offered_qos(offered_qos))), self._most)
         self._bytes = 0
-        self.kept: deque[Kept] = deque()
+        self.kept: deque[LatchedMessage] = deque()
 
-    def keep(self, message: Kept) -> None:
+    def keep(self, message: LatchedMessage) -> None:
         """Add the newest message and drop the oldest ones that are too many or too large."""
         self.kept.append(message)
         self._bytes += len(message.cdr)
@@ -85,11 +85,11 @@ class StaticTransforms:
 
     def __init__(self) -> None:
         self._newest: dict[str, Transform] = {}
-        self._last: Kept | None = None
+        self._last: LatchedMessage | None = None
         self._is_whole = True  # the last message says all
         self._others = LatchedTopic("")
 
-    def keep(self, message: Kept) -> None:
+    def keep(self, message: LatchedMessage) -> None:
         """Take the transforms of a message; each replaces the one of its child frame."""
         try:
             transforms = decode_transforms(message.cdr)
@@ -105,7 +105,7 @@ class StaticTransforms:
         self._last = message
         self._is_whole = len(self._newest) == len({one.child for one in transforms})
 
-    def take(self, message: Kept) -> bytes:
+    def take(self, message: LatchedMessage) -> bytes:
         """Take a message, and give the one that says all from then on."""
         self.keep(message)
         if self._last is not message:
@@ -119,13 +119,13 @@ class StaticTransforms:
         except ValueError:
             return False
 
-    def _merged(self, last: Kept) -> Kept:
+    def _merged(self, last: LatchedMessage) -> LatchedMessage:
         if self._is_whole:
             return last
         return last._replace(cdr=encode_transforms(self._newest.values()))
 
     @property
-    def kept(self) -> list[Kept]:
+    def kept(self) -> list[LatchedMessage]:
         """The transforms in one message, behind what couldn't be decoded."""
         return [*self._others.kept, *([] if self._last is None else [self._merged(self._last)])]
 

@@ -28,7 +28,7 @@ from ssp_core.bag.types import BagMessage, TypeDefinition
 from ssp_core.bag.writing.bag_topics import BagTopics, TooMany, WrittenTopic
 from ssp_core.bag.writing.chain import SOURCE_NAME, Chain, Ending, Maker, Source
 from ssp_core.bag.writing.file_turn import FileTurn
-from ssp_core.bag.writing.latched import Kept
+from ssp_core.bag.writing.latched import LatchedMessage
 from ssp_core.bag.writing.mcap_output import CHUNK_BYTES, DiskSync, McapOutput
 from ssp_core.bag.writing.split import Split
 from ssp_core.errors import HostError, InputError
@@ -200,7 +200,7 @@ class BagWriter(Closing):
             except OSError as error:
                 raise self._broken(error) from error
         if entry.latched is not None:
-            entry.latched.keep(Kept(cdr, publish_time_ns, sequence & 0xFFFFFFFF))
+            entry.latched.keep(LatchedMessage(cdr, publish_time_ns, sequence & 0xFFFFFFFF))
 
     def _next_file(self, begin_ns: int) -> None:
         number = len(self.files)

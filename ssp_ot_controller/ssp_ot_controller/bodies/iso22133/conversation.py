@@ -76,7 +76,7 @@ _EARLY = (P.UNKNOWN, P.IDLE, P.LOADED)
 
 
 @dataclass(frozen=True, slots=True)
-class Reported:
+class NewestReport:
     """The newest report of an object.
 
     Args:
@@ -297,7 +297,7 @@ class Conversation:
         self.timing = Timing()
         self._settings = settings
         self._decided = Decided(P.UNKNOWN, C.OFF)
-        self._reported = Reported()
+        self._reported = NewestReport()
         self._violation: LimitViolation | None = None
         self._queue = ControlQueue()
         self._trajectories = Trajectories(settings)
@@ -320,7 +320,7 @@ class Conversation:
         """Note that the control connection broke, for however short a time."""
         self._lost = True
 
-    def step(self, decided: Decided, reported: Reported, now_ns: int) -> None:
+    def step(self, decided: Decided, reported: NewestReport, now_ns: int) -> None:
         """Take the object target's decision and the object's report; ``due`` sends what follows."""
         before, self._decided, self._reported = self._decided, decided, reported
         self._now_ns = now_ns

@@ -21,7 +21,7 @@ from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_ot_controller.bodies.body import BodyCheck, BodyReading, Decided
 from ssp_ot_controller.bodies.dynamics import Command
-from ssp_ot_controller.bodies.iso22133.conversation import Conversation, Reported, Settings
+from ssp_ot_controller.bodies.iso22133.conversation import Conversation, NewestReport, Settings
 from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Rejected
 from ssp_ot_controller.bodies.iso22133.link import Link, Tap
 from ssp_ot_controller.bodies.iso22133.messages import (
@@ -144,7 +144,7 @@ class ProbeGate:
         self._waive = waive
         self._kind = kind
 
-    def judge(self, reported: Reported) -> Reported:
+    def judge(self, reported: NewestReport) -> NewestReport:
         """Return what is reported, with what the report lacks."""
         report = self._report
         probed = None if report is None else report.firmware
@@ -223,7 +223,7 @@ class IsoBody:
         self._conversation = Conversation(_settings(run, spec, datum, device_id, report))
         self._readings = MonrReadings(datum, address.lever, run.limits.position_std_m)
         self.statistics = MonrStatistics()
-        self._reported = self._gate.judge(Reported())
+        self._reported = self._gate.judge(NewestReport())
         self._newest: BodyReading | None = None
         self._retry_ns = 0
         # Why what came last gave no reading.
@@ -288,7 +288,7 @@ class IsoBody:
             self._lose()
         elif not self._reported.connected:
             gate, lasting = self._reported.gate, self._reported.lasting
-            self._reported = Reported(connected=True, gate=gate, lasting=lasting)
+            self._reported = NewestReport(connected=True, gate=gate, lasting=lasting)
             self._refused = ""
             self._readings.forget()
             self._conversation.on_connected(now_ns)

@@ -40,7 +40,7 @@ from ssp_scenario_manager.closed_loop.outcomes.outcome import (
 )
 from ssp_scenario_manager.closed_loop.outcomes.severity import Severity, severity_facts
 from ssp_scenario_manager.closed_loop.outcomes.tables import Row, one_line, shown
-from ssp_scenario_manager.closed_loop.outcomes.texts import Kept, texts_of
+from ssp_scenario_manager.closed_loop.outcomes.texts import KeptAnswer, texts_of
 from ssp_scenario_manager.closed_loop.starts.start import Start, from_facts
 from ssp_scenario_manager.run.in_process import Record, run_in_process
 
@@ -107,25 +107,25 @@ class _Found:
     chain: Mapping[str, float | None]
     severity: Severity
     needless: str
-    answers: tuple[Kept, ...] = ()
+    answers: tuple[KeptAnswer, ...] = ()
     took: Mapping[str, Any] | None = None
     states: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class JobRows:
     """The rows of a job, and for each the answers that have texts."""
 
     rows: list[Row]
-    answers: list[tuple[Kept, ...]]
+    answers: list[tuple[KeptAnswer, ...]]
 
 
-def rows_of(job: Job) -> Done:
+def rows_of(job: Job) -> JobRows:
     """Drive one driver on one start, in the event and in its event-free twin."""
     start, built_in = _start(job.start)
     identity = identity_of(job)
     rows: list[Row] = []
-    answers: list[tuple[Kept, ...]] = []
+    answers: list[tuple[KeptAnswer, ...]] = []
     found: _Found | None = None
     for latency in job.latencies:
         for repeat in range(job.repeats):
@@ -139,7 +139,7 @@ def rows_of(job: Job) -> Done:
                 found = _both(job, start, built_in, latency, repeat, row)
             rows.append([*identity[len(rows)], *_cells(start, found)])
             answers.append(found.answers)
-    return Done(rows, answers)
+    return JobRows(rows, answers)
 
 
 def _cells(start: Start, found: _Found) -> Row:

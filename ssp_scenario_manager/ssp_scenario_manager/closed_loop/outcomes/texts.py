@@ -21,10 +21,12 @@ TEXTS_FOLDER = "texts"
 # METHOD 8.9: a plan slows if its speed falls by enough within this.
 SLOWS_S = 2.0
 _MOST_TEXT = 4000  # characters of an answer
-Kept = dict[str, Any]
+KeptAnswer = dict[str, Any]
 
 
-def texts_of(driven: Driven, reports: Sequence[StepReport], decided_s: float) -> Iterator[Kept]:
+def texts_of(
+    driven: Driven, reports: Sequence[StepReport], decided_s: float
+) -> Iterator[KeptAnswer]:
     """Yield each answer that has a text and a plan that was driven, at or after T_obs.
 
     ``slows_mps`` is by how much its plan slows within 2 s of its frame.
@@ -62,7 +64,7 @@ def _speeds(plan: Reference) -> tuple[float, float]:
     return begins_mps, begins_mps - float(np.min(speed[t <= SLOWS_S]))
 
 
-def write_texts(folder: Path, job: int, per_job: int, kept: Sequence[Sequence[Kept]]) -> None:
+def write_texts(folder: Path, job: int, per_job: int, kept: Sequence[Sequence[KeptAnswer]]) -> None:
     """Write the answers of a job's runs, one a line with its row's number; none leaves no file.
 
     Args:

@@ -37,7 +37,7 @@ _LEAST_S = 0.01
 
 
 @dataclass(frozen=True)
-class Foreseen:
+class ForeseenSession:
     """A session with the SIL's driver.
 
     Args:
@@ -122,7 +122,7 @@ class Foreseen:
         return float(np.interp(at_s, times, driven_m))
 
 
-def foresee(run: RunSpec) -> Foreseen:
+def foresee(run: RunSpec) -> ForeseenSession:
     """Run a session in this process, with its driver's reaction.
 
     Raises:
@@ -144,7 +144,7 @@ def foresee(run: RunSpec) -> Foreseen:
     ]
     fired_ns = result.triggers[0].crossing_ns
     initiator = record.truths(run.initiator_id)
-    return Foreseen(
+    return ForeseenSession(
         speeds=((0.0, 0.0), *((t, v) for t, v, _ in kept)),
         driven_m=(0.0, *(driven_m for _, _, driven_m in kept)),
         over_s=over_s,
@@ -207,7 +207,7 @@ def gaps_m(run: RunSpec, tracks: Mapping[str, FloatArray], times: FloatArray) ->
 
     Args:
         run: the compiled run.
-        tracks: per object rows of (t, x, y, yaw), as in ``Foreseen``.
+        tracks: per object rows of (t, x, y, yaw), as in ``ForeseenSession``.
         times: s, shape (n,).
     """
     other = next(t for t in run.targets if t.id == run.initiator_id)
@@ -232,7 +232,7 @@ def gaps_m(run: RunSpec, tracks: Mapping[str, FloatArray], times: FloatArray) ->
     return gaps
 
 
-def shorter_m(run: RunSpec, seen: Foreseen, other: ParticipantSpec) -> float:
+def shorter_m(run: RunSpec, seen: ForeseenSession, other: ParticipantSpec) -> float:
     """Compute by how much a player's bumper gap is less than a session's when the trigger fires, m.
 
     A session measures along the VUT's path. A player measures along the VUT's heading, from its
@@ -250,7 +250,7 @@ def shorter_m(run: RunSpec, seen: Foreseen, other: ParticipantSpec) -> float:
     return (ahead - size.rear_m - here) - min(x for x, _ in corners)
 
 
-def straight_share(run: RunSpec, seen: Foreseen, anchor: tuple[float, float]) -> float:
+def straight_share(run: RunSpec, seen: ForeseenSession, anchor: tuple[float, float]) -> float:
     """Return a player's distance to an anchor, straight, over a session's, along the VUT's path.
 
     Args:

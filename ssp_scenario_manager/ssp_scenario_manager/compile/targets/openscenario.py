@@ -32,7 +32,7 @@ from ssp_scenario_manager.compile.targets.foreseen import (
     FIRING_LAG_S,
     PLAYER_LAG_S,
     SAME_MPS,
-    Foreseen,
+    ForeseenSession,
     foresee,
     gaps_m,
 )
@@ -119,7 +119,9 @@ MOST_GAP_ERROR_M = 0.3
 _EVERY_S = 0.1
 
 
-def _check_gap(run: RunSpec, scenario: bytes, chart: MapFile, block: Block, seen: Foreseen) -> None:
+def _check_gap(
+    run: RunSpec, scenario: bytes, chart: MapFile, block: Block, seen: ForeseenSession
+) -> None:
     """Play a scenario and hold the gap between VUT and initiator against the session's.
 
     Raises:
@@ -140,7 +142,7 @@ def _check_gap(run: RunSpec, scenario: bytes, chart: MapFile, block: Block, seen
         )
 
 
-def _remedy(run: RunSpec, seen: Foreseen, at_s: float) -> str:
+def _remedy(run: RunSpec, seen: ForeseenSession, at_s: float) -> str:
     """Return the remedy of a gap that differs, by what a storyboard doesn't show."""
     triggers = [trigger.model_copy(update={"adaptation": None}) for trigger in run.triggers]
     plain = foresee(run.model_copy(update={"triggers": triggers}))
@@ -154,7 +156,7 @@ def _remedy(run: RunSpec, seen: Foreseen, at_s: float) -> str:
     )
 
 
-def scenario_xml(task: Task, chart: MapFile, seen: Foreseen, *, external: bool) -> bytes:
+def scenario_xml(task: Task, chart: MapFile, seen: ForeseenSession, *, external: bool) -> bytes:
     """Return the scenario as XML.
 
     Args:
@@ -189,7 +191,9 @@ def scenario_xml(task: Task, chart: MapFile, seen: Foreseen, *, external: bool) 
     return to_bytes(scenario.get_element())
 
 
-def _storyboard(run: RunSpec, chart: MapFile, seen: Foreseen, external: bool) -> xosc.StoryBoard:
+def _storyboard(
+    run: RunSpec, chart: MapFile, seen: ForeseenSession, external: bool
+) -> xosc.StoryBoard:
     route, heights = path_of(run.vut), chart.heights
     init = xosc.Init()
     init.add_global_action(xosc.EnvironmentAction(environment(run.look)))
@@ -266,7 +270,7 @@ def _event(name: str, start: Start, *actions: _Action) -> xosc.Event:
     return event
 
 
-def _vut_drive(run: RunSpec, seen: Foreseen, heights: Heights) -> xosc.ManeuverGroup:
+def _vut_drive(run: RunSpec, seen: ForeseenSession, heights: Heights) -> xosc.ManeuverGroup:
     """Return the VUT's speeds as the SIL's driver drives, leg by leg.
 
     A VUT that turns at a junction follows its way of the session. A player would go straight on
@@ -323,7 +327,7 @@ def _at(name: str, time_s: float) -> xosc.ValueTrigger:
     return after(name, round(max(0.0, time_s - PLAYER_LAG_S), 3))
 
 
-def _approach(who: ParticipantSpec, run: RunSpec, seen: Foreseen) -> xosc.ManeuverGroup:
+def _approach(who: ParticipantSpec, run: RunSpec, seen: ForeseenSession) -> xosc.ManeuverGroup:
     name, faster = f"{who.id}_approach", journey(path_of(who)).start
     if who.id == run.initiator_id:
         faster = seen.approach(faster, TARGET_START_S)
@@ -332,7 +336,7 @@ def _approach(who: ParticipantSpec, run: RunSpec, seen: Foreseen) -> xosc.Maneuv
 
 
 def _manoeuvre(
-    run: RunSpec, trigger: TriggerSpec, chart: MapFile, seen: Foreseen, external: bool
+    run: RunSpec, trigger: TriggerSpec, chart: MapFile, seen: ForeseenSession, external: bool
 ) -> xosc.ManeuverGroup | None:
     """Return what a trigger sets off; None: the object goes on as it came."""
     who = next(t for t in run.targets if t.id == trigger.object_id)
@@ -359,7 +363,7 @@ def _manoeuvre(
 
 
 def _lane_change(
-    who: ParticipantSpec, chart: MapFile, seen: Foreseen, manoeuvre: LaneChange, slower: Ramp
+    who: ParticipantSpec, chart: MapFile, seen: ForeseenSession, manoeuvre: LaneChange, slower: Ramp
 ) -> xosc.RelativeLaneChangeAction:
     """Lead sideways to the goal lane over the distance that is driven in the planned time.
 
@@ -385,7 +389,7 @@ def _steady_lane_change(
     who: ParticipantSpec,
     manoeuvre: LaneChange,
     chart: MapFile,
-    seen: Foreseen,
+    seen: ForeseenSession,
     external: bool,
 ) -> xosc.ManeuverGroup:
     """Return a lane change at constant speed along the lane.
@@ -408,7 +412,7 @@ def _steady_lane_change(
     return _group(who.id, name, [_event(name, start, shift, _speed(faster)), after_it])
 
 
-def _first_ramp(motion: Motion, starts_s: float, seen: Foreseen) -> Ramp:
+def _first_ramp(motion: Motion, starts_s: float, seen: ForeseenSession) -> Ramp:
     """Return the speed from standstill on of a path of its own, as the session plays it.
 
     Args:
@@ -421,7 +425,7 @@ def _first_ramp(motion: Motion, starts_s: float, seen: Foreseen) -> Ramp:
     return seen.act(0.0, kept, starts_s)
 
 
-def _led_along(who: ParticipantSpec, motion: Motion, seen: Foreseen) -> list[_TimedPoint]:
+def _led_along(who: ParticipantSpec, motion: Motion, seen: ForeseenSession) -> list[_TimedPoint]:
     """Return the points of a path of its own, as (t in s, x, y).
 
     A vehicle cuts the bends of its path in a session. If they lead to both sides, as through a

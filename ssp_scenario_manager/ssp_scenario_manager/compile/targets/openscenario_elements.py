@@ -19,7 +19,7 @@ from ssp_core.run_file.participants import (
     TriggerSpec,
 )
 from ssp_core.run_file.values import Point
-from ssp_scenario_manager.compile.targets.foreseen import Foreseen, shorter_m, straight_share
+from ssp_scenario_manager.compile.targets.foreseen import ForeseenSession, shorter_m, straight_share
 from ssp_scenario_manager.compile.targets.map_file import Heights, asked_of
 from ssp_scenario_manager.compile.targets.opendrive import FIXED_DATE
 from ssp_scenario_manager.compile.targets.ramps import CLASSES
@@ -158,7 +158,7 @@ def stop_at(
 
 
 def firing(
-    run: RunSpec, trigger: TriggerSpec, delay_s: float, seen: Foreseen, heights: Heights
+    run: RunSpec, trigger: TriggerSpec, delay_s: float, seen: ForeseenSession, heights: Heights
 ) -> Start:
     """Return the condition that starts a trigger's act, asked of the VUT.
 

@@ -139,7 +139,7 @@ _FRAMES = re.compile(r"\bframes? (\d+(?:(?:, ?|-| to )\d+)*)")
 
 
 @dataclass(frozen=True)
-class Undecided:
+class UndecidedField:
     """One field that waits for a person.
 
     Args:
@@ -163,7 +163,7 @@ class Undecided:
     frames: tuple[int, ...]
 
 
-def undecided(event: Event) -> list[Undecided]:
+def undecided(event: Event) -> list[UndecidedField]:
     """Return every field that waits for a decision, in the file's order.
 
     A field is what a person judges as one: a word, a quantity, a list, one participant in one
@@ -180,7 +180,7 @@ def undecided(event: Event) -> list[Undecided]:
         if why is None:
             continue
         found.append(
-            Undecided(
+            UndecidedField(
                 field=path,
                 value=item,
                 why=why,

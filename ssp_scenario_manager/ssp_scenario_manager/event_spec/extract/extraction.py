@@ -11,7 +11,7 @@ from ssp_core.chat import Chat
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json
 from ssp_scenario_manager.event_spec.checks.base import Failure
-from ssp_scenario_manager.event_spec.checks.check import Undecided, contradictions, undecided
+from ssp_scenario_manager.event_spec.checks.check import UndecidedField, contradictions, undecided
 from ssp_scenario_manager.event_spec.extract.candidate import Origin, make_candidate
 from ssp_scenario_manager.event_spec.extract.clip import Clip, Crop, load_annotation, sample
 from ssp_scenario_manager.event_spec.extract.interview import Interview, Interviewer, Store
@@ -69,7 +69,7 @@ class Extracted:
     event: Event
     version: str
     clip: Clip
-    undecided: list[Undecided]
+    undecided: list[UndecidedField]
     failures: list[Failure]
     gate: list[GateFinding]
     notes: list[str] = field(default_factory=list)

@@ -17,7 +17,7 @@ from ssp_core.files import make_folder, write_bytes, write_text
 from ssp_core.hashing import sha256_bytes, sha256_file
 from ssp_scenario_manager.event_spec.checks.base import Failure, View
 from ssp_scenario_manager.event_spec.checks.check import (
-    Undecided,
+    UndecidedField,
     contradictions,
     is_unresolved,
     undecided,
@@ -275,7 +275,7 @@ class End(Enum):
     REJECTED = "the clip was refused"
 
 
-def to_decide(event: Event, everything: bool = False) -> list[Undecided]:
+def to_decide(event: Event, everything: bool = False) -> list[UndecidedField]:
     """Return the fields that a review goes through: those that a K* needs decided, or all."""
     return [item for item in undecided(event) if everything or item.critical or item.why in _BROKEN]
 
@@ -354,7 +354,7 @@ class Session:
             self.reviewed.decide(event, records)
         return len(items)
 
-    def _show(self, item: Undecided, number: int, total: int) -> None:
+    def _show(self, item: UndecidedField, number: int, total: int) -> None:
         kind = "safety-critical, " if item.critical else ""
         say = self.terminal.say
         say(f"\n[{number}/{total}] {item.field} ({kind}{item.why})")
@@ -398,9 +398,9 @@ class Session:
             return f"  see {', '.join(there)}" if there else ""
         return ""
 
-    def _decide(self, item: Undecided) -> End | None:
+    def _decide(self, item: UndecidedField) -> End | None:
         """Ask until there is a decision about one field; return an End when the review is over."""
-        acts: dict[str, Callable[[Undecided], bool]] = {
+        acts: dict[str, Callable[[UndecidedField], bool]] = {
             "a": self._accept,
             "e": self._edit,
             "u": self._leave,
@@ -421,7 +421,7 @@ class Session:
             else:
                 self.terminal.say(HELP)
 
-    def _accept(self, item: Undecided) -> bool:
+    def _accept(self, item: UndecidedField) -> bool:
         if item.critical and is_unresolved(item.value):
             self.terminal.say("  is unresolved and safety-critical: edit it, or skip it")
             return False
@@ -430,7 +430,7 @@ class Session:
         self.reviewed.decide(accept(self.reviewed.event, item.field), [record])
         return True
 
-    def _edit(self, item: Undecided) -> bool:
+    def _edit(self, item: UndecidedField) -> bool:
         text = self.terminal.ask("  new value> ")
         if text is None:
             return False
@@ -467,7 +467,7 @@ class Session:
             self.terminal.say("  no check C1-C5 speaks against the values so far")
         return True
 
-    def _leave(self, item: Undecided) -> bool:
+    def _leave(self, item: UndecidedField) -> bool:
         reason = ask_reason(self.terminal)
         if reason is None:
             self.terminal.say("  nothing was changed")
@@ -480,7 +480,7 @@ class Session:
         self.reviewed.decide(after, [record])
         return True
 
-    def _reject(self, item: Undecided) -> bool:
+    def _reject(self, item: UndecidedField) -> bool:
         reasons = list(GATE_REASONS.values())
         for number, reason in enumerate(reasons, start=1):
             self.terminal.say(f"  {number}  {reason}")

@@ -73,7 +73,7 @@ _SILENT_S = 0.5
 _MOVED_M = 0.5
 
 
-class Ended(Exception):
+class ProbeEnd(Exception):
     """The reason why a probe goes no further."""
 
 
@@ -186,7 +186,7 @@ class Probe:
         try:
             for stage in stages:
                 by_stage[stage]()
-        except Ended as end:
+        except ProbeEnd as end:
             self.ended = self._step.problem = str(end)
             self._tell(str(end))
         finally:
@@ -199,7 +199,7 @@ class Probe:
             self._begin("leave", "leaves with HEAB abort")
             self._guard = lambda: ""
             self._beats.status = CentreStatus.ABORT
-            with suppress(Ended):
+            with suppress(ProbeEnd):
                 self._run(ABORT_S)
         self._wire.close()
 
@@ -237,7 +237,7 @@ class Probe:
                 self._take(received)
             problem = self._guard()
             if problem:
-                raise Ended(problem)
+                raise ProbeEnd(problem)
             if until():
                 return True
             if now_ns >= end_ns:
@@ -269,7 +269,7 @@ class Probe:
         try:
             wire = self._open_wire(self._tap)
         except HostError as error:
-            raise Ended(f"no connection: {error}") from None
+            raise ProbeEnd(f"no connection: {error}") from None
         if self._wire is not None:
             self._wire.close()
         self._wire = wire
@@ -279,16 +279,16 @@ class Probe:
         # The link gives up by itself.
         self._run(2.0 * CONNECT_TIMEOUT_S, lambda: not wire.connecting)
         if not wire.connected:
-            raise Ended(f"no connection: {wire.problem}")
+            raise ProbeEnd(f"no connection: {wire.problem}")
         self._mark("connected")
         wire.receiver_id = DEVICE_ID
         self._send(self._osem(), acknowledge=True)
         self._beats.begin(status, self._clock.now_ns())
         if not self._run(2.0, lambda: self._latest.monr is not None):
-            raise Ended("no MONR came after OSEM and HEAB")
+            raise ProbeEnd("no MONR came after OSEM and HEAB")
         at = self._latest.enu()
         if at is None:
-            raise Ended("its MONR states no place: no trajectory can be sent")
+            raise ProbeEnd("its MONR states no place: no trajectory can be sent")
         point = TrajPoint(0.0, at.x_m, at.y_m, 0.0, at.yaw_rad, 0.0, 0.0, 0.0, 0.0, 0.0)
         stand = (point, replace(point, t_s=1.0))
         self._send(Traj(1, TrajectoryInfo.RELATIVE_TO_ORIGIN, "standing", stand), acknowledge=True)
@@ -337,7 +337,7 @@ class Probe:
         self._run(0.1)
         self._order(ObjectCommand.ARM)
         if not self._run(2.0, self._is(C.ARMED)):
-            raise Ended("it didn't arm")
+            raise ProbeEnd("it didn't arm")
 
     def _arm(self) -> None:
         if self._is_aborting():
@@ -385,7 +385,7 @@ class Probe:
             if row.verdict is Outcome.FAIL and row.clause != "arm.latch"
         ]
         if failed:
-            raise Ended(f"it isn't moved: {', '.join(failed)} failed while it stood")
+            raise ProbeEnd(f"it isn't moved: {', '.join(failed)} failed while it stood")
         self._drive("normal_stop", CentreStatus.NORMAL_STOP)
         self._begin("rest", "waits for DISARMED")
         self._beats.status = CentreStatus.READY
@@ -407,7 +407,7 @@ class Probe:
         if not self._run(3.0, self._is(C.DISARMED)):
             self._open(name, "connects again")
             if not self._run(1.0, self._is(C.DISARMED)):
-                raise Ended("it doesn't come back to DISARMED")
+                raise ProbeEnd("it doesn't come back to DISARMED")
 
     def _drive(self, name: str, status: CentreStatus | None) -> None:
         """Bring it to speed, and stop it by this status, or by none."""
@@ -416,7 +416,7 @@ class Probe:
         pose, way = self._latest.pose(), self._way
         points = "it reports no place" if pose is None or way is None else way.plan(pose)
         if isinstance(points, str) or way is None:
-            raise Ended(f"it isn't moved: {points}")
+            raise ProbeEnd(f"it isn't moved: {points}")
         whole = Reference(name, "", "", "", 0, 0, 0, points)
         self._send(trajectory_of(whole, 0, self._settings.datum, 2), acknowledge=True)
         self._run(_PAUSE_S)
@@ -436,7 +436,7 @@ class Probe:
         accelerating_s = float(t_s[np.flatnonzero(points.columns[4] >= 0.99 * cruise_mps)[0]])
         limit_s = _START_AHEAD_S + accelerating_s + 2.0
         if not self._run(limit_s, lambda: self._latest.moved_mps() >= 0.9 * cruise_mps):
-            raise Ended(f"it didn't reach {0.9 * cruise_mps:.1f} m/s within {limit_s:.1f} s")
+            raise ProbeEnd(f"it didn't reach {0.9 * cruise_mps:.1f} m/s within {limit_s:.1f} s")
         self._run(0.3)
         if status is None:
             self._guard = lambda: ""
@@ -490,7 +490,7 @@ class Probe:
         if not self._run(3.0, stands):
             self._tell("it still moves: be ready to stop it by other means")
             if not self._run(limit_s, stands):
-                raise Ended(f"it doesn't stand {limit_s + 3.0:.0f} s after {name}")
+                raise ProbeEnd(f"it doesn't stand {limit_s + 3.0:.0f} s after {name}")
         self._end()
 
 
