@@ -16,7 +16,11 @@ SOURCES = [*sorted(p.parent.name for p in ROOT.glob("ssp_*/package.xml")), "boot
 # What is "told apart" or "told to" do something has a subject beside it.
 NO_SUBJECT = re.compile(r"\b(nobody|whoever|told(?! apart| to\b))\b", re.IGNORECASE)
 # Words of the language that texts are read by, and prompts whose hash stands in recordings.
-LANGUAGE = ("ssp_eval/ssp_eval/extract/", "ssp_vla_bridge/ssp_vla_bridge/prompts.py")
+LANGUAGE = (
+    "ssp_eval/ssp_eval/extract/",
+    "ssp_vla_bridge/ssp_vla_bridge/adapters/plan_label.py",
+    "ssp_vla_bridge/ssp_vla_bridge/prompts.py",
+)
 CODE = re.compile(r"^```.*?^```|`[^`]*`|^    .*?$", re.S | re.M)
 # Names and comparisons in templates, style and scripts of pages.
 MARKUP = re.compile(
