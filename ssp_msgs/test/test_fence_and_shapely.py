@@ -19,7 +19,7 @@ from ssp_core.safety.fence import box_excess_m, way_excess_m
 
 EXPLORES = bool(os.environ.get("SSP_EXPLORE"))
 FENCES = 100_000 if EXPLORES else 1000
-# Half an hour where the machine has other work.
+# Up to an hour where the machine has other work.
 pytestmark = pytest.mark.timeout(7200 if EXPLORES else 600)
 # Nearer than that is a touch, for a point; the corner of a box may be sqrt(2) times as far.
 TOUCH_M = 1e-9
