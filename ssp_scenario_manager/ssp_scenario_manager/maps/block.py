@@ -131,6 +131,7 @@ class Block:
         roads: of the map, that it is made of.
         junction: that it leads through, None outside of one.
         passage: of a route, its part in the junction; None for any other block.
+        shifting: it is a single lane along its own middle, and no place (``Library.shifting``).
     """
 
     block_id: str
@@ -156,6 +157,7 @@ class Block:
     roads: tuple[str, ...] = ()
     junction: str | None = None
     passage: Passage | None = None
+    shifting: bool = False
 
     @property
     def crossings_s_m(self) -> tuple[float, ...]:
@@ -209,6 +211,8 @@ class Library:
         kind: what it was read from.
         rejected: what was found and can't be a block, as (name, reason).
         faults: roads that are left out for what contradicts the map's format or itself, likewise.
+        shifting: single lanes along their own middle, where they shift on their road. Routes lead
+            over them; they are no places themselves, as what lies beside them isn't known.
     """
 
     source: str
@@ -217,6 +221,12 @@ class Library:
     blocks: tuple[Block, ...]
     rejected: tuple[tuple[str, str], ...] = ()
     faults: tuple[tuple[str, str], ...] = ()
+    shifting: tuple[Block, ...] = ()
+
+    @property
+    def drivable(self) -> tuple[Block, ...]:
+        """Return all that a route may lead over."""
+        return (*self.blocks, *self.shifting)
 
 
 def conflict_areas(

@@ -152,7 +152,7 @@ def with_lane_ends(library: Library) -> Library:
     """
     if library.kind != "opendrive":
         return library
-    known = {block.block_id: block for block in library.blocks}
+    known = {block.block_id: block for block in library.drivable}
     made: list[Block] = []
     rejected: list[tuple[str, str]] = []
     for block in library.blocks:

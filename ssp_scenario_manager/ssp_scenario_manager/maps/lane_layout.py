@@ -2,7 +2,7 @@
 
 A block has lanes at constant offsets. A road whose lanes shift, open or close is therefore cut into
 stretches over which every driving lane keeps its centre within 15 cm; a lane that doesn't, or that
-gets narrower than 2 m, is no driving lane there.
+gets narrower than 2 m, is no driving lane there. Of one that only shifts `shifting` makes a way.
 """
 
 from __future__ import annotations
@@ -115,36 +115,19 @@ def _is_open(lane: LaneRecord, at_m: float) -> bool:
     return index < 0 or not lane.closed[index][1]
 
 
-def _tracks(
-    section: Section, offset: FloatArray, widths: dict[int, FloatArray], middle_m: float
-) -> list[_Track]:
-    """Compute the places of the lanes at the samples, from right to left."""
-    found = []
-    for sign in (-1, 1):
-        inner = offset
-        side = [lane for lane in section.lanes if lane.id * sign > 0]
-        for lane in sorted(side, key=lambda lane: abs(lane.id)):
-            width = widths[lane.id]
-            centre = inner + sign * width / 2.0
-            inner = inner + sign * width
-            found.append(
-                _Track(
-                    lane,
-                    float(centre.min()),
-                    float(centre.max()),
-                    float(width.min()),
-                    float(width.max()),
-                    _is_open(lane, middle_m),
-                )
-            )
-    return sorted(found, key=lambda track: track.lane.id)
+@dataclass(frozen=True, slots=True)
+class LaidLane:
+    """A lane at samples: the offsets of its centre, and its widths."""
+
+    lane: LaneRecord
+    centre_m: FloatArray
+    width_m: FloatArray
 
 
-def _sampled(road: RoadRecord, section: Section, start_m: float, end_m: float) -> list[_Track]:
-    s = np.linspace(start_m, end_m, _SAMPLES)
-    middle = 0.5 * (start_m + end_m)
+def laid_out(road: RoadRecord, section: Section, s: FloatArray, middle: float) -> list[LaidLane]:
+    """Return the lanes at samples between breaks, from right to left."""
     offset = _values(road.offsets, s, middle)
-    widths = {}
+    found = []
     for sign in (-1, 1):
         border = offset
         side = [lane for lane in section.lanes if lane.id * sign > 0]
@@ -155,27 +138,62 @@ def _sampled(road: RoadRecord, section: Section, start_m: float, end_m: float) -
                 width = sign * (outer - border)
             else:
                 width = _values(lane.widths, s, middle)
-            widths[lane.id] = np.clip(width, 0.0, _WIDEST_M)
-            border = border + sign * widths[lane.id]
-    return _tracks(section, offset, widths, middle)
+            width = np.clip(width, 0.0, _WIDEST_M)
+            found.append(LaidLane(lane, border + sign * width / 2.0, width))
+            border = border + sign * width
+    return sorted(found, key=lambda laid: laid.lane.id)
 
 
-def _intervals(road: RoadRecord, section: Section) -> list[tuple[float, float, list[_Track]]]:
-    """Return the parts of a section in which no record ends, and where the lanes lie in each."""
+def _sampled(road: RoadRecord, section: Section, start_m: float, end_m: float) -> list[_Track]:
+    """Compute the places of the lanes in an interval, from right to left."""
+    middle = 0.5 * (start_m + end_m)
+    return [
+        _Track(
+            laid.lane,
+            float(laid.centre_m.min()),
+            float(laid.centre_m.max()),
+            float(laid.width_m.min()),
+            float(laid.width_m.max()),
+            _is_open(laid.lane, middle),
+        )
+        for laid in laid_out(road, section, np.linspace(start_m, end_m, _SAMPLES), middle)
+    ]
+
+
+def breaks(road: RoadRecord, section: Section) -> list[float]:
+    """Return where the records of a section's lanes end, with its own start and end."""
     start, end = section.start_m, section.end_m
     offsets = active(road.offsets, start, end, _start)
     cubics = [*offsets, *(c for lane in section.lanes for c in (*lane.widths, *lane.borders))]
     places = [c.s_m for c in cubics]
     places += [s for lane in section.lanes for s, _ in lane.closed]
-    breaks = sorted({start, end, *(s for s in places if start < s < end)})
-    return [(a, b, _sampled(road, section, a, b)) for a, b in pairwise(breaks) if b - a > 1e-6]
+    return sorted({start, end, *(s for s in places if start < s < end)})
+
+
+def _intervals(road: RoadRecord, section: Section) -> list[tuple[float, float, list[_Track]]]:
+    """Return the parts of a section in which no record ends, and where the lanes lie in each."""
+    steps = pairwise(breaks(road, section))
+    return [(a, b, _sampled(road, section, a, b)) for a, b in steps if b - a > 1e-6]
+
+
+def drivable_widths(road: RoadRecord, section: Section, a: float, b: float) -> dict[int, float]:
+    """Return the lanes of a section that cars can drive in between two breaks, and their widths.
+
+    Args:
+        road: that the section is of.
+        section: the section.
+        a: arc length of one break.
+        b: of the next one.
+    """
+    tracks = _sampled(road, section, a, b)
+    return {track.lane.id: track.width_m for track in tracks if _drivable(track)}
 
 
 def _both_ways(lane: LaneRecord) -> bool:
     return lane.direction == "both" or lane.travel == "bidirectional"
 
 
-def _along(road: RoadRecord, lane: LaneRecord) -> bool:
+def runs_along(road: RoadRecord, lane: LaneRecord) -> bool:
     """Tell whether a lane's traffic runs in the road's direction, by its side and attribute."""
     return ((lane.id < 0) != road.left_hand) != (lane.direction == "reversed")
 
@@ -189,7 +207,7 @@ def direction_fault(road: RoadRecord) -> str:
         for lane in section.lanes
         if lane.type in DRIVING
         and lane.travel in words.values()
-        and lane.travel != words[_along(road, lane)]
+        and lane.travel != words[runs_along(road, lane)]
     }
     if not against:
         return ""
@@ -203,14 +221,17 @@ def direction_fault(road: RoadRecord) -> str:
     )
 
 
-def _usable(track: _Track) -> bool:
+def _drivable(track: _Track) -> bool:
     return (
         track.lane.type in DRIVING
         and track.is_open
         and not _both_ways(track.lane)
         and track.width_m >= NARROWEST_M
-        and track.high_m - track.low_m <= 2 * STEADY_M
     )
+
+
+def _usable(track: _Track) -> bool:
+    return _drivable(track) and track.high_m - track.low_m <= 2 * STEADY_M
 
 
 def _merged(a: list[_Track], b: list[_Track]) -> list[_Track] | None:
@@ -239,7 +260,7 @@ def _slots(road: RoadRecord, tracks: list[_Track]) -> tuple[Slot, ...]:
             y_m=0.5 * (track.low_m + track.high_m),
             width_m=track.width_m,
             driving=_usable(track),
-            along=_along(road, track.lane),
+            along=runs_along(road, track.lane),
         )
         for track in tracks
     )

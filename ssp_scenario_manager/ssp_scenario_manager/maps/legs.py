@@ -17,6 +17,7 @@ from ssp_core.geometry import FloatArray, Pose2, wrap_angle
 from ssp_core.world.reference_line import NotOneToOne
 from ssp_scenario_manager.maps.block import Block, BlockLane, headings
 from ssp_scenario_manager.maps.reference_line import Unusable
+from ssp_scenario_manager.maps.rings import is_ring
 
 # A lane goes on in another that begins this near to its end, in this direction.
 LANES_MEET_M = 0.3
@@ -31,6 +32,8 @@ _STRAIGHT_STEP_M = 5.0
 STRAIGHT_ON_RAD = math.radians(30.0)
 # A road before or beyond the first one belongs to a route if both meet in this direction.
 _SEAM_RAD = 0.1
+# Lanes of a ring's arms are wider than those of the roads before, which have at least this.
+_UNFLARED_M = 3.0
 # Of widths.
 _ROUNDING_M = 0.01
 
@@ -125,13 +128,23 @@ def _turned_rad(block: Block) -> float:
     return abs(float(np.ptp(headings(block.line, np.array([0.0, block.length_m])))))
 
 
+def _straight_part_m(block: Block, most_m: float, most_rad: float, *, back: bool) -> float:
+    """Return how much of a block before its end, or from its start on, turns by less than that."""
+    beyond_m = np.linspace(0.0, most_m, math.ceil(most_m / _BEND_STEP_M) + 1)
+    yaws = headings(block.line, block.length_m - beyond_m if back else beyond_m)
+    turns = np.abs(yaws - yaws[0]) >= most_rad
+    return float(beyond_m[np.argmax(turns) - 1]) if turns.any() else most_m
+
+
 def prolonged(
     legs: Sequence[Leg], known: Mapping[str, Block], beside: Sequence[BlockLane], *, back: bool
 ) -> Iterator[Leg]:
     """Yield the roads before a route's approach, or beyond its exit, nearest first.
 
-    Of several the straightest is taken. It is neither narrower nor slower than the route, has
-    its lanes beside, and together they turn by less than 30 degrees.
+    Of several the straightest is taken, a lane that shifts only where there is no other. It is
+    neither narrower nor slower than the route, has its lanes beside, and together they turn by less
+    than 30 degrees. Lanes flare towards a ring, so that the road before one may be narrower, down
+    to 3 m; of one that turns by more, a part is taken.
 
     Args:
         legs: of the route, from the approach to the exit.
@@ -141,12 +154,15 @@ def prolonged(
     """
     leg, most_m = (legs[0], APPROACH_M) if back else (legs[-1], EXIT_M)
     width_m = min(one.lane.width_m for one in legs) - _ROUNDING_M
+    ring = is_ring(legs[1].block.junction)
+    if ring:
+        width_m = min(width_m, _UNFLARED_M - _ROUNDING_M)
     limits = [x for one in legs if (x := one.block.speed_limit_mps) is not None]
     limit_mps = min(limits, default=math.inf)
     taken = {one.block.block_id for one in legs}
     room_m, turned_rad = most_m - leg.block.length_m, 0.0
     while room_m > 0.0:
-        found: list[tuple[float, str, Leg]] = []
+        found: list[tuple[bool, float, str, Leg]] = []
         for name in leg.block.entrances if back else leg.block.exits:
             block = known.get(name)
             if block is None or name in taken or block.junction == legs[1].block.junction:
@@ -158,16 +174,22 @@ def prolonged(
                 continue
             if not all(_has_lane(block, lane, other) for other in beside):
                 continue
-            part_m = min(room_m, block.length_m)
+            part_m, turn_rad = min(room_m, block.length_m), _turned_rad(block)
+            if ring and turned_rad + turn_rad >= STRAIGHT_ON_RAD:
+                left_rad = STRAIGHT_ON_RAD - turned_rad
+                part_m, turn_rad = _straight_part_m(block, part_m, left_rad, back=back), left_rad
             start_m = block.length_m - part_m if back else 0.0
             onward = Leg(block, lane, start_m, start_m + part_m)
-            found.append((_turned_rad(block), name, onward))
+            if part_m > 0.0:
+                found.append((block.shifting, turn_rad, name, onward))
         if not found:
             return
-        turn_rad, name, leg = min(found, key=lambda one: one[:2])
+        _, turn_rad, name, leg = min(found, key=lambda one: one[:3])
         turned_rad += turn_rad
-        if turned_rad >= STRAIGHT_ON_RAD:
+        if turned_rad >= STRAIGHT_ON_RAD and not ring:
             return
         taken.add(name)
         room_m -= leg.end_s_m - leg.start_s_m
         yield leg
+        if turned_rad >= STRAIGHT_ON_RAD:
+            return

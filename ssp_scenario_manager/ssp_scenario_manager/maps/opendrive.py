@@ -10,11 +10,11 @@ isn't well-formed is an error.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
-from collections.abc import Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 from ssp_core.errors import InputError
@@ -42,6 +42,7 @@ from ssp_scenario_manager.maps.opendrive_road import (
     read_road,
 )
 from ssp_scenario_manager.maps.reference_line import Unusable, road_line
+from ssp_scenario_manager.maps.shifting import ShiftingLane, middle_line, shifting_lanes
 from ssp_scenario_manager.maps.ways import (
     End,
     Rules,
@@ -94,6 +95,7 @@ class _Map:
 
     ways: list[Way] = field(default_factory=list)
     spans: dict[str, list[tuple[int, float, float]]] = field(default_factory=dict)
+    shifting: dict[str, list[tuple[int, float, float]]] = field(default_factory=dict)
     roads: dict[str, RoadRecord] = field(default_factory=dict)
     connections: list[Connection] = field(default_factory=list)
     junctions: set[str] = field(default_factory=set)
@@ -213,6 +215,7 @@ def _way(road: RoadRecord, line: ReferenceLine, stretch: Stretch, zebras: Sequen
 def _add_road(found: _Map, road: RoadRecord) -> None:
     name = f"road {road.id}"
     found.spans[road.id] = []
+    found.shifting[road.id] = []
     found.roads[road.id] = road
     fault = road.fault or direction_fault(road)
     if fault:
@@ -230,7 +233,8 @@ def _add_road(found: _Map, road: RoadRecord) -> None:
     ]
     if not road.sections:
         found.rejected.append((name, "it has no lane section"))
-    if not steady:
+    shifting = list(shifting_lanes(road, steady))
+    if not steady and not shifting:
         return
     try:
         line = road_line(road)
@@ -245,36 +249,91 @@ def _add_road(found: _Map, road: RoadRecord) -> None:
         way = _way(road, line, stretch, zebras)
         found.spans[road.id].append((len(found.ways), stretch.start_m, stretch.end_m))
         found.ways.append(way)
+    for lane in shifting:
+        _add_lane(found, road, line, lane)
 
 
-def _way_end(found: _Map, road_id: str, end: End) -> WayEnd | None:
-    """Return the way that lies at a road's end, None where it is no way.
+def _add_lane(found: _Map, road: RoadRecord, line: ReferenceLine, lane: ShiftingLane) -> None:
+    """Add a lane that shifts, as a way of its own."""
+    low, high = lane.start_m, lane.end_m
+    if min(high, line.length_m) - low <= _AT_END_M:
+        return
+    name = f"lane {lane.lane_id}"
+    whole = low <= _AT_END_M and high >= road.length_m - _AT_END_M
+    span_m = None if whole else (round(low, 2), round(high, 2))
+    slot = Slot(lane.lane_id, "driving", 0.0, lane.width_m, driving=True, along=lane.along)
+    alone = Stretch(lane.section, low, high, (slot,))
+    try:
+        own = middle_line(road, line, lane)
+    except Unusable as error:
+        found.rejected.append((f"road {road.id} {name}", str(error)))
+        return
+    found.shifting[road.id].append((len(found.ways), low, high))
+    found.ways.append(
+        Way(
+            roads=(road.id,),
+            span_m=span_m,
+            line=own,
+            lanes=(WayLane(name, 0.0, lane.width_m, lane.along),),
+            right=Side("any"),
+            left=Side("any"),
+            road_type=_road_type(road, 0.5 * (low + high)),
+            along=_rules(road, alone, True),
+            against=_rules(road, alone, False),
+            junction=road.junction,
+            left_hand=road.left_hand,
+            notes=(LEFT_HAND,) if road.left_hand else (),
+            lane=name,
+        )
+    )
+
+
+def _way_ends(found: _Map, road_id: str, end: End) -> list[WayEnd]:
+    """Return the ways that lie at a road's end.
 
     A road of no length, as editors leave them, stands for what follows it.
     """
     passed: set[str] = set()
-    while not found.spans[road_id]:
+    while not found.spans[road_id] and not found.shifting[road_id]:
         road, beyond = found.roads[road_id], found.roads[road_id].links.get(_OTHER_END[end])
         if road.length_m > _AT_END_M or beyond is None or beyond.contact is None:
-            return None
+            return []
         passed.add(road_id)
         if beyond.id not in found.roads or beyond.id in passed or len(passed) > _MOST_PASSED:
-            return None
+            return []
         road_id, end = beyond.id, beyond.contact
-    index, low, high = found.spans[road_id][0 if end == "start" else -1]
-    at_end = (
-        low <= _AT_END_M if end == "start" else high >= found.roads[road_id].length_m - _AT_END_M
-    )
-    return (index, end) if at_end else None
+    last_m = found.roads[road_id].length_m - _AT_END_M
+    return [
+        (index, end)
+        for index, low, high in (*found.spans[road_id], *found.shifting[road_id])
+        if (low <= _AT_END_M if end == "start" else high >= last_m)
+    ]
+
+
+def _seams(
+    lanes: Sequence[tuple[int, float, float]], spans: Sequence[tuple[int, float, float]]
+) -> Iterator[tuple[WayEnd, WayEnd]]:
+    """Yield where lanes that shift begin and end beside other ways of their road."""
+    own = {index for index, _, _ in lanes}
+    ordered = sorted((*lanes, *spans), key=lambda one: one[1])
+    starts = [low for _, low, _ in ordered]
+    for index, _, high in ordered:
+        first, last = bisect_left(starts, high - _AT_END_M), bisect_right(starts, high + _AT_END_M)
+        for other, _, _ in ordered[first:last]:
+            if other != index and (index in own or other in own):
+                yield (index, "end"), (other, "start")
 
 
 def _contacts(found: _Map) -> list[tuple[WayEnd, WayEnd]]:
     """List the ends of ways that meet: within a road, by links, and by junctions' connections."""
-    pairs: list[tuple[WayEnd | None, WayEnd | None]] = []
-    for spans in found.spans.values():
+    pairs: list[tuple[WayEnd, WayEnd]] = []
+    for road_id, spans in found.spans.items():
         for (i, _, high), (j, low, _) in pairwise(spans):
             if low - high <= _AT_END_M:
                 pairs.append(((i, "end"), (j, "start")))
+        lanes = found.shifting[road_id]
+        if lanes:
+            pairs += _seams(lanes, spans)
     at_junction: dict[tuple[str, str], list[End]] = {}
     for road in found.roads.values():
         for end, link in road.links.items():
@@ -285,9 +344,8 @@ def _contacts(found: _Map) -> list[tuple[WayEnd, WayEnd]]:
                     (f"road {road.id} {end}", f"is linked to road {link.id}, which isn't there")
                 )
             elif link.contact is not None:
-                pairs.append(
-                    (_way_end(found, road.id, end), _way_end(found, link.id, link.contact))
-                )
+                beyond = _way_ends(found, link.id, link.contact)
+                pairs += product(_way_ends(found, road.id, end), beyond)
     for connection in found.connections:
         if connection.incoming not in found.roads or connection.to not in found.roads:
             found.rejected.append(
@@ -301,13 +359,11 @@ def _contacts(found: _Map) -> list[tuple[WayEnd, WayEnd]]:
         ends = at_junction.get((connection.incoming, connection.junction), [])
         # A road that begins and ends at one junction: its connecting roads say which end they mean.
         if len(ends) == 1:
-            pairs.append(
-                (
-                    _way_end(found, connection.incoming, ends[0]),
-                    _way_end(found, connection.to, connection.contact),
-                )
+            pairs += product(
+                _way_ends(found, connection.incoming, ends[0]),
+                _way_ends(found, connection.to, connection.contact),
             )
-    return [(a, b) for a, b in pairs if a is not None and b is not None]
+    return pairs
 
 
 # A heading of more than this either way may be summed up along a road, or be in degrees.
@@ -399,12 +455,13 @@ def load_opendrive(path: Path, loading: Loading = untold) -> Library:
             remedy=f"hdg is in radians: {degrees[1]:g} degrees are {math.radians(degrees[1]):.6g}",
         )
     ways, missing = in_known_junctions(found.ways, found.junctions)
-    blocks, rejected = network_blocks(ways, _contacts(found))
+    made = network_blocks(ways, _contacts(found))
     return Library(
         source=path.name,
         sha256=sha256_file(path),
         kind="opendrive",
-        blocks=tuple(sorted(blocks, key=lambda block: block.block_id)),
-        rejected=tuple(found.rejected + missing + rejected),
+        blocks=made.blocks,
+        rejected=tuple(found.rejected + missing + made.rejected),
         faults=tuple(found.faults),
+        shifting=made.shifting,
     )

@@ -97,19 +97,29 @@ def _is_round(way: Sequence[Block]) -> bool:
     )
 
 
+def _lanes_beside(way: Sequence[Block], library: Library) -> Iterator[str]:
+    """Yield what else a ring's roads have, where lanes shift: it is in the ring, and no exit."""
+    roads = {road for one in way if one.junction is None for road in one.roads}
+    shift = {road for one in library.shifting if one.junction is None for road in one.roads}
+    for one in library.drivable:
+        if one.junction is None and set(one.roads) <= roads & shift:
+            yield one.block_id
+
+
 def with_rings(library: Library) -> Library:
     """Return a library in which the junctions of a ring, and the roads between them, are one.
 
     Closed ways that share a junction are those of a grid of streets, and no rings.
     """
     rings: dict[frozenset[str], set[str]] = {}
-    for way in _closed_ways(library.blocks):
+    for way in _closed_ways(library.drivable):
         junctions = frozenset(one.junction for one in way if one.junction is not None)
         if len(junctions) > 1 and _is_round(way):
             rings.setdefault(junctions, set()).update(one.block_id for one in way)
+            rings[junctions].update(_lanes_beside(way, library))
     shared = Counter(name for junctions in rings for name in junctions)
     inside: dict[str, list[str]] = {}
-    for one in library.blocks:
+    for one in library.drivable:
         if one.junction is not None:
             inside.setdefault(one.junction, []).append(one.block_id)
     names: dict[str, str] = {}
@@ -125,4 +135,7 @@ def with_rings(library: Library) -> Library:
         junction = names[block.block_id]
         return replace(block, junction=junction, segment="junction", permitted=permitted)
 
-    return replace(library, blocks=tuple(map(of_ring, library.blocks))) if names else library
+    if not names:
+        return library
+    blocks, shifting = (tuple(map(of_ring, some)) for some in (library.blocks, library.shifting))
+    return replace(library, blocks=blocks, shifting=shifting)

@@ -52,6 +52,8 @@ from ssp_scenario_manager.maps.rings import is_ring
 _LEAST_BENDS_1PM = (0.01, 0.0015)
 # Of the bends of two lines, of which one is a part of the other.
 _SAME_BEND_1PM = 1e-4
+# Over a metre and over 10 m, of a route over a ring, whose bends move as it is smoothed.
+_RING_BENDS_1PM = (0.02, 0.01)
 # Connecting roads that follow one another inside one junction.
 _MOST_VIA = 4
 # In a ring, whose five arms may have four blocks each.
@@ -60,6 +62,9 @@ _MOST_VIA_RING = 20
 MOST_ROUTES = 200
 # Steps from road to road inside one junction, of which most may lead nowhere.
 _MOST_STEPS = 20_000
+# A route over a ring has places at this step, and is smoothed over so many to each side.
+_EVEN_STEP_M = 1.0
+_MOST_REACH = 4
 # Conflicts are looked for at this step, as far as this beyond the junction; routes join where their
 # middles are this near.
 _STEP_M = 0.5
@@ -141,6 +146,23 @@ def _chains(blocks: Sequence[Block], junction: str | None, effort: _Effort) -> I
                     yield from _follow([(before, one), (block, other)], known, effort)
 
 
+def _smoothed(places: FloatArray) -> FloatArray:
+    """Return places along others at an even step, each on the parabola that fits those around it.
+
+    Arcs stay arcs, and lanes that meet to a few centimetres, as a ring's do, make no bend.
+    """
+    s = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))))
+    even = np.linspace(0.0, s[-1], max(2, round(s[-1] / _EVEN_STEP_M) + 1))
+    found = np.column_stack([np.interp(even, s, xy) for xy in places.T])
+    made = found.copy()
+    for i in range(1, len(found) - 1):
+        reach = min(_MOST_REACH, i, len(found) - 1 - i)
+        around = np.arange(-reach, reach + 1)
+        if reach > 1:
+            made[i] = np.polynomial.polynomial.polyfit(around, found[i + around], 2)[0]
+    return made
+
+
 def _joined_line(legs: Sequence[Leg]) -> tuple[ReferenceLine, list[float]]:
     """Return the line along some legs, and the arc lengths at which each of them ends.
 
@@ -148,7 +170,10 @@ def _joined_line(legs: Sequence[Leg]) -> tuple[ReferenceLine, list[float]]:
         Unusable: there is no such line.
     """
     places = [leg.places()[min(i, 1) :] for i, leg in enumerate(legs)]
-    line = smooth_line([(float(x), float(y)) for x, y in np.concatenate(places)])
+    along = np.concatenate(places)
+    if any(is_ring(leg.block.junction) for leg in legs):
+        along = _smoothed(along)
+    line = smooth_line([(float(x), float(y)) for x, y in along])
     chords = [float(np.hypot(*np.diff(xy, axis=0).T).sum()) for xy in places]
     for i in range(1, len(places)):
         chords[i] += math.dist(places[i - 1][-1], places[i][0])
@@ -178,7 +203,8 @@ def _with_roads_beyond(
     Raises:
         Unusable: the route's own lanes make no line.
     """
-    most = np.maximum(_sharpest(_joined_line(legs)[0]), _LEAST_BENDS_1PM) + _SAME_BEND_1PM
+    same = _RING_BENDS_1PM if is_ring(legs[1].block.junction) else _SAME_BEND_1PM
+    most = np.maximum(_sharpest(_joined_line(legs)[0]), _LEAST_BENDS_1PM) + same
     before: list[Leg] = []
     after: list[Leg] = []
     for leg in prolonged(legs, known, beside, back=True):
@@ -212,16 +238,16 @@ def _route(legs: Sequence[Leg], known: Mapping[str, Block]) -> Block:
     first, *inside, last = legs
     via = " > ".join(f"{leg.block.block_id} {leg.lane.name}" for leg in inside)
     junction = inside[0].block.junction
-    width_m = min(leg.lane.width_m for leg in legs)
     limits = [x for leg in legs if (x := leg.block.speed_limit_mps) is not None]
     turn_rad = wrap_angle(
         last.block.line.pose(0.0).yaw_rad - first.block.line.pose(first.block.length_m).yaw_rad
     )
-    own = BlockLane(0.0, width_m, forward=True, name=first.lane.name)
     straight = abs(turn_rad) < STRAIGHT_ON_RAD
     beside = lanes_beside(first, last) if straight else []
     before, after = _with_roads_beyond(legs, known, beside)
     line, ends = _joined_line([*before, *legs, *after])
+    width_m = min(leg.lane.width_m for leg in (*before, *legs, *after))
+    own = BlockLane(0.0, width_m, forward=True, name=first.lane.name)
     enters = len(before)
     return Block(
         block_id=f"junction {junction}: {first.block.block_id} > {via} > {last.block.block_id}",
@@ -399,9 +425,9 @@ def routes_of(
     """
     by_junction: dict[str, dict[str, Block]] = {}
     refused = []
-    known = {block.block_id: block for block in library.blocks}
+    known = {block.block_id: block for block in library.drivable}
     effort = _Effort()
-    for legs in _chains(library.blocks, junction, effort):
+    for legs in _chains(library.drivable, junction, effort):
         inner = legs[1].block
         try:
             route = _route(legs, known)
@@ -417,7 +443,7 @@ def routes_of(
         led.update(*(route.passage.via for route in routes.values() if route.passage is not None))
     refused += [
         (block.block_id, _no_route(block))
-        for block in library.blocks
+        for block in library.drivable
         if block.junction is not None
         and junction in (None, block.junction)
         and block.junction not in effort.full
@@ -444,8 +470,9 @@ def with_routes(library: Library) -> Library:
 
 def junction_roads(library: Library, junction: str) -> list[JunctionRoad]:
     """Return the connecting roads of a junction and its arms, each road once."""
-    inside = [block for block in library.blocks if block.junction == junction and not block.passage]
-    known = {block.block_id: block for block in library.blocks if block.junction != junction}
+    here = library.drivable
+    inside = [block for block in here if block.junction == junction and not block.passage]
+    known = {block.block_id: block for block in here if block.junction != junction}
     arms: dict[str, Literal["start", "end"]] = {}
     for block in inside:
         arms |= {name: "end" for name in block.entrances if name in known}

@@ -17,6 +17,7 @@ from ssp_core.run_file.values import Point
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.maps.block import LEFT_HAND, Library, RoadType
 from ssp_scenario_manager.maps.lane_layout import NARROWEST_M
+from ssp_scenario_manager.maps.legs import LANES_MEET_M
 from ssp_scenario_manager.maps.reference_line import Unusable, smooth_line
 from ssp_scenario_manager.maps.ways import (
     Rules,
@@ -272,10 +273,46 @@ def _length_m(lane: EdgeLane) -> float:
     return sum(math.dist(a, b) for a, b in pairwise(lane.shape))
 
 
+class _NotParallel(Unusable):
+    """The lanes of an edge aren't parallel, so that it has no way with all of them."""
+
+
+def _lane_way(edge: Edge, lane: EdgeLane, left_hand: bool) -> Way:
+    """Return one lane of an edge as a way along its own middle.
+
+    Raises:
+        Unusable: its shape makes no line.
+    """
+    internal = edge.function == "internal"
+    name = _lane_name(edge, lane)
+    return Way(
+        roads=(edge.id,),
+        span_m=None,
+        line=smooth_line(lane.shape),
+        lanes=(WayLane(name, 0.0, lane.width_m, along=True),),
+        right=Side("any"),
+        left=Side("any"),
+        road_type=_road_type(edge),
+        along=Rules(lane.speed_mps or None, change_left=False, change_right=False),
+        against=Rules(None, change_left=False, change_right=False),
+        junction=edge.id[1:].rpartition("_")[0] if internal else None,
+        noun="edge",
+        both=False,
+        left_hand=left_hand,
+        notes=(LEFT_HAND,) if left_hand else (),
+        lane=f"lane {name}",
+    )
+
+
+def _road_type(edge: Edge) -> RoadType:
+    return _ROAD_TYPES.get(edge.type.rpartition(".")[2].removesuffix("_link"), "any")
+
+
 def _way(edge: Edge, back: list[Edge], left_hand: bool) -> Way:
     """Return the way of an edge.
 
     Raises:
+        _NotParallel: one of its lanes keeps no distance to another.
         Unusable: its lanes make no road.
     """
     driving = _usable(edge)
@@ -286,7 +323,7 @@ def _way(edge: Edge, back: list[Edge], left_hand: bool) -> Way:
     line = smooth_line(longest.shape)
     own = _beside(line, edge, along=True, middle=longest)
     if own is None:
-        raise Unusable("its lanes aren't parallel")
+        raise _NotParallel("its lanes aren't parallel")
     if len(back) > _MOST_BACK:
         raise Unusable(
             f"{len(back)} edges lead back from its end to its start, and at most {_MOST_BACK} "
@@ -309,7 +346,7 @@ def _way(edge: Edge, back: list[Edge], left_hand: bool) -> Way:
         lanes=tuple(lanes),
         right=right,
         left=left,
-        road_type=_ROAD_TYPES.get(edge.type.rpartition(".")[2].removesuffix("_link"), "any"),
+        road_type=_road_type(edge),
         along=Rules(
             speed_mps=min(lane.speed_mps for lane in driving) or None,
             change_left=any(a.change_left for a, _ in pairs),
@@ -321,6 +358,35 @@ def _way(edge: Edge, back: list[Edge], left_hand: bool) -> Way:
         both=False,
         left_hand=left_hand,
         notes=(LEFT_HAND,) if left_hand else (),
+    )
+
+
+def _lane_ways(edge: Edge, net: _Net, beside: Way | None = None) -> list[Way]:
+    """Return the lanes of an edge as ways of their own, without those that make no line.
+
+    Args:
+        edge: whose lanes they are.
+        net: gets the reasons of the others.
+        beside: the edge's way; a lane that begins and ends where it does there needs none.
+    """
+    found = []
+    for lane in _usable(edge):
+        if beside is not None and _meets(lane, edge, beside):
+            continue
+        try:
+            found.append(_lane_way(edge, lane, net.left_hand))
+        except Unusable as error:
+            net.rejected.append((f"edge {edge.id} lane {_lane_name(edge, lane)}", str(error)))
+    return found
+
+
+def _meets(lane: EdgeLane, edge: Edge, way: Way) -> bool:
+    """Tell whether a lane begins and ends where the way of its edge has it."""
+    (y_m,) = (one.y_m for one in way.lanes if one.name == _lane_name(edge, lane))
+    ends = way.line.pose(0.0), way.line.pose(way.line.length_m)
+    return all(
+        math.dist(pose.to_parent(0.0, y_m), place) <= LANES_MEET_M
+        for pose, place in zip(ends, (lane.shape[0], lane.shape[-1]), strict=True)
     )
 
 
@@ -352,26 +418,31 @@ def load_sumo_net(path: Path, loading: Loading = untold) -> Library:
         if edge.function == "normal":
             between.setdefault((edge.start, edge.end), []).append(edge)
     ways: list[Way] = []
-    index: dict[str, int] = {}
+    index: dict[str, list[int]] = {}
     for edge in net.edges.values():
         back = between.get((edge.end, edge.start), []) if edge.function == "normal" else []
         try:
             way = _way(edge, [other for other in back if other is not edge], net.left_hand)
         except Unusable as error:
             net.rejected.append((f"edge {edge.id}", str(error)))
-            continue
-        index[edge.id] = len(ways)
-        ways.append(way)
-    contacts: list[tuple[WayEnd, WayEnd]] = []
-    for start, end in sorted(net.connections):
-        if start in index and end in index:
-            contacts.append(((index[start], "end"), (index[end], "start")))
+            found = _lane_ways(edge, net) if isinstance(error, _NotParallel) else []
+        else:
+            found = [way, *_lane_ways(edge, net, beside=way)]
+        index[edge.id] = list(range(len(ways), len(ways) + len(found)))
+        ways += found
+    contacts: list[tuple[WayEnd, WayEnd]] = [
+        ((i, "end"), (j, "start"))
+        for start, end in sorted(net.connections)
+        for i in index.get(start, ())
+        for j in index.get(end, ())
+    ]
     ways, missing = in_known_junctions(ways, net.junctions)
-    blocks, rejected = network_blocks(ways, contacts)
+    made = network_blocks(ways, contacts)
     return Library(
         source=path.name,
         sha256=sha256_file(path),
         kind="sumo",
-        blocks=tuple(sorted(blocks, key=lambda block: block.block_id)),
-        rejected=tuple(net.rejected + missing + rejected),
+        blocks=made.blocks,
+        rejected=tuple(net.rejected + missing + made.rejected),
+        shifting=made.shifting,
     )

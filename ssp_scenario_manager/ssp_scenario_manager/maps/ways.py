@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -88,6 +88,8 @@ class Way:
         both: traffic against it has its block from this way too, not from one of its own.
         scenery: what stands beside it, along its line.
         left_hand: traffic keeps to the left.
+        lane: the one lane of a road that it is, along that lane's own middle, where it shifts;
+            empty: it has all lanes of its road.
     """
 
     roads: tuple[str, ...]
@@ -106,14 +108,19 @@ class Way:
     both: bool = True
     scenery: tuple[SceneryItem, ...] = ()
     left_hand: bool = False
+    lane: str = ""
 
     @property
     def name(self) -> str:
-        """``road 12``, ``road 12 [30-85 m]`` or ``roads 0+11+8``; long lists are shortened."""
+        """``road 12``, ``road 12 [30-85 m]`` or ``roads 0+11+8``; long lists are shortened.
+
+        Of one lane ``road 12 lane -1`` or ``road 12 lane -1 [30-85 m]``.
+        """
         if len(self.roads) == 1:
+            own = f"{self.noun} {self.roads[0]}{f' {self.lane}' if self.lane else ''}"
             if self.span_m is None:
-                return f"{self.noun} {self.roads[0]}"
-            return f"{self.noun} {self.roads[0]} [{self.span_m[0]:g}-{self.span_m[1]:g} m]"
+                return own
+            return f"{own} [{self.span_m[0]:g}-{self.span_m[1]:g} m]"
         if len(self.roads) <= 5:
             return f"{self.noun}s {'+'.join(self.roads)}"
         return f"{self.noun}s {self.roads[0]}+...+{self.roads[-1]}"
@@ -219,13 +226,17 @@ def _joined_ways(
     """Join ways that simply continue one another, and tell which ends of which meet.
 
     Two ways do where each is all that the other's end meets, and `joined` finds nothing against it.
-    The first of those that are joined gives the direction.
+    The first of those that are joined gives the direction. Single lanes are joined with nothing,
+    and keep nothing from being joined.
     """
+    all_meets: dict[WayEnd, set[WayEnd]] = {}
     meets: dict[WayEnd, set[WayEnd]] = {}
     for a, b in contacts:
         if a != b:
-            meets.setdefault(a, set()).add(b)
-            meets.setdefault(b, set()).add(a)
+            single = ways[a[0]].lane or ways[b[0]].lane
+            for found_meets in (all_meets,) if single else (all_meets, meets):
+                found_meets.setdefault(a, set()).add(b)
+                found_meets.setdefault(b, set()).add(a)
     taken: set[int] = set()
     made: list[Way] = []
     place: dict[WayEnd, WayEnd] = {}
@@ -255,7 +266,7 @@ def _joined_ways(
         made.append(way)
     kept: dict[WayEnd, tuple[WayEnd, ...]] = {}
     for old, new in place.items():
-        found = {place[other] for other in meets.get(old, set()) if other in place}
+        found = {place[other] for other in all_meets.get(old, set()) if other in place}
         kept[new] = tuple(sorted(found))
     return made, kept
 
@@ -497,10 +508,25 @@ def in_known_junctions(
     return found, list(missing.items())
 
 
+@dataclass(frozen=True)
+class NetworkBlocks:
+    """The blocks of a map's ways.
+
+    Args:
+        blocks: of ways with all lanes of their road.
+        shifting: of ways that are a single lane.
+        rejected: what can't be a block, with the reason.
+    """
+
+    blocks: tuple[Block, ...]
+    shifting: tuple[Block, ...]
+    rejected: list[tuple[str, str]]
+
+
 def network_blocks(
     ways: Sequence[Way], contacts: Collection[tuple[WayEnd, WayEnd]]
-) -> tuple[list[Block], list[tuple[str, str]]]:
-    """Return all blocks of a map's ways, and what can't be one, with the reason.
+) -> NetworkBlocks:
+    """Return all blocks of a map's ways, by id, and what can't be one, with the reason.
 
     A way gives a block per direction in which it has lanes. Straight parts of 50 m or more of bent
     ways outside of junctions are blocks beside the whole, which they overlap.
@@ -531,6 +557,7 @@ def network_blocks(
         )
 
     blocks: list[Block] = []
+    shifting: list[Block] = []
     through: dict[str, list[Block]] = {}
     for index, way in enumerate(joined_ways):
         for forward in (True, False):
@@ -545,6 +572,9 @@ def network_blocks(
             if len(way.roads) > 1:
                 joins = f"joins {way.noun}s {', '.join(seen.roads)}"
                 block = replace(block, notes=(*block.notes, joins))
+            if way.lane:
+                shifting.append(replace(block, shifting=True))
+                continue
             blocks.append(block)
             if way.junction is not None:
                 through.setdefault(way.junction, []).append(block)
@@ -557,10 +587,15 @@ def network_blocks(
             continue
         many = f"has {len(inside)} ways through it; their conflict areas weren't looked for"
         rejected.append((f"junction {junction}", many))
-    return [
+    made = (
         replace(block, conflict_areas=areas[block.block_id]) if block.block_id in areas else block
         for block in blocks
-    ], rejected
+    )
+    return NetworkBlocks(_by_id(made), _by_id(shifting), rejected)
+
+
+def _by_id(blocks: Iterable[Block]) -> tuple[Block, ...]:
+    return tuple(sorted(blocks, key=lambda block: block.block_id))
 
 
 def _leads(way: Way, forward: bool) -> bool:

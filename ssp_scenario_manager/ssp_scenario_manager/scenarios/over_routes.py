@@ -335,13 +335,19 @@ def _gives_way(
     """Return the place at which the VUT lets the vehicle pass; None where nothing is said of it.
 
     Raises:
-        CannotPlace: the vehicle doesn't cross the VUT's corridor.
+        CannotPlace: the vehicle doesn't cross the VUT's corridor, or already does where it starts.
     """
     if critical_gap_s is None:
         return None
     event, block, (conflict, other, _) = setting.event, setting.block, crossing
     near_s, far_s = ends()
     zone = tuple(round(station_of(block, start.s_m, s, 0.0), 3) for s in (near_s, far_s))
+    line_m = round(zone[0] - route_motion.before_zone_m, 3)
+    if line_m < 0.0:
+        raise CannotPlace(
+            f"the VUT would wait {-line_m:.1f} m before its start, where the vehicle's corridor "
+            "crosses its own; it needs more road up to the junction"
+        )
     path = other.line.path(0.0, other.length_m, 0.0)
     vut, vehicle = (size_of(event, who) for who in (event.vut_id, event.interaction.initiator))
     way = map(block.line.pose, np.arange(start.s_m, block.length_m, 0.25 * _STEP_M).tolist())
@@ -351,7 +357,7 @@ def _gives_way(
     if swept is None:
         raise CannotPlace("the VUT's way doesn't cross the vehicle's corridor")
     return GiveWay(
-        line_m=round(zone[0] - route_motion.before_zone_m, 3),
+        line_m=line_m,
         zone_m=(zone[0], zone[1]),
         priority_path=path,
         priority_zone_m=(round(swept[0], 3), round(swept[1], 3)),

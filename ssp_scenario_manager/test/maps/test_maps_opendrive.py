@@ -167,8 +167,59 @@ def test_lanes_that_shift_are_refused_with_the_reason(made: Made) -> None:
     ((name, why),) = library.rejected
     assert name == "road 1 [40-60 m]"
     assert "lane -1 shifts by 2.00 m" in why
-    # Nobody can drive through what is no block.
-    assert only(library, "road 1 [0-40 m] forward").exits == ()
+    # What lies beside its lanes there isn't known: routes lead over them, and no event is in it.
+    first = only(library, "road 1 [0-40 m] forward")
+    assert first.exits == ("road 1 lane -1 [40-60 m] forward",)
+    lane = {block.block_id: block for block in library.shifting}[first.exits[0]]
+    assert (lane.entrances, lane.exits) == ((first.block_id,), ("road 1 [60-100 m] forward",))
+    assert lanes(lane) == [("lane -1", 0.0, 3.5, True)]
+    assert (lane.left_boundary, lane.right_boundary) == ("any", "any")
+    for x, y in lane.line.path(0.0, lane.length_m, 0.0):
+        assert y == pytest.approx(0.1 * (x - 40.0) - 1.75, abs=0.02)
+
+
+def test_a_lane_that_shifts_keeps_its_direction_limit_and_narrowest_width(
+    made: Made, words: Words
+) -> None:
+    speed = '<speed sOffset="0" max="9" unit="m/s"/>'
+    flared = '<width sOffset="0" a="4.5"/><width sOffset="10" a="4.5" b="-0.05"/>'
+    sections = words.section(words.lane(1, flared + '<width sOffset="40" a="3"/>', inner=speed), "")
+    library = load_library(made.road(sections=sections).write())
+    assert sorted(blocks(library)) == ["road 1 [0-10 m] backward", "road 1 [40-100 m] backward"]
+    (lane,) = library.shifting
+    assert lane.block_id == "road 1 lane 1 [10-40 m] backward"
+    assert (lane.speed_limit_mps, lane.forward_lanes[0].width_m) == (9.0, 3.0)
+    assert lane.line.to_map(0.0, 0.0) == pytest.approx((40.0, 1.5))
+    assert lane.entrances == ("road 1 [40-100 m] backward",)
+
+
+def test_a_lane_that_gets_too_narrow_is_no_way_on(made: Made, words: Words) -> None:
+    ending = '<width sOffset="0" a="3.5"/><width sOffset="40" a="3.5" b="-0.1"/>'
+    sections = words.section("", words.lane(-1, ending + '<width sOffset="60" a="1.5"/>'))
+    assert load_library(made.road(sections=sections).write()).shifting == ()
+
+
+def test_a_lane_that_shifts_beside_keeps_nothing_from_being_one_block(
+    made: Made, words: Words
+) -> None:
+    """Events stay where they were placed: the ids of blocks don't change."""
+    wide = '<width sOffset="0" a="3.5" b="0.02"/>'
+    sections = words.section(words.lane(1, wide), words.lane(-1))
+    made.road("1", 100.0, sections=sections, links=words.to_road("successor", "2", "start"))
+    made.road(
+        "2",
+        100.0,
+        geometry=words.at(100, 0, 0, 100),
+        sections=words.section(words.lane(1, wide.replace("3.5", "5.5")), words.lane(-1)),
+        links=words.to_road("predecessor", "1", "end"),
+    )
+    library = load_library(made.write())
+    assert sorted(blocks(library)) == ["roads 1+2 forward"]
+    assert [block.block_id for block in library.shifting] == [
+        "road 1 lane 1 backward",
+        "road 2 lane 1 backward",
+    ]
+    assert library.shifting[0].entrances == ("road 2 lane 1 backward",)
 
 
 def test_slight_changes_of_width_stay_one_block(made: Made, words: Words) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from itertools import pairwise
@@ -15,7 +16,7 @@ from ssp_core.geometry import FloatArray, outline_problem, point_in_polygon
 from ssp_core.world.reference_line import NotOneToOne
 from ssp_scenario_manager.compile.area import strip_polygon
 from ssp_scenario_manager.compile.compiler import load_area
-from ssp_scenario_manager.maps.block import Library
+from ssp_scenario_manager.maps.block import Library, headings
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.rings import MOST_RADIUS_M, is_ring
 from ssp_scenario_manager.maps.routes import routes_of
@@ -130,6 +131,29 @@ def test_routes_lead_over_the_junctions_of_a_ring(
     }
     sides = [turns[f"edge {arm}_out forward"] for arm in ("east", "north", "west")]
     assert sides == pytest.approx([90.0, 0.0, -90.0] if mirrored else [-90.0, 0.0, 90.0], abs=3.0)
+
+
+def test_lanes_of_a_ring_that_meet_to_centimetres_make_no_bend(
+    read: Callable[[str], Library],
+) -> None:
+    """Drawn exactly, a step of 12 cm from one place to the next is a bend of 8 m radius."""
+
+    def farther(shape: re.Match[str]) -> str:
+        places = (map(float, word.split(",")) for word in shape[2].split())
+        return shape[1] + " ".join(f"{x * 1.006:.4f},{y * 1.006:.4f}" for x, y in places)
+
+    text = network(circle(20.0))
+    shape = r'(id="south_ring_0"[^>]*shape=")([^"]*)'
+    for library in (read(text), read(re.sub(shape, farther, text))):
+        found = [one for one in routes_of(library)[0] if "south_ring" in one.block_id]
+        assert found
+        for one in found:
+            assert one.passage is not None
+            ring = np.arange(one.passage.start_s_m + 25.0, one.passage.end_s_m - 25.0, 1.0)
+            bends = np.diff(headings(one.line, ring))
+            # On the ring itself 0.05 1/m.
+            assert bends.min(initial=0.05) >= 0.03
+            assert bends.max(initial=0.05) <= 0.07
 
 
 def test_one_on_the_ring_comes_from_the_left_and_goes_first_or_on(

@@ -21,6 +21,7 @@ from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.in_process import run_in_process
+from ssp_scenario_manager.scenarios import over_routes
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from tests.support.junctions import LEFT_TURN, ground, made, route, site_without_junction, way_of
 from tests.support.played import shown
@@ -169,6 +170,14 @@ def test_what_does_not_fit_is_refused_with_what_misses(
 ) -> None:
     with pytest.raises(CannotPlace, match=re.escape(words)):
         made(wanted, ground(site), name)
+
+
+def test_a_vut_that_starts_behind_its_line_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ended the compiler in a traceback on rings whose arms are short and bent."""
+    monkeypatch.setattr(over_routes, "_zone", lambda *_: (0.5, 20.0))
+    wanted = event(manoeuvre={"critical_gap": {"min": 3.7, "max": 5.2, "unit": "s"}})
+    with pytest.raises(CannotPlace, match=r"the VUT would wait \d+\.\d m before its start"):
+        made(wanted, ground("ring"), AROUND)
 
 
 def test_without_the_junction_nothing_compiles(tmp_path: Path) -> None:

@@ -135,6 +135,30 @@ def test_a_lane_that_no_lane_continues_is_told(made: Any, words: Any, crossroads
     assert all("continues one of an approach to 0.3 m" in why for _, why in refused)
 
 
+def test_a_route_leads_over_a_lane_that_shifts(crossroads: Path) -> None:
+    """It used to end where an arm begins to shift, as those of most roundabouts do."""
+    offsets = (
+        '<laneOffset s="0" a="0"/><laneOffset s="5" a="0" c="0.00375" d="-0.0000625"/>'
+        '<laneOffset s="45" a="2"/>'
+    )
+    text = crossroads.read_text()
+    head, _, tail = text.partition('<road id="s"')
+    crossroads.write_text(head + '<road id="s"' + tail.replace("<lanes>", f"<lanes>{offsets}", 1))
+    found = routes(crossroads)
+    assert sorted(found) == sorted(
+        name.replace("road s backward", "road s [0-5 m] backward") for name in (SN, WE, SW)
+    )
+    left = found[SW.replace("road s backward", "road s [0-5 m] backward")]
+    assert left.roads == ("s", "sw", "w")
+    assert passage(left).start_s_m == pytest.approx(60.0, abs=0.1)
+    # From 15 m on the lane is 2 m farther to the driver's left, up to 45 m before the junction.
+    assert left.line.to_map(0.0, 0.0) == pytest.approx((3.75, -70.0), abs=0.15)
+    assert left.line.to_map(35.0, 0.0)[0] == pytest.approx(2.75, abs=0.05)
+    # One that goes straight on would bend by it.
+    straight = found[SN.replace("road s backward", "road s [0-5 m] backward")]
+    assert passage(straight).start_s_m == pytest.approx(5.0)
+
+
 # -- roads beyond the arms ------------------------------------------------------------------------
 
 FAR_M = 200.0

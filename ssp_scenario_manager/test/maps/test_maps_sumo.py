@@ -12,6 +12,7 @@ from ssp_core.errors import InputError
 from ssp_scenario_manager.maps.block import Block, Library
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.reference_line import CORNER_CUT_M, Unusable, smooth_line
+from ssp_scenario_manager.maps.routes import routes_of
 
 # Two edges of two lanes from A to B and back, a sidewalk, an onward edge over a junction.
 NET = """<?xml version="1.0"?><net version="1.20">
@@ -147,6 +148,32 @@ def test_polylines_that_are_no_road() -> None:
     zigzag = [(float(i), 3.0 * (i % 2)) for i in range(2000)]
     with pytest.raises(Unusable, match="turns at most"):
         smooth_line(zigzag)
+
+
+def test_lanes_that_part_lead_on_each_by_itself(net: Path) -> None:
+    """Edges of whose lanes one keeps no distance to another had no route at all."""
+    parted = NET.replace('shape="100,-1.8 110,-1.8"', 'shape="100,-1.8 110,2"')
+    parted = parted.replace('shape="110,-1.8 200,-1.8"', 'shape="110,2 200,2"')
+    net.write_text(parted)
+    library = load_library(net)
+    assert ("edge :B_0", "its lanes aren't parallel") in library.rejected
+    assert [one.block_id for one in library.shifting] == [
+        "edge :B_0 lane :B_0_0 forward",
+        "edge :B_0 lane :B_0_1 forward",
+    ]
+    assert [one.passage.via for one in routes_of(library)[0] if one.passage is not None] == [
+        ("edge :B_0 lane :B_0_0 forward",),
+        ("edge :B_0 lane :B_0_1 forward",),
+    ]
+
+
+def test_a_lane_that_ends_before_the_one_beside_it_leads_on(net: Path) -> None:
+    """Lanes of a bend begin and end where they do in the network, and not at a common line."""
+    net.write_text(NET.replace('shape="100,-5 110,-5"', 'shape="98,-5 110,-5"'))
+    library = load_library(net)
+    assert [one.block_id for one in library.shifting] == ["edge :B_0 lane :B_0_1 forward"]
+    sheared = library.shifting[0]
+    assert sheared.line.to_map(0.0, 0.0) == (100.0, -1.8)
 
 
 # -- malformed networks ---------------------------------------------------------------------------
