@@ -1,4 +1,4 @@
-"""When a driven run ends, and what else than its driver ends it (METHOD 8.2)."""
+"""The end of a driven run, by its driver and by what else ends it (METHOD 8.2)."""
 
 from __future__ import annotations
 
