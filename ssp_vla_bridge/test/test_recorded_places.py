@@ -187,3 +187,22 @@ def test_a_bag_whose_facts_are_no_object_is_named(tmp_path, make_request, make_r
         writer.write("/ssp/vla/m/response", serialize(message), NS, NS)
     with pytest.raises(InputError, match=r"/ssp/vla/m/response: holds an answer at 1000000000 ns"):
         ask(make_request, tmp_path / "bag")
+
+
+def test_answers_of_another_interface_are_refused_and_never_read_by_the_wrong_one(
+    tmp_path, make_response
+):
+    path = tmp_path / "raw.jsonl"
+    answers = [
+        replace(make_response([(0, 0), (4, 0)]), model=model, decoding={"interface": spoken})
+        for model, spoken in (("chat", "openemma"), ("mine", "waypoints"), ("their", "v1/chat"))
+    ]
+    path.write_text("".join(json.dumps(response_to_json(one)) + "\n" for one in answers))
+    with pytest.raises(InputError) as caught:
+        make_backend("recorded", {"file": str(path)})
+    assert caught.value.field == "backend_options.interface"
+    assert "given by the interface openemma" in str(caught.value)
+    assert '"interface": "openemma"' in caught.value.remedy
+    for model, spoken in (("chat", "openemma"), ("mine", "waypoints"), ("their", "llavida")):
+        options = {"file": str(path), "model": model, "interface": spoken}
+        assert make_backend("recorded", options).interface == spoken

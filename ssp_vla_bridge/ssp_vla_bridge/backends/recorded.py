@@ -24,7 +24,7 @@ from ssp_vla_bridge.messages import (
     of_message,
     response_from_json,
 )
-from ssp_vla_bridge.window import find_interface
+from ssp_vla_bridge.window import INTERFACES, find_interface
 
 RESPONSE_TYPE = "ssp_msgs/msg/VlaResponse"
 
@@ -185,7 +185,8 @@ def make(options: Mapping[str, Any]) -> Recorded:
     bag with the answers of a shadow run; ``model`` leaves only the answers of that name.
 
     Raises:
-        InputError: the options, the file or a line of it are wrong.
+        InputError: the options, the file or a line of it are wrong, or the answers were given by
+            another interface, by which they would be read as something else.
     """
     check_options("recorded", options, {"file": str, "model": str, "interface": str})
     if "file" not in options:
@@ -206,4 +207,14 @@ def make(options: Mapping[str, Any]) -> Recorded:
                 value=wanted,
                 remedy=f"there are those of {', '.join(names)}",
             )
-    return Recorded(stored, find_interface(str(options.get("interface", "waypoints"))).name)
+    spoken = find_interface(str(options.get("interface", "waypoints"))).name
+    stated = [one.response.decoding.get("interface") for one in stored]
+    known = sorted(name for name in INTERFACES if name != spoken and name in stated)
+    if known:
+        raise InputError(
+            f"answers in {options['file']} were given by the interface {', '.join(known)}",
+            field="backend_options.interface",
+            value=spoken,
+            remedy=f'give "interface": "{known[0]}", and "model" where the file has several models',
+        )
+    return Recorded(stored, spoken)
