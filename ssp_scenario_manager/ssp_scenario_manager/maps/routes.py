@@ -163,15 +163,19 @@ def _smoothed(places: FloatArray) -> FloatArray:
     return made
 
 
-def _joined_line(legs: Sequence[Leg]) -> tuple[ReferenceLine, list[float]]:
+def _joined_line(legs: Sequence[Leg], smoothed: bool) -> tuple[ReferenceLine, list[float]]:
     """Return the line along some legs, and the arc lengths at which each of them ends.
+
+    Args:
+        legs: of a route, and of the roads before and beyond it.
+        smoothed: whether the route is one over a ring.
 
     Raises:
         Unusable: there is no such line.
     """
     places = [leg.places()[min(i, 1) :] for i, leg in enumerate(legs)]
     along = np.concatenate(places)
-    if any(is_ring(leg.block.junction) for leg in legs):
+    if smoothed:
         along = _smoothed(along)
     line = smooth_line([(float(x), float(y)) for x, y in along])
     chords = [float(np.hypot(*np.diff(xy, axis=0).T).sum()) for xy in places]
@@ -203,24 +207,25 @@ def _with_roads_beyond(
     Raises:
         Unusable: the route's own lanes make no line.
     """
-    same = _RING_BENDS_1PM if is_ring(legs[1].block.junction) else _SAME_BEND_1PM
-    most = np.maximum(_sharpest(_joined_line(legs)[0]), _LEAST_BENDS_1PM) + same
+    ring = is_ring(legs[1].block.junction)
+    same = _RING_BENDS_1PM if ring else _SAME_BEND_1PM
+    most = np.maximum(_sharpest(_joined_line(legs, ring)[0]), _LEAST_BENDS_1PM) + same
     before: list[Leg] = []
     after: list[Leg] = []
     for leg in prolonged(legs, known, beside, back=True):
-        if not _bends_less([leg, *before, *legs], most):
+        if not _bends_less([leg, *before, *legs], most, ring):
             break
         before.insert(0, leg)
     for leg in prolonged(legs, known, beside, back=False):
-        if not _bends_less([*legs, *after, leg], most):
+        if not _bends_less([*legs, *after, leg], most, ring):
             break
         after.append(leg)
     return before, after
 
 
-def _bends_less(legs: Sequence[Leg], most_1pm: FloatArray) -> bool:
+def _bends_less(legs: Sequence[Leg], most_1pm: FloatArray, smoothed: bool) -> bool:
     with suppress(Unusable):
-        return bool((_sharpest(_joined_line(legs)[0]) <= most_1pm).all())
+        return bool((_sharpest(_joined_line(legs, smoothed)[0]) <= most_1pm).all())
     return False
 
 
@@ -245,7 +250,7 @@ def _route(legs: Sequence[Leg], known: Mapping[str, Block]) -> Block:
     straight = abs(turn_rad) < STRAIGHT_ON_RAD
     beside = lanes_beside(first, last) if straight else []
     before, after = _with_roads_beyond(legs, known, beside)
-    line, ends = _joined_line([*before, *legs, *after])
+    line, ends = _joined_line([*before, *legs, *after], is_ring(junction))
     width_m = min(leg.lane.width_m for leg in (*before, *legs, *after))
     own = BlockLane(0.0, width_m, forward=True, name=first.lane.name)
     enters = len(before)

@@ -156,6 +156,46 @@ def test_lanes_of_a_ring_that_meet_to_centimetres_make_no_bend(
             assert bends.max(initial=0.05) <= 0.07
 
 
+def test_the_routes_of_a_junction_beside_a_ring_are_not_smoothed(
+    read: Callable[[str], Library],
+) -> None:
+    """Smoothed, its bend was sharper by the ring's entry, so that the road beyond was left out."""
+    around = at(circle(30.0), np.array([290.0, 295.0]))
+
+    def ahead(degrees: float) -> FloatArray:
+        return np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+
+    def words(places: FloatArray) -> str:
+        return " ".join(f"{x:.4f},{y:.4f}" for x, y in places)
+
+    # On the ring traffic goes at 20 degrees there; the arm comes at 12, and turns by 10 at the gate.
+    mouth = around[0] - 20.0 * ahead(16.0)
+    arm = np.array([mouth - 30.0 * ahead(12.0), mouth])
+    gate = np.array([arm[0] - 10.0 * ahead(12.0), arm[0]])
+    before = np.array([gate[0] - 80.0 * ahead(2.0), gate[0]])
+    text = network(circle(30.0))
+    for lane, places in (("south_in_0", arm), (":south_0_0", bend(arm, around))):
+        text = re.sub(f'(id="{lane}"[^>]*shape=")[^"]*', rf"\g<1>{words(places)}", text)
+    text = text.replace('from="south_far" to="south"', 'from="gate" to="south"')
+    more = "".join(
+        f'<edge id="{name}" {ends}><lane id="{name}_0" index="0" speed="10" '
+        f'shape="{words(places)}"/></edge>'
+        for name, ends, places in (
+            ("gate_in", 'from="south_far" to="gate"', before),
+            (":gate_0", 'function="internal"', gate),
+        )
+    )
+    more += '<junction id="gate" type="priority"/>'
+    lanes = 'to="south_in" fromLane="0" toLane="0" dir="s" state="M"'
+    more += f'<connection from="gate_in" {lanes} via=":gate_0_0"/>'
+    more += f'<connection from=":gate_0" {lanes}/>'
+    library = read(text.replace("</net>", f"{more}</net>"))
+    assert {one.junction for one in library.blocks} == {None, "gate", "ring east"}
+    (found,) = routes_of(library, "gate")[0]
+    assert found.roads == ("gate_in", ":gate_0", "south_in", ":south_0")
+    assert found.length_m == pytest.approx(140.0, abs=0.2)
+
+
 def test_one_on_the_ring_comes_from_the_left_and_goes_first_or_on(
     read: Callable[[str], Library],
 ) -> None:
