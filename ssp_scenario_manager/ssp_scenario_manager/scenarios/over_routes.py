@@ -350,12 +350,21 @@ def _gives_way(
         )
     path = other.line.path(0.0, other.length_m, 0.0)
     vut, vehicle = (size_of(event, who) for who in (event.vut_id, event.interaction.initiator))
-    way = map(block.line.pose, np.arange(start.s_m, block.length_m, 0.25 * _STEP_M).tolist())
+    own = _passage(block)
+    stations = np.arange(start.s_m, block.length_m, 0.25 * _STEP_M)
+    # Beyond it the VUT may cross the straights on which a corridor goes on past both ends.
+    here = (stations >= own.start_s_m) & (stations <= own.end_s_m)
+    way = map(block.line.pose, stations[here].tolist())
     swept = swept_on_way(
         way, vut, Polyline(path), corridor_half_m(vehicle.width_m), _across_rad(conflict)
     )
     if swept is None:
         raise CannotPlace("the VUT's way doesn't cross the vehicle's corridor")
+    if swept[0] < 0.0:
+        raise CannotPlace(
+            f"the vehicle's route begins {-swept[0]:.1f} m after the VUT's way crosses it; it needs "
+            "more road up to the junction"
+        )
     return GiveWay(
         line_m=line_m,
         zone_m=(zone[0], zone[1]),

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from ssp_core.geometry import Polyline
+from ssp_core.geometry import Polyline, Pose2
 from ssp_core.motion.corridor import Corridor
-from ssp_core.motion.encounter import corridor_half_m
+from ssp_core.motion.encounter import corridor_half_m, swept_on_way
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import TimeToArrival
 from ssp_core.vocabulary import Phase, Verdict
@@ -177,6 +178,39 @@ def test_a_vut_that_starts_behind_its_line_is_refused(monkeypatch: pytest.Monkey
     monkeypatch.setattr(over_routes, "_zone", lambda *_: (0.5, 20.0))
     wanted = event(manoeuvre={"critical_gap": {"min": 3.7, "max": 5.2, "unit": "s"}})
     with pytest.raises(CannotPlace, match=r"the VUT would wait \d+\.\d m before its start"):
+        made(wanted, ground("ring"), AROUND)
+
+
+def test_the_vut_gives_way_in_its_junction_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A VUT that left beside the vehicle's arm crossed it far before its start: a traceback."""
+    ways = []
+
+    def swept(way: Iterable[Pose2], *others: Any) -> tuple[float, float] | None:
+        poses = list(way)
+        ways.append([(pose.x_m, pose.y_m) for pose in poses])
+        return swept_on_way(poses, *others)
+
+    monkeypatch.setattr(over_routes, "swept_on_way", swept)
+    area = ground("ring")
+    own = route(area, AROUND)
+    assert own.passage is not None
+    made(event(manoeuvre={"critical_gap": {"min": 3.8, "max": 5.2, "unit": "s"}}), area, AROUND)
+    line = Polyline(own.line.path(0.0, own.length_m, 0.0))
+    of_vut = [way for way in ways if abs(line.project(*way[0])[1]) < 0.05]
+    assert of_vut
+    for way in of_vut:
+        stations = [line.project(*place)[0] for place in way]
+        assert min(stations) >= own.passage.start_s_m - 0.1
+        assert max(stations) <= own.passage.end_s_m + 0.1
+
+
+def test_a_route_that_begins_behind_its_conflict_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(over_routes, "_zone", lambda *_: (150.0, 160.0))
+    monkeypatch.setattr(over_routes, "swept_on_way", lambda *_: (-5.0, 3.0))
+    wanted = event(manoeuvre={"critical_gap": {"min": 3.9, "max": 5.2, "unit": "s"}})
+    with pytest.raises(CannotPlace, match=r"route begins 5\.0 m after the VUT's way crosses it"):
         made(wanted, ground("ring"), AROUND)
 
 
