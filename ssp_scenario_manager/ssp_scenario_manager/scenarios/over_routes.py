@@ -362,8 +362,8 @@ def _gives_way(
         raise CannotPlace("the VUT's way doesn't cross the vehicle's corridor")
     if swept[0] < 0.0:
         raise CannotPlace(
-            f"the vehicle's route begins {-swept[0]:.1f} m after the VUT's way crosses it; it needs "
-            "more road up to the junction"
+            f"the vehicle's route begins {-swept[0]:.1f} m after the VUT's way crosses it; it "
+            "needs more road up to the junction"
         )
     return GiveWay(
         line_m=line_m,

@@ -168,7 +168,7 @@ def test_the_routes_of_a_junction_beside_a_ring_are_not_smoothed(
     def words(places: FloatArray) -> str:
         return " ".join(f"{x:.4f},{y:.4f}" for x, y in places)
 
-    # On the ring traffic goes at 20 degrees there; the arm comes at 12, and turns by 10 at the gate.
+    # Traffic on the ring goes at 20 degrees there; the arm comes at 12, and turns by 10 before.
     mouth = around[0] - 20.0 * ahead(16.0)
     arm = np.array([mouth - 30.0 * ahead(12.0), mouth])
     gate = np.array([arm[0] - 10.0 * ahead(12.0), arm[0]])
