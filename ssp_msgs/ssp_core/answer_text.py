@@ -17,16 +17,16 @@ _REASONING = (
 )
 # Any word may stand before one that means thinking alone; "scene_analysis" heads an answer.
 _IN_TAG = (
-    rf"(?:\w{{1,12}}:)?(?:(?:(?:inner|internal|private|hidden|deep)[-_]?)?(?:{_REASONING})"
+    rf"(?:\w{{1,12}}:)?(?:(?:(?:inner|internal|private|hidden|deep|ant)[-_]?)?(?:{_REASONING})"
     r"|[\w-]{1,14}[-_](?:think|thinking|thoughts?|reasoning|monologue|scratch[-_]?pad))"
-    "(?:[-_]?(?:process|steps?|content|block|trace))?"
+    "(?:[-_]?(?:process|steps?|content|block|trace)|_never_used_[0-9a-f]{8,40})?"
 )
 # A mark of reasoning in the spellings of models: <think>, [THINK], <seed:think>, ◁think▷,
 # <|begin_of_thought|>, <|START_THINKING|>. Each may carry attributes, and servers may escape its
 # brackets. Square brackets also head sections ("[Reasoning]"), so that only words that head none
 # are marks in them.
 _MARK = re.compile(
-    rf"(?P<begin>(?:<|&lt;)\s?{_IN_TAG}(?:\s[^<>]{{0,80}})?(?:>|&gt;)|[\[{{]think(?:ing)?[\]}}]"
+    rf"(?P<begin>(?:<|&lt;)\s?{_IN_TAG}(?:\s[^<>]{{0,80}})?(?<!/)(?:>|&gt;)|[\[{{]think(?:ing)?[\]}}]"
     rf"|<\|(?:begin_of_|start_|begin_)?(?:{_REASONING})(?:_start|_begin)?\|>|◁think▷|<unused94>|<\|inner_prefix\|>"
     # Granite and Apriel; gpt-oss where its marks were taken out, but not its channels' names.
     r"|(?P<heading>^[ \t]*here(?: is|'s|’s) my thought process:|\A\s*/think\n"
@@ -37,7 +37,8 @@ _MARK = re.compile(
     rf"|(?P<end>(?:<\s?/|&lt;/)\s?{_IN_TAG}\s*(?:>|&gt;)|[\[{{]/think(?:ing)?[\]}}]"
     rf"|<\|/?end_(?:of_)?(?:{_REASONING})\|>|<\|(?:{_REASONING})_end\|>|<\|/(?:{_REASONING})\|>"
     r"|◁/think▷|<unused95>|<\|inner_suffix\|>"
-    r"|\[begin final response\]|<\|content\|>|(?-i:assistantfinal))"
+    r"|\[begin final response\]|<\|content\|>|(?-i:assistantfinal)"
+    r"|^[ \t]*(?:\.\.\.|…)[ \t]*done thinking\.?[ \t]*$)"  # of Ollama's command line
     r"|(?P<response>^[ \t]*here(?: is|'s|’s) my response:|</details>"
     r"|<\|im_end\|>\s*<\|im_start\|>assistant\b)"
     # Channels: what stands in any other one than the final one is no answer.
@@ -70,7 +71,7 @@ _END = re.compile(
     rf"|<role>\s*(?:{_OTHERS}|{_SELF})\s*</role>|\[\|(?:endofturn|{_OTHERS}|{_SELF})\|\]"
     rf"|<(?:extra_id_1|special_1[0-2])>\s*(?:{_OTHERS}|{_SELF})?|\[e~\[|\]~b\]\w*"
     r"|<\|(?:im_sep|sep|pad|prompter)\|>|<pad>|\[pad\]|<reserved_10[67]>"
-    r"|<\|end▁of▁sentence\|>|\[/?inst\]|\[end final response\]",
+    r"|<\|end▁of▁sentence\|>|\[/?inst\]|<<sys>>|\[end final response\]",
     re.IGNORECASE,
 )
 # A line that opens a turn: the speaker's name and a colon, perhaps in bold or as a heading, or the
@@ -86,7 +87,7 @@ _SPEAKER = re.compile(
     r"^[ \t]*(?:>[ \t]*)?(?:#{1,6}[ \t]*)?(?:\*\*?|__?)?"
     rf"(?:{_NAMED}(?:\*\*?|__?)?[ \t]*:|(?:user|assistant){_REMARK}(?:\*\*?|__?)?[ \t]*:"
     rf"|human{_REMARK}(?:\*\*?|__?)?[ \t]*:{_SPEECH}|(?:user|human)[ \t]+[-–—](?=\s){_SPEECH})"
-    rf"|^[ \t]*\[{_NAMED}\][ \t]*(?::|$)|^[ \t]*\({_NAMED}\)[ \t]*:"
+    rf"|^[ \t]*\[{_NAMED}\][ \t]*(?::|$)|^[ \t]*\[user\](?=[ \t])|^[ \t]*\({_NAMED}\)[ \t]*:"
     r"|^[ \t]*\{\s*\"role\"\s*:\s*\"(?:user|human|system|tool)\""
     rf"|^[ \t]*<{_NAMED}>[ \t]*$|<(?:user|human)>[ \t]*:"
     r"|^[ \t]*<(?:user>|human>(?!(?s:.{0,2000}?)</human>))"
@@ -248,6 +249,7 @@ _ENDING_PARTS: dict[Ending, frozenset[str]] = {
         | {"failure", "timeout", "timed", "interrupted", "interrupt", "disconnected", "disconnect"}
         | {"shutdown", "unloaded", "unload", "killed", "crashed", "preempted", "exception"}
         | {"malformed", "overloaded", "unavailable", "unclosed", "oom", "expired", "memory"}
+        | {"halted", "shutting", "closed", "hangup"}
         | {"busy", "connection", "unreachable", "overload", "throttled"}
         | {
             "died",

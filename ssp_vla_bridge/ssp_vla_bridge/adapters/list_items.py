@@ -27,7 +27,7 @@ _NEXT_OBJECT = re.compile(
     rf"\s*(?:,{_NUMBER_FIELD})*\}}\s*,\s*\{{(?:{_NUMBER_FIELD},)*\s*[\"'][\w ]{{1,30}}[\"']\s*:\s*"
 )
 _TIME_FIELD = re.compile(
-    r"[\"'](?:t|time|timestamp)(?:_(?P<unit>m?s))?[\"']\s*:\s*(?:[\"'](?:t\s*=\s*)?\+?)?"
+    r"[\"'](?:t|time|timestamp|seconds)(?:_(?:from_start|offset))?(?:_(?P<unit>m?s))?[\"']\s*:\s*(?:[\"'](?:[tT]\s*=?\s*)?\+?)?"
     r"(?P<named>\d*\.?\d+)(?:\s*(?P<of>ms|s)\b)?"
 )
 _COMMENT = re.compile(r"(?:#|//|--|—|–|<!--)[^\n]*|/\*.*?\*/|\([^()]*\)", re.DOTALL)
@@ -49,8 +49,8 @@ _LETTER = re.compile(r"[^\W\d]")
 _REMARK_BEHIND = re.compile(r"[ \t]*(?:[-–—:;,#(]|//)[ \t]*[^\W\d][^\n]*")
 _LONGEST_COMMENT = 200  # characters
 _IN_COMMENT = re.compile(r"[ \t]*[,;]?[ \t]*(?:#|//)[^\n]*[^\W\d][^\n]*")
-_TIME = (
-    r"(?:\b(?:t|time)\b\s*[_=:≈]?\s*\+?\s*(?P<named>\d*\.?\d+)\s*(?P<unit>ms|s|secs?|seconds?)?\b"
+_TIME = (  # "t_1" is an index
+    r"(?:\b(?:t|time)(?:\b\s*[_=:≈]?|_(?=\d*\.\d|\d+\s*m?s\b))\s*\+?\s*(?P<named>\d*\.?\d+)\s*(?P<unit>ms|s|secs?|seconds?)?\b"
     r"|(?<![\w.])\+?(?P<timed>\d*\.?\d+)\s*(?P<of>ms|s|secs?|seconds?)\b"
     r"|(?<![\w.])(?P<decimal>\d*\.\d+)(?=[\"'*]*\s*(?::|=|→|->)))"
 )
@@ -275,9 +275,12 @@ def stated_times(gaps: Sequence[str]) -> tuple[tuple[float, ...], bool]:
     Returns:
         Times, in s where their unit is stated, and whether it is.
     """
-    fields = [[*_TIME_FIELD.finditer(gap[-120:])][-1:] for gap in gaps[:-1]]
-    if all(fields):
-        return _with_units([(one["named"], one["unit"] or one["of"]) for one, *_ in fields])
+    before = [gap[-120:].rpartition("{")[2] for gap in gaps[:-1]]
+    behind = [gap.partition("}")[0] for gap in gaps[1:] if "}" in gap]
+    for beside in (before, behind):
+        fields = [[*_TIME_FIELD.finditer(one)][-1:] for one in beside]
+        if all(fields) and len(fields) == len(gaps) - 1:
+            return _with_units([(one["named"], one["unit"] or one["of"]) for one, *_ in fields])
     for some, at in ((gaps[:-1], _BEFORE), (gaps[1:], _BEHIND)):
         found = [at.search(gap[-60:]) if at is _BEFORE else at.match(gap) for gap in some]
         if all(found):

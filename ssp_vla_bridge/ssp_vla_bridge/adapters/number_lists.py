@@ -117,13 +117,31 @@ def may_begin_row(inside: str) -> bool:
 
 # A field of an object that is a text and names nobody: ``"note": "brakes on"``.
 _TEXT_FIELD = re.compile(
-    r"[\"'](?!(?:label|type|class|category|name|object|agent|kind|role|actor|id|track)\b)"
+    r"[\"'](?!(?:label|type|class|category|name|object|agent|kind|role|actor|id|track"
+    r"|(?:t|time|timestamp)(?:_m?s)?)\b)"
+    # Units and frames are no remarks, unless they are the plan's own.
+    r"(?!(?:units?|frame(?:_id)?|coordinate_frame)[\"']\s*:\s*[\"'](?!(?:m|met(?:er|re)s?|ego\w*"
+    r"|vehicle\w*|base_link|local|self|[^\"'\n]*\d)[\"']))"
     r"[\w ]{1,40}[\"']\s*:\s*(?:\"[^\"\n]*\"|'[^'\n]*'|true|false|null)\s*(?:,|$)"
 )
 
 
+# A time that is a text: ``"t": "T+1 s"``.
+_TIME_TEXT = re.compile(
+    r"[\"'](?:t|time|time_?stamp|time_?offset|at|after|when)(?P<of>_m?s)?[\"']\s*:\s*[\"'](?:t\s*[=+]?\s*)?\+?\s*"
+    r"(?P<value>\d*\.?\d+)\s*(?:(?P<milli>ms|msecs?|milliseconds?)|(?P<unit>s|secs?|seconds?))?[\"']",
+    re.IGNORECASE,
+)
 _TIME_NAME = re.compile(
-    r"(?:t|time|time_?stamp)_(?:(?P<milli>ms|msec|millis|milliseconds)|s|secs?|seconds)"
+    r"(?:(?:t|time|time_?stamp|time_?offset)_)?"
+    r"(?:(?P<milli>ms|msec|millis|milliseconds)|s|sec|secs|seconds)"
+)
+
+
+# An axis with its direction, or with what it is an axis of: "x_forward", "pos_x".
+_NAMED_AXIS = re.compile(
+    r"(?:[xyz]_)?(forward|left|right|lateral|longitudinal)(?:_[xyz])?"
+    r"|(?:pos|position|ego)_([xy])|([xy])_(?:pos|position|ego)"
 )
 
 
@@ -133,8 +151,14 @@ def _plain_name(word: str) -> str:
     timed = _TIME_NAME.fullmatch(word)
     if timed is not None:
         return "time_ms" if timed["milli"] else "time_s"
-    plain = re.sub(r"_(?:m|mps|meters?|metres?)$", "", word)
-    return plain.rstrip("0123456789_")
+    plain = re.sub(r"_(?:m|mps|meters?|metres?)$", "", word).rstrip("0123456789_")
+    named = _NAMED_AXIS.fullmatch(plain)
+    return next(filter(None, named.groups())) if named is not None else plain
+
+
+def _time(match: re.Match[str]) -> str:
+    unit = "_ms" if match["milli"] else "_s" if match["unit"] else match["of"] or ""
+    return f'"t{unit.lower()}": {match["value"]}'
 
 
 def _unusual_row(
@@ -147,7 +171,7 @@ def _unusual_row(
     names_known = _NAMES
     if brackets == "{}":
         names_known = _NAMES | _INDEX_NAMES
-        inside = _TEXT_FIELD.sub("", inside).rstrip(" \n\t,")
+        inside = _TEXT_FIELD.sub("", _TIME_TEXT.sub(_time, inside)).rstrip(" \n\t,")
     # "[0, 5)" is an interval.
     name, parted, spaced, bad = "", True, True, brackets not in _BRACKETS
     for token in _INSIDE.finditer(inside):

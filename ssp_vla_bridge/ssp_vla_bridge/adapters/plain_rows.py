@@ -26,7 +26,9 @@ _NAMED = (
     rf"y(?:[ \t]*\(m\))?[ \t]*[=:≈][ \t]*{_VALUE}{_LENGTH}"
 )
 _LINE = re.compile(
-    rf"^(?P<start>{_LINE_START})(?P<row>{_NAMED})(?P<rest>[ \t]*(?:[.;,]|[-–—(#][^\n]*)?)$",
+    rf"^(?P<start>{_LINE_START})(?P<row>{_NAMED})(?:[ \t]*[,;|][ \t]*(?P<time>(?:t|time)[ \t]*[=:]"
+    rf"[ \t]*{_NUMBER}[ \t]*(?:ms|s|secs?|seconds?)?))?"
+    r"(?P<rest>[ \t]*(?:[.;,]|[-–—(#][^\n]*)?)$",
     re.IGNORECASE | re.MULTILINE,
 )
 _MAPPING = re.compile(
@@ -58,8 +60,10 @@ def with_brackets(text: str) -> str:
 
 
 def _line(match: re.Match[str]) -> str:
-    row = f"({match['row']})" if _IS_READ.fullmatch(match["row"]) is not None else _UNREAD
-    return f"{match['start']}{row}{match['rest']}"
+    is_read = _IS_READ.fullmatch(match["row"]) is not None
+    row = f"({match['row'].replace('|', ',')})" if is_read else _UNREAD
+    time = f" {match['time']}" if match["time"] else ""
+    return f"{match['start']}{row}{time}{match['rest']}"
 
 
 def _mapping(match: re.Match[str]) -> str:
@@ -111,7 +115,8 @@ def _with_lists_for_values(text: str) -> str:
             found += lines[at:end]
         else:
             found.append(
-                f"({', '.join(re.split(r'[ ]*[,;][ ]*', header.strip()))}) [{', '.join(rows)}]"
+                f"({', '.join(_plain(name) for name in re.split('[,;]', header))})"
+                f" [{', '.join(rows)}]"
             )
         at = end
     return "\n".join(found)
@@ -119,6 +124,11 @@ def _with_lists_for_values(text: str) -> str:
 
 def _names(header: str) -> set[str]:
     return {_axis(name.strip()) for name in re.split("[,;]", header)}
+
+
+def _plain(name: str) -> str:
+    """Return a column's name without the unit m, which is the points' own."""
+    return re.sub("_m$", "", name.strip(), flags=re.IGNORECASE)
 
 
 def _axis(name: str) -> str:

@@ -72,6 +72,7 @@ _REFUSED = re.compile(
     r"|hypothetical(?:ly)?|fallback|back-?up|contingency|counter-?example|dismiss(?:ed)?|unwanted"
     r"|invalid|not (?:the|my|a|what)|not this(?! (?:fast|slow|time))"
     r"|never|instead of|rather than|ruled out|abandoned|unsafe|forbidden)\b"
+    rf"|\bbaseline[ _-]{PLAN_WORDS}\b"
     rf"|\b{PLAN_WORDS} (?:\w+ )?considered\b{_THEN_TAKEN}|\bconsidered[ _]{PLAN_WORDS}"
     r"|\bcandidate[ _](?:trajectories|paths|plans|routes)\b"
 )
@@ -131,14 +132,22 @@ _ASSUMED = re.compile(
 # The road, unless a plan along it is named first: "Lane centre line: …".
 _ROAD = re.compile(
     r"\b(?:cent(?:er|re)[ _-]?lines?|(?:lane|road)[ _-](?:boundar\w+|edges?|lines?|markings?)"
-    r"|polylines?)\b"
+    r"|polylines?|polygons?|outlines?|contours?)\b"
+    r"|^\W*(?:the )?(?:left|right|inner|outer)[ _-](?:lane |road )?(?:boundar\w+|edges?|borders?)\b"
 )
+# What a plan refers to, which may be the road's course: it labels no own plan.
+_REFERENCE = re.compile(rf"\b(?:reference|ref)[ _-]{PLAN_WORDS}\b")
 # A remark beside a label, which is a clause of its own: "Trajectory (the van is 3 s ahead)".
 _ASIDE = re.compile(
     r"\([^()]*\b(?:is|are|was|has|have|will|since|because|as|so that|while|when)\b[^()]*\)"
 )
 # "My trajectory (not the van's)".
 _NOT_THEIRS = re.compile(rf"\(\s*not {_ARTICLE}(?:that of |for |of )?{_ARTICLE}{_USER}\b[^()]*\)")
+# A field of an item in YAML that names its owner: "- type: car", "name: ego".
+_NAME_LINE = re.compile(
+    r"[ \t]*(?:- )?(?:agent|actor|type|class|category|name|track|entity|participant|id)"
+    r":[ \t]*[\"']?(?P<name>[^\"'\n]{1,40}?)[\"']?[ \t]*\Z"
+)
 # A line that is a key, of an object in YAML or as a heading: "van:", "## Vehicle 2".
 _KEY_LINE = re.compile(r"(?P<indent>[ \t]*)(?:- )?[\"']?(?P<key>[\w][\w .\-]{0,40})[\"']?:[ \t]*\Z")
 _HEADING = re.compile(
@@ -183,7 +192,8 @@ _OWNER = tuple(
         rf"\b(?:{_SPECIFIC}|{_GENERIC}|{_QUALIFIED}[ _]{_VEHICLE}|{_NUMBERED}){_NUMBER}[ _]+"
         rf"(?:\w+[ _]+){{0,2}}(?:{PLAN_WORDS}|positions?|locations?|coordinates?|points?)\b",
         # "waypoints (lead car)"
-        rf"\b{PLAN_WORDS} \({_ARTICLE}{_ADJECTIVES}{_USER}{_NUMBER}\)",
+        rf"\b{PLAN_WORDS} \({_ARTICLE}{_ADJECTIVES}{_USER}{_NUMBER}"
+        r"(?: (?:in front|ahead|behind|beside|on the (?:left|right))(?: of (?:us|me))?)?\)",
         # subject: "cars stand at", "the van will be at", "there are road users at"
         rf"^\W*{_ARTICLE}{_ADJECTIVES}{_USER}{_NUMBER}\b",
         rf"\bthere (?:is|are|'s)\b.*\b{_USER}\b",
@@ -236,7 +246,7 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
         holders = _parents(text, max(0, start - 4 * _LOOKED_AT), start)
         words = " ".join([*holders, _user_beside(text, start, end), key[1]])
         label = words.replace("_", " ").lower()
-        heading = f"{before} ({key[1].rpartition('_')[2]}){behind}"
+        heading = f"{before}{_said_by_key(key[1])}{behind}"
         return Label(label, heading, _owner(label, is_key=True))
     elements, is_right_before = _elements(text, start, end)
     named = _owner(elements, is_key=True) if elements else Owner.UNSAID
@@ -265,6 +275,16 @@ def label_of(text: str, end_before: int, start: int, end: int, bare: bool = Fals
             owner = Owner.OTHER if _speaks_of_user(earlier) else Owner.UNSAID
         return Label(sentence, said + behind, owner)
     return Label("", before + behind, Owner.UNSAID)
+
+
+def _said_by_key(key: str) -> str:
+    """Return what a list's key states, as a heading would: "trajectory_next_4_s"."""
+    words = key.replace("_", " ").replace("-", " ")
+    rest = _PLAN.split(words.lower())[-1].split()
+    if len(rest) in (0, len(words.split())):  # it doesn't name the plan, or no more than it
+        return f" ({words.rpartition(' ')[2]}) ({words})"
+    columns = "y, x" if rest == ["yx"] else ", ".join(rest)
+    return f" ({words}) ({' '.join(rest)}) ({columns})"
 
 
 def _behind(text: str, end: int) -> str:
@@ -337,8 +357,9 @@ def _parents(text: str, begin: int, start: int) -> list[str]:
 
 def _parents_by_line(before: Sequence[str], line: str) -> str:
     """Name what holds a line in YAML, outermost first, or the road user whose heading it has."""
-    key = re.match(r"([ \t]*)(?:- )?[\"']?[\w .\-]{1,40}[\"']?:", line)
+    key = re.match(r"([ \t]*)(- )?[\"']?[\w .\-]{1,40}[\"']?:", line)
     indent = len(key[1]) if key is not None else 0
+    in_item = key is not None and key[2] is None
     found: list[str] = []
     for one in reversed(before):
         if not one.strip():
@@ -348,6 +369,15 @@ def _parents_by_line(before: Sequence[str], line: str) -> str:
             return title.lower() if _NAMES_USER.fullmatch(title) else ""
         parent = _KEY_LINE.match(one)
         depth = len(one) - len(one.lstrip())
+        is_item = one.lstrip().startswith("- ")
+        if in_item and indent and (depth == indent or (is_item and depth < indent)):
+            named = _NAME_LINE.match(one)
+            if named is not None and depth + 2 * is_item == indent:
+                name = named["name"].lower()
+                found += [name] if _NAMES_USER.fullmatch(name) or _OWN.search(name) else []
+        if is_item and depth < indent:
+            in_item, indent = False, depth + 1
+            continue
         if depth >= indent:
             if not indent:
                 break
@@ -381,7 +411,8 @@ def _owner(words: str, is_key: bool = False) -> Owner:
             return Owner.OTHER
         if is_key and re.search(r"\bpositions?\b|\blocations?\b", rest) and not _PLAN.search(rest):
             return Owner.OTHER
-    plan = _PLAN.search(said) is not None or (own and re.search(r"\bpositions?|points?\b", said))
+    named = said if own else _REFERENCE.sub(" ", said)
+    plan = _PLAN.search(named) is not None or (own and re.search(r"\bpositions?|points?\b", said))
     return Owner.OWN if plan else Owner.UNSAID
 
 

@@ -273,9 +273,11 @@ _USUAL = tuple(
 )
 # Another frame than the vehicle's.
 _OTHER_FRAME = re.compile(
-    r"\b(?:global|world|map|utm|enu|geographic|gps|image|camera|frenet|polar)[ -]"
+    r"\b(?:global|world|map|utm|enu|geographic|gps|image|camera|frenet|polar|lidar|sensor|radar)"
+    r"[ -]"
     r"(?:frame|coordinates?|coordinate system|axes|space|plane)\b"
     r"|\b(?:utm|wgs[- ]?84|ecef|epsg)\b|(?<=[(\[])\s*(?:ned|enu)\b|\b(?:ned|enu)\s*(?=[)\]])"
+    r"|\bin (?:local )?(?:ned|enu)\b"
 )
 # Ways of single steps, not places.
 _DIFFERENCES = re.compile(
@@ -284,7 +286,8 @@ _DIFFERENCES = re.compile(
     r"|\b(?:each|every) \w+ relative to (?:the )?(?:previous|last|one before)\b"
     r"|\b(?:(?:relative|step[- ]?wise|successive|incremental|consecutive|per[- ]step)[ _]"
     r"(?:displacements?|deltas?|offsets?|increments?|movements?)"
-    r"|deltas|displacements|(?<=trajectory )increments)\b"
+    r"|deltas|displacements|(?<=trajectory )increments"
+    r"|deltas?[ _](?:traj\w*|way\w*|paths?|plans?|positions|coordinates)|order deltas?)\b"
     r"(?! (?:from|to|of|relative to|with respect to) (?:the |my |our )?"
     r"(?:ego|vehicle|car|current|present|origin|start|own|position))"
 )
@@ -316,6 +319,7 @@ _BACKWARDS = re.compile(
     r"|\bfrom (?:the )?(?:last|latest|farthest|furthest|final) (?:\w+ )?(?:back )?to (?:the )?"
     r"(?:first|earliest|nearest|next)\b"
     r"|\brevers\w+(?: chronological)? order\b|\bbackwards? in time\b|\bin reverse\b"
+    r"|\border (?:reversed?|descending|backwards?)\b"
 )
 
 

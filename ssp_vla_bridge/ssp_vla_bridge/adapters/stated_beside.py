@@ -12,14 +12,21 @@ import re
 from collections.abc import Iterator
 
 from ssp_vla_bridge.adapters.stated import states_columns
-from ssp_vla_bridge.adapters.stated_times import STATING, Beside, Raster, states_times
+from ssp_vla_bridge.adapters.stated_times import (
+    REACHING,
+    STATING,
+    Beside,
+    Raster,
+    stated_horizon,
+    states_times,
+)
 
 _LOOKED_AT = 400
 _LONGEST = 200
 _KEYED = r"[\"'](?P<key>[\w .\-]{1,40})[\"']\s*:\s*"
 _VALUE = (
     r"(?P<value>\"[^\"\n]{0,80}\"|'[^'\n]{0,80}'|\[[^\[\]{}]{0,200}\]|\{[^\[\]{}]{0,200}\}"
-    r"|[-+]?\d*\.?\d+(?![\w.]))"
+    r"|[-+]?\d*\.?\d+(?![\w.])|true\b|false\b)"
 )
 _FIELD = re.compile(_KEYED + _VALUE)
 _ELEMENT = re.compile(r"<(?P<key>[A-Za-z][\w.\-]{0,40})>\s*(?P<value>[^<>\n]{1,80}?)\s*</(?P=key)>")
@@ -28,7 +35,7 @@ _TAG = re.compile(
 )
 _ATTRIBUTE = re.compile(r"(?P<key>[\w.\-]{1,40})\s*=\s*(?P<value>[\"'][^\"']{0,80}[\"'])")
 _LINE = re.compile(
-    r"[ \t]*(?:[-*•][ \t]+)?[*_`]*(?P<key>[A-Za-z][\w .\-]{0,40}?)[*_`]*\s*[:=][*_`]*\s+"
+    r"[ \t]*(?:[-*•][ \t]+)?[*_`]*(?P<key>[A-Za-z][\w .()\-]{0,40}?)[*_`]*\s*[:=][*_`]*\s+"
     r"(?P<value>[^\s{][^\n]{0,120}?)[ \t,;.]*"
 )
 _SENTENCE_END = re.compile(r"[.!?](?=\s|\Z)|\n")
@@ -48,17 +55,39 @@ _HERTZ = frozenset({"hz", "fps", "hertz"})
 _STEP = frozenset({"dt", "δt", "interval", "intervals", "period", "cadence", "timestep", "between"})
 # A step in time or in space: "spacing".
 _STEP_OF_SOME = frozenset({"step", "stepsize", "spacing", "resolution", "sampling", "separation"})
+# The first and the last time, an axis and the order of columns, ways of single steps.
+_BEGIN = frozenset({"start", "begin", "first", "initial", "0"})
+_END = frozenset({"end", "last", "final"})
+_AXIS = frozenset({"axis", "direction"})
+_COLUMNS = frozenset({"columns", "fields", "axes", "order", "format", "names"})
+_OF_COLUMNS = _COLUMNS | frozenset({"column", "coordinate", "coordinates", "axis", "field", "data"})
+_STEPWISE = frozenset({"delta", "deltas", "incremental", "differences", "displacements"})
+_OF_STEPWISE = frozenset(
+    {"is", "are", "as", "to", "use", "uses", "encoded", "previous", "relative"}
+)
+_SCALE = frozenset({"scale", "scaling"})
+# How far a plan reaches; the words that may stand beside "seconds" alone.
+_REACH = frozenset({"duration", "span", "timespan", "lookahead", "window", "length", "horizon"})
+_REACH_WITH = frozenset({"look", "ahead", "total", "overall"})
+_OF_SECONDS = frozenset({"ahead", "future", "total", "num", "number", "n", "of", "planned", "plan"})
+_MOST_SECONDS = 10.0  # more may be a clock
+# Steps that a unit of length makes ways.
+_BY_WAY = frozenset(
+    {"spacing", "step", "stepsize", "separation", "sampling", "interval", "between"}
+)
+_METRES = frozenset({"m", "metre", "metres", "meter", "meters"})
 _RATE = frozenset({"rate", "frequency", "freq", "samplerate"})
 _TIMES = frozenset(
     {"t", "ts", "time", "times", "timestamp", "timestamps", "stamps", "timesteps", "timestep"}
 )
+_LISTED = frozenset({"times", "timestamps", "stamps"})
 _OF_TIME = frozenset({"time", "temporal", "delta", "t", "sampling", "sample"})
 _OF_ROWS = frozenset(
     {"waypoint", "waypoints", "way", "point", "points", "row", "rows", "trajectory", "traj", "path"}
     | {"plan", "planning", "planned", "prediction", "predicted", "output", "future", "position"}
     | {"positions", "sample", "samples", "frame", "frames", "step", "steps", "size", "time"}
     | {"delta", "t", "temporal", "sampling", "model", "relative", "rel", "two", "consecutive"}
-    | {"each", "per", "ego", "length", "in", "the", "of", "constant", "update"}
+    | {"each", "per", "ego", "length", "in", "the", "of", "constant", "update", "axis", "range"}
 )
 _ALL_OF_TIME = _MILLI | _SECONDS | _HERTZ | _STEP | _STEP_OF_SOME | _RATE | _TIMES | _OF_ROWS
 _OF_LENGTH = _OF_ROWS | frozenset(
@@ -85,7 +114,23 @@ _OWN_FRAME = frozenset(
     | {"hero", "relative", "rear", "axle", "bev", "flu", "frd", "rfu", "forward", "vut", "host"}
 )
 _OTHER_FRAME = frozenset(
-    {"map", "odom", "odometry", "world", "global", "earth", "utm", "wgs", "ecef", "enu", "ned"}
+    {
+        "lidar",
+        "velodyne",
+        "radar",
+        "sensor",
+        "map",
+        "odom",
+        "odometry",
+        "world",
+        "global",
+        "earth",
+        "utm",
+        "wgs",
+        "ecef",
+        "enu",
+        "ned",
+    }
     | {"gps", "geographic", "image", "camera", "pixel", "pixels", "frenet", "polar", "opendrive"}
 )
 # Units that need no conversion or that the reader of headings knows; any other is a problem.
@@ -110,8 +155,20 @@ kilometres kilometers pixels pixel px map world global utm enu ned camera image 
 reference relative spaced sits lies comes later earlier preceding than
 three four five six seven eight nine ten half last latest farthest nearest
 """
+# Words beside those of horizons of which a sentence on how far a plan reaches consists; sides and
+# actions aren't among them: "I plan to move left over the next 4 s".
+_OF_PLAN_TEXT = """
+i we my our own ego vehicle car self autonomous will here that this these they all it its so
+give gives given list lists listed plan plans planned planning trajectory trajectories path paths
+route waypoint waypoints way points positions coordinate coordinates output predict predicts below
+above following follow follows drive drives driving take takes execute executes reach reaches pass
+cover extend extends through current present now safe smooth optimal recommended proposed intended
+desired final complete entire whole full corresponding resulting
+three four five six seven eight nine ten half
+"""
 _IN_BRACKETS = re.compile(r"[()\[\]]")
 _CARRIERS = STATING | frozenset(_CARRIERS_TEXT.split())
+_OF_PLAN = REACHING | frozenset(_OF_PLAN_TEXT.split())
 _WORDS = re.compile(r"[^\W\d_]+(?:_[^\W\d_]+)*")
 
 
@@ -138,6 +195,8 @@ def said_beside(
     for sentence in _sentences(text[begin:start], text[end:last], after_list, stop < len(text)):
         if states_times(sentence) or (points and states_columns(sentence)):
             words += f" ({_IN_BRACKETS.sub(',', sentence)})"
+        elif horizon := _horizon(sentence):
+            words += f" ({horizon})"
     return Beside(words.lower(), problem if points else "", of_times)
 
 
@@ -203,7 +262,7 @@ def _closing_brace(text: str, end: int) -> int:
 
 
 def _sentences(before: str, behind: str, after_list: bool, list_follows: bool) -> list[str]:
-    """Return the sentences beside a list that have no word but those of statements.
+    """Return the sentences beside a list that have no word but those of statements or horizons.
 
     Args:
         before: the text before the list.
@@ -226,8 +285,14 @@ def _sentences(before: str, behind: str, after_list: bool, list_follows: bool) -
 
 def _is_statement(sentence: str) -> bool:
     words = _WORDS.findall(sentence)
-    short = bool(words) and len(sentence) <= _LONGEST
-    return short and _CARRIERS.issuperset(words) and _OF_CAMERA.search(sentence) is None
+    if not words or len(sentence) > _LONGEST or _OF_CAMERA.search(sentence) is not None:
+        return False
+    return _CARRIERS.issuperset(words) or _horizon(sentence) != ""
+
+
+def _horizon(sentence: str) -> str:
+    """Return the horizon of a sentence that is on nothing else, empty: it states none."""
+    return stated_horizon(sentence) if _OF_PLAN.issuperset(_WORDS.findall(sentence)) else ""
 
 
 def _of_field(key: str, value: str, rows: int, raster: Raster) -> Beside:
@@ -240,15 +305,50 @@ def _of_field(key: str, value: str, rows: int, raster: Raster) -> Beside:
         return Beside()
     if not known.isdisjoint({"unit", "units"}):
         return _of_units(known, value, plain)
-    if "horizon" in known:
-        return _of_horizon(known, plain, rows, raster)
+    if (reach := _of_reach(known, value, plain, rows, raster)) is not None:
+        return reach
+    if (by_way := _of_way(known, plain)) is not None:
+        return by_way
+    if (bound := _of_bound(known, plain)) is not None:
+        return bound
+    if value in ("true", "false"):
+        return _of_flag(known, plain)
     if known <= _OF_FRAME and not known.isdisjoint({"frame", "frameid", "system", "crs"}):
         return _of_frame(known, key, plain)
-    if known in ({"axes"}, {"order"}, {"format"}, {"axes", "order"}):
-        return Beside(f"; {key} {plain}")
+    if not known.isdisjoint(_COLUMNS) and known <= _OF_COLUMNS | _OF_ROWS:
+        return Beside(f"; {key} {plain}; order {plain}")
+    axis = known - _AXIS
+    if axis in ({"x"}, {"y"}) and _NUMBER.fullmatch(plain) is None:
+        return Beside(f" ({''.join(axis)} {plain})")
+    if not known.isdisjoint(_SCALE) and known <= _SCALE | _OF_LENGTH | {"factor"}:
+        scaled = _NUMBER.fullmatch(plain) is not None and float(plain) != 1.0
+        return Beside(problem=f"the list is scaled by {plain}" if scaled else "")
     if not known <= _ALL_OF_TIME or known == {"frame", "rate"}:
         return Beside()
     return _of_time(known, key, value, plain, rows, raster)
+
+
+def _of_bound(known: set[str], plain: str) -> Beside | None:
+    """Return the time of the first or last row that a field states; None: it states none."""
+    rest = known - _OF_ROWS - _SECONDS - _MILLI - _TIMES
+    is_first = rest <= _BEGIN
+    if not rest or not (is_first or rest <= _END) or known.isdisjoint(_TIMES | _SECONDS | _MILLI):
+        return None
+    number = re.sub(r"\s*(?:s|secs?|seconds?)$", "", plain)
+    if _NUMBER.fullmatch(number) is None:
+        return Beside()
+    time_s = float(number) * (0.001 if known & _MILLI else 1.0)
+    if not 0.0 < time_s <= _MOST_SECONDS:
+        return Beside()
+    return Beside(f" (first point at t = {time_s:g} s)" if is_first else f" (horizon {time_s:g} s)")
+
+
+def _of_flag(known: set[str], plain: str) -> Beside:
+    """Return what a field that is true or false says: that rows are ways of single steps."""
+    stepwise = not known.isdisjoint(_STEPWISE) or known >= {"relative", "previous"}
+    if plain == "true" and stepwise and known <= _STEPWISE | _OF_STEPWISE | _OF_ROWS:
+        return Beside(problem="the list gives the ways of single steps")
+    return Beside()
 
 
 def _of_units(known: set[str], value: str, plain: str) -> Beside:
@@ -267,15 +367,41 @@ def _of_units(known: set[str], value: str, plain: str) -> Beside:
     return Beside(f"; units {plain} ({plain})", problem)
 
 
-def _of_horizon(known: set[str], plain: str, rows: int, raster: Raster) -> Beside:
-    if not known - {"horizon"} <= _ALL_OF_TIME:
-        return Beside()
+def _of_reach(known: set[str], value: str, plain: str, rows: int, raster: Raster) -> Beside | None:
+    """Return what a field says of how far a plan reaches; None: it is no such field.
+
+    A number without a unit is a horizon in seconds, unless it counts the rows; of a duration it
+    says nothing.
+    """
     number = _NUMBER.fullmatch(plain)
+    if "horizon" not in known and value.startswith("["):
+        return None
+    if known & {"seconds", "secs"} and known - _SECONDS <= _OF_SECONDS:
+        if number is None or not raster.step_s < float(plain) <= _MOST_SECONDS:
+            return Beside()
+        return Beside(f" (horizon {plain} s)")
+    is_total = "total" in known and "time" in known
+    if known.isdisjoint(_REACH) and not is_total and not known >= {"look", "ahead"}:
+        return None
+    if not known - _REACH - _REACH_WITH <= _ALL_OF_TIME:
+        return Beside() if "horizon" in known else None
     unit = "ms" if known & _MILLI else "s" if known & _SECONDS else ""
     if number is not None and not unit:
-        counts = (rows, raster.rows, rows + 1)
-        unit = "" if float(plain) in counts else "s"
-    return Beside(f"; horizon {plain} {unit}")
+        if "horizon" not in known or float(plain) in (rows, raster.rows, rows + 1):
+            return Beside()
+        unit = "s"
+    return Beside(f" (horizon {plain} {unit})")
+
+
+def _of_way(known: set[str], plain: str) -> Beside | None:
+    """Return the way between rows that a field states; None: it states none."""
+    rest = known - _METRES
+    if rest.isdisjoint(_BY_WAY) or not rest <= _BY_WAY | _OF_ROWS | {"distance"}:
+        return None
+    number = plain if known & _METRES else re.sub(r"\s*(?:m|met(?:er|re)s?)$", "", plain)
+    if _NUMBER.fullmatch(number) is None or not (known & _METRES or number != plain):
+        return None
+    return Beside(f" (every {number} m)")
 
 
 def _of_frame(known: set[str], key: str, plain: str) -> Beside:
@@ -294,8 +420,10 @@ def _of_time(
     known: set[str], key: str, value: str, plain: str, rows: int, raster: Raster
 ) -> Beside:
     unit = "ms" if known & _MILLI else "s" if known & _SECONDS else ""
-    if value.startswith("["):
+    if value.startswith("[") or (not known.isdisjoint(_LISTED) and "," in plain):
         return _of_array(known, key, plain, unit, rows, raster)
+    if "range" in known and not known.isdisjoint(_TIMES):
+        return Beside(f" (t = {plain} {unit})")
     is_rate = bool(known & _HERTZ) or (bool(known & _RATE) and len(known) > 1)
     is_rate = is_rate or not known.isdisjoint({"frequency", "freq", "samplerate"})
     is_step = not is_rate and (bool(known & _STEP) or known >= {"delta", "t"})
@@ -329,7 +457,10 @@ def _of_array(
     if known.isdisjoint(_TIMES | _SECONDS | _MILLI):
         return Beside()
     problem = Beside(times_problem=f"the times can't be read that {key!r} states: {plain[:60]!r}")
-    given = [re.sub(r"\s*(?:s|secs?|seconds?)$", "", one.strip()) for one in plain.split(",")]
+    given = [
+        re.sub(r"^t\s*[+=]\s*|\s*(?:s|secs?|seconds?)$", "", one.strip())
+        for one in plain.split(",")
+    ]
     if not all(_NUMBER.fullmatch(one) for one in given):
         return problem
     values = [float(one) for one in given]
@@ -337,7 +468,7 @@ def _of_array(
         values, given = values[1:], given[1:]
     if len(values) != rows:
         span = len(values) == 2
-        return Beside(f"; horizon t = {given[0]} to {given[1]} {unit or 's'}") if span else problem
+        return Beside(f" (t = {given[0]} to {given[1]} {unit or 's'})") if span else problem
     counted = not known.isdisjoint({"steps", "timesteps", "step", "timestep"}) and not unit
     first = values[0]
     if counted and first in (0, 1) and values == [first + k for k in range(rows)]:

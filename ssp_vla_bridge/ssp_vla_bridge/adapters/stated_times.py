@@ -2,7 +2,8 @@
 
 Read are times themselves, a first and a last one, the time of the first row, and a step or rate.
 How far a plan reaches ("over the next 6 s") is the time of its last row, by one step, or the
-interface's horizon. What states times in any other way is a problem, never passed over.
+interface's horizon. What states times in any other way is a problem, never passed over, and so are
+rows that are spaced by their way ("every 1 m").
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ from ssp_vla_bridge.adapters.plan_label import PLAN_WORDS
 _NUMBER = r"\d*\.?\d+"
 _UNIT = r"(?:ms|msecs?|milliseconds?|s|secs?|seconds?)"
 _ROW = r"(?:(?:way-?)?points?|rows?|pairs?|samples?|positions?|poses?|steps?|entr(?:y|ies)|values?)"
-_LISTED = (
-    rf"{_NUMBER}(?:\s*{_UNIT}?\s*(?:,\s*and|,|and|/)\s*{_NUMBER})+"  # "1, 2, 3", "1 s, 2 s and 3"
+_LISTED = (  # "1, 2, 3", "1 s, 2 s and 3", "1 s, t = 2 s"
+    rf"{_NUMBER}(?:\s*{_UNIT}?\s*(?:,\s*and|,|and|/)\s*(?:t\s*[=+]\s*)?{_NUMBER})+"
 )
 _TIMES = re.compile(
-    rf"(?:\bt\s*=|\btimes?(?:_?stamps?)?(?:_m?s)?\s*(?:[:=]|are|at)?|\bat)\s*[\[(]?(?P<timed>{_LISTED})"
+    rf"(?:\bt\s*[=+]|\btimes?(?:_?stamps?)?(?:_m?s)?\s*(?:[:=]|are|at)?|\bat)\s*[\[(]?"
+    rf"(?P<timed>{_LISTED})"
     rf"[\])]?\s*(?P<unit>{_UNIT})\b"
     rf"|\b(?P<in>milli)?seconds\s*:?\s*[\[(]?(?P<named>{_LISTED})"
     rf"|\b(?:t\s*=|times?(?:_?stamps?|_s)?\s*[:=]?)\s*[\[(]?(?P<bare>{_LISTED})(?![\w.])"
@@ -80,11 +82,20 @@ _IS_STEP = r"[ -]*(?:steps?|apart|intervals?|spac|increments?|each|between|per|r
 # How far a plan reaches.
 _HORIZON = re.compile(
     r"\b(?:next|over|for|horizon|within|future|coming|following|total|duration|until|up to|lasting"
-    r"|length|long)\b(?:\W+(?:the|a|of|is|next|coming|following|future|time|horizon|period|window"
+    r"|length|long|covering|covers?|spanning|(?<!step )(?<!interval )spans?)\b"
+    r"(?:\W+(?:the|a|of|is|next|coming|following|future|time|horizon|period|window"
     rf"|span|about|approximately))*\W*(?P<behind>{_NUMBER})\W?(?P<unit>{_UNIT})\b(?!{_IS_STEP})"
     rf"|(?<![\w.])(?P<before>{_NUMBER})\W?(?P<of>{_UNIT})[ -]"
     r"(?:horizon|trajector\w+|plan\w*|ahead|long|total|windows?|look\w*|future|in (?:all|total)"
     r"|into|of (?:driving|motion))\b"
+    rf"|\b(?:last|final)\s+(?:{_ROW}|one)\s*(?:(?:is|lies|stands|at|t|[=:(])\s*)*"
+    rf"(?P<last>{_NUMBER})\s*(?P<at>{_UNIT})\b"
+)
+# The way between rows, which says nothing of their times.
+_WAY = rf"{_NUMBER}\s*(?:m|met(?:er|re)s?|cm|ft|feet)\b"
+_BY_WAY = re.compile(
+    rf"\b(?:every|spac(?:ed|ing)|steps? of|intervals?)(?:\s*(?:by|of|at|[:=]))*\s*{_WAY}"
+    rf"|(?<![\w.]){_WAY}[ -](?:apart|spacing|spaced|intervals?|steps?)\b"
 )
 # Words of which a statement of times consists; a remark has others: "(headway 2 s)".
 _STATING_TEXT = """
@@ -99,7 +110,7 @@ fixed uniform equal equally evenly m metre metres meter meters x y
 """
 STATING = frozenset(_STATING_TEXT.split())
 # Words of which a statement of a horizon consists as well.
-_REACHING = STATING | frozenset(
+REACHING = STATING | frozenset(
     {"horizon", "over", "within", "future", "coming", "following", "total", "duration", "up"}
     | {"lasting", "length", "long", "ahead", "look", "lookahead", "in", "all", "into", "window"}
     | {"covering", "covers", "spanning", "span", "planning", "prediction", "predicted", "about"}
@@ -112,6 +123,7 @@ _TIMED = re.compile(
 )
 _BRACKET = re.compile(r"[(\[]([^()\[\]]*)[)\]]")
 _PLAN = re.compile(rf"\b{PLAN_WORDS}\b")
+_POINTS = re.compile(rf"\b(?:{PLAN_WORDS}|points?|positions?|coordinates|output|prediction)\b")
 # "The next 6 s of my trajectory", "6 s trajectory".
 _NAMED_BY_HORIZON = re.compile(
     rf"\b(?:next|coming|following)\W+{_NUMBER}\W?{_UNIT} (?:of|for) (?:\w+ )?{PLAN_WORDS}\b"
@@ -181,6 +193,23 @@ def states_times(words: str) -> bool:
     for written, number in _IN_WORDS:
         words = written.sub(number, words)
     return any(one.search(words) for one in (_TIMES, _FIRST)) or _step(words)[0] is not None
+
+
+def stated_horizon(sentence: str) -> str:
+    """Return the horizon that a sentence in lower case states of a plan, as a heading would.
+
+    It names the plan, or has no words but those of the horizon; empty: it states none.
+    """
+    for written, number in _IN_WORDS:
+        sentence = written.sub(number, sentence)
+    match = _HORIZON.search(sentence)
+    if match is None:
+        return ""
+    rest = sentence[: match.start()] + sentence[match.end() :]
+    if "horizon" not in sentence and _POINTS.search(sentence) is None and _WORDS.search(rest):
+        return ""
+    last, unit = _reach(match)
+    return f"horizon {last:g} {unit}"
 
 
 def in_seconds(times: Times, said: str, raster: Raster) -> Times:
@@ -324,16 +353,21 @@ def _statements(said: str, known: frozenset[str] = STATING) -> list[str]:
 
 def _other_horizon(said: str, count: int, raster: Raster) -> str:
     """Name a horizon that is neither that of the rows nor the interface's, else nothing."""
-    parts = (*_statements(said, _REACHING), *_HORIZON_LINE.findall(said))
+    parts = (*_statements(said, REACHING), *_HORIZON_LINE.findall(said))
     named = [match.group() for match in _NAMED_BY_HORIZON.finditer(said)]
     for part in (*parts, *named):
         match = _HORIZON.search(part)
         if match is None:
             continue
-        given, unit = match["behind"] or match["before"], match["unit"] or match["of"]
-        if _is_other(float(given), unit, count, raster):
+        if _is_other(*_reach(match), count, raster):
             return match.group()
     return ""
+
+
+def _reach(match: re.Match[str]) -> tuple[float, str]:
+    """Return the time and the unit of a horizon."""
+    given = match["behind"] or match["before"] or match["last"]
+    return float(given), match["unit"] or match["of"] or match["at"]
 
 
 def _is_other(last: float, unit: str, count: int, raster: Raster) -> bool:
@@ -348,6 +382,8 @@ def _unread(said: str, count: int, raster: Raster) -> str:
     if other := _other_horizon(said, count, raster):
         return f"the list's times are unknown: {count} rows for {other!r}"
     for part in _statements(said):
+        if (by_way := _BY_WAY.search(part)) is not None:
+            return f"the list's times are unknown: {by_way.group()!r}"
         span = _ONLY_SPAN.fullmatch(part)
         if span is not None and abs(float(span["span"]) - count * raster.step_s) <= raster.step_s:
             continue
