@@ -121,7 +121,7 @@ def folder(tmp_path: Path) -> Path:
         }
         for k in range(4)
     ]
-    drawn = asdict(Draw("cut_in", 0, 4, 2, 1, 1, ["traffic"]))
+    drawn = asdict(Draw("cut_in", 0, 4, 2, 1, 1, 0, ["traffic"]))
     kept = {"starts": starts, "drawn": [drawn]}
     sealed = {**kept, "schema": STARTS_SCHEMA, "hash": sha256_json(kept)}
     (place / "starts.json").write_text(json.dumps(sealed))
@@ -237,7 +237,8 @@ def test_the_page_has_the_shares_of_drawn_starts_and_what_is_left_out(
 ) -> None:
     assert (
         "Starts: 4 critical (50 %), 2 harmless (25 %), 1 unavoidable (12 %), 1 off_spec (12 %), "
-        "of 8 drawn by seed from 0 on; without traffic, which no driven session has."
+        "0 short_run_up (0 %), of 8 drawn by seed from 0 on; without traffic, which no driven "
+        "session has."
     ) in render(campaign)
 
 

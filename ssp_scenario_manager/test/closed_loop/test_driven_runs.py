@@ -25,6 +25,7 @@ from ssp_core.world.plant import StepReport
 from ssp_ot_controller.driving import baselines
 from ssp_ot_controller.driving.baselines import lane_plan
 from ssp_scenario_manager.cli.run import run as run_command
+from ssp_scenario_manager.closed_loop.campaigns.seal import _drawn
 from ssp_scenario_manager.closed_loop.contact import contact_words, first_contact, until
 from ssp_scenario_manager.closed_loop.outcomes.needless import needless_in
 from ssp_scenario_manager.closed_loop.outcomes.outcome import (
@@ -38,8 +39,9 @@ from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
 from ssp_scenario_manager.closed_loop.single_run.before import Before, before_of_folder
 from ssp_scenario_manager.closed_loop.single_run.sessions import told_of_session
 from ssp_scenario_manager.closed_loop.single_run.top_view import top_view
-from ssp_scenario_manager.closed_loop.starts.start import OffSpec, Start, make_start, twin_of
+from ssp_scenario_manager.closed_loop.starts.start import ShortRunUp, Start, make_start, twin_of
 from ssp_scenario_manager.compile.targets.folder import prepare_run
+from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import (
     InProcessResult,
@@ -53,9 +55,13 @@ SEED = 1
 
 
 @pytest.fixture(scope="module")
-def compiled(tmp_path_factory: pytest.TempPathFactory) -> RunSpec:
-    folder = tmp_path_factory.mktemp("driven") / "cut_in"
-    return prepare_run("cut_in", "boulevard", folder, seed=SEED, mode="lockstep")
+def compiled_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("driven") / "cut_in"
+
+
+@pytest.fixture(scope="module")
+def compiled(compiled_folder: Path) -> RunSpec:
+    return prepare_run("cut_in", "boulevard", compiled_folder, seed=SEED, mode="lockstep")
 
 
 @pytest.fixture(scope="module")
@@ -130,8 +136,20 @@ def test_values_are_drawn_from_the_box_and_a_seed_gives_the_same_start(
 
 
 def test_a_seed_whose_first_trigger_leaves_no_time_is_no_start(compiled: RunSpec) -> None:
-    with pytest.raises(OffSpec, match=r"run-up is too short.*first trigger fires"):
+    with pytest.raises(ShortRunUp, match=r"run-up is too short.*first trigger fires"):
         make_start(compiled, load_event("cut_in")[0], SEED, latency_max_s=9.0)
+
+
+def test_a_seed_without_time_for_the_hand_over_is_counted_apart_from_another_event(
+    compiled_folder: Path, compiled: RunSpec
+) -> None:
+    """The same seed is critical where the largest latency is smaller."""
+    event_file = str(compiled_folder / TASK_FOLDER / EVENT_FILE)
+    told = compiled.model_dump_json(by_alias=True)
+    assert _drawn(told, event_file, (2.0, 0.0), SEED)[0] == "critical"
+    kind, facts = _drawn(told, event_file, (9.0, 0.0), SEED)
+    assert (kind, facts["seed"]) == ("short_run_up", SEED)
+    assert facts["why"].startswith("the run-up is too short")
 
 
 def test_the_twin_at_the_times_of_its_triggers_is_the_twin_to_the_last_bit(start: Start) -> None:

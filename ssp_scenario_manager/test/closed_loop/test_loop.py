@@ -216,9 +216,9 @@ def test_starts_of_another_schema_are_refused_by_its_name(done: Path, tmp_path: 
     """Their shares of starts weren't kept, and a report of this version shows them."""
     folder = shutil.copytree(done, tmp_path / "older")
     kept = json.loads((folder / "starts.json").read_text())
-    assert kept["schema"] == "ssp.loop_starts/5"
-    (folder / "starts.json").write_text(json.dumps({**kept, "schema": "ssp.loop_starts/4"}))
-    with pytest.raises(InputError, match=r"starts\.json.*must be ssp.loop_starts/5.*starts/4"):
+    assert kept["schema"] == "ssp.loop_starts/6"
+    (folder / "starts.json").write_text(json.dumps({**kept, "schema": "ssp.loop_starts/5"}))
+    with pytest.raises(InputError, match=r"starts\.json.*must be ssp.loop_starts/6.*starts/5"):
         run(plan_of(), folder)
 
 

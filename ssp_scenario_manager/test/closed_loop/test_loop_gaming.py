@@ -30,7 +30,7 @@ from ssp_scenario_manager.closed_loop.outcomes.needless import needless_of
 from ssp_scenario_manager.closed_loop.outcomes.outcome import outcome_of
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
 from ssp_scenario_manager.closed_loop.single_run.single import told_of_run
-from ssp_scenario_manager.closed_loop.starts.start import OffSpec, Start, make_start
+from ssp_scenario_manager.closed_loop.starts.start import NoStart, Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task
 from ssp_scenario_manager.event_spec.load import load_event
@@ -64,7 +64,7 @@ def start_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[
         tunings = load_task(folder / TASK_FOLDER).tunings_of(run)
         k_star, seed, start = load_event(event)[0], EVENTS[event], None
         while start is None or start.contact is None:
-            with suppress(OffSpec):
+            with suppress(NoStart):
                 start = make_start(run, k_star, seed, latency_max_s=1.0, tunings=tunings)
             seed += 1
             assert seed < EVENTS[event] + 20

@@ -12,7 +12,13 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.road import CurvePiece
 from ssp_scenario_manager.closed_loop.starts.box import drawn_run, gap_draw
 from ssp_scenario_manager.closed_loop.starts.places import Places
-from ssp_scenario_manager.closed_loop.starts.start import OffSpec, Start, make_start, prepared
+from ssp_scenario_manager.closed_loop.starts.start import (
+    OffSpec,
+    ShortRunUp,
+    Start,
+    make_start,
+    prepared,
+)
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
@@ -98,7 +104,7 @@ def test_a_gap_leaves_time_for_the_hand_over(compiled: Compiled) -> None:
     assert draw.drawn_m(4.0) == pytest.approx(41.0 + share * 4.0)
     assert draw.drawn_m(100.0) == pytest.approx(30.0 + share * 15.0)
     # As large as K* has it, and still too small for a latency.
-    with pytest.raises(OffSpec, match="run-up is too short"):
+    with pytest.raises(ShortRunUp, match="run-up is too short"):
         make_start(run, event, 1, latency_max_s=9.0)
 
 

@@ -70,7 +70,10 @@ def test_seeds_are_tried_in_order_however_many_processes_share_them(
 def test_each_call_tells_what_was_drawn_and_the_seal_binds_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kinds = ("off_spec", "harmless", "harmless", "critical", "unavoidable", "critical")
+    kinds = (
+        *("off_spec", "harmless", "harmless", "critical"),
+        *("unavoidable", "short_run_up", "short_run_up", "critical"),
+    )
 
     def judge(*arguments: Any) -> tuple[str, dict[str, Any]]:
         seed = arguments[-1]
@@ -85,9 +88,12 @@ def test_each_call_tells_what_was_drawn_and_the_seal_binds_it(
     said: list[list[str]] = [[], []]
     for told in said:
         draw_starts(plan_of(starts=2), tmp_path, 1, told.append)
-    shares = "2 critical (33 %), 2 harmless (33 %), 1 unavoidable (17 %), 1 off_spec (17 %)"
+    shares = (
+        "2 critical (25 %), 2 harmless (25 %), 1 unavoidable (12 %), 1 off_spec (12 %), "
+        "2 short_run_up (25 %)"
+    )
     assert said[0] == [
-        f"starts of cut_in: {shares}, of 6 drawn by seed from 1 on",
+        f"starts of cut_in: {shares}, of 8 drawn by seed from 1 on",
         "cut_in is driven without traffic and adaptation, which no driven session has",
     ]
     assert said[1] == said[0]

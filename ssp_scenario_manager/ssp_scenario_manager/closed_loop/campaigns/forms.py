@@ -29,6 +29,7 @@ class SealedDraw(Strict):
     harmless: Count
     unavoidable: Count
     off_spec: Count
+    short_run_up: Count
     left_out: list[str]
 
 

@@ -22,14 +22,19 @@ from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver,
 from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start
 from ssp_scenario_manager.closed_loop.outcomes.rates import KINDS
 from ssp_scenario_manager.closed_loop.single_run.single import MOST_SEEDS
-from ssp_scenario_manager.closed_loop.starts.start import OffSpec, left_out_of, make_start
+from ssp_scenario_manager.closed_loop.starts.start import (
+    OffSpec,
+    ShortRunUp,
+    left_out_of,
+    make_start,
+)
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER, load_task
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.ordered_map import Engine, ordered_map
 
 PLAN_FILE, TASKS_FOLDER, STARTS_FILE = "plan.json", "tasks", "starts.json"
-STARTS_SCHEMA = "ssp.loop_starts/5"
+STARTS_SCHEMA = "ssp.loop_starts/6"
 # Their sources decide how a run goes and what it is rated.
 _PACKAGES = (
     "ssp_core",
@@ -43,7 +48,9 @@ _OTHER = {
     "sources": "is of other sources of this software, under the same version",
     "plan": "is of another campaign",
 }
-_DRAWN = (*KINDS, "off_spec")
+# Seeds that give no start.
+_OFF_SPEC, _SHORT = "off_spec", "short_run_up"
+_DRAWN = (*KINDS, _OFF_SPEC, _SHORT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +63,9 @@ class Draw:
         critical: starts of this kind, also those that aren't run.
         harmless: likewise.
         unavoidable: likewise.
-        off_spec: seeds that gave no start.
+        off_spec: seeds whose event isn't K*'s.
+        short_run_up: seeds whose place has no room for the hand-over before the event; the larger
+            the largest latency, the more.
         left_out: parts of the compiled run that its driven runs have none of.
     """
 
@@ -66,6 +75,7 @@ class Draw:
     harmless: int
     unavoidable: int
     off_spec: int
+    short_run_up: int
     left_out: list[str]
 
     @property
@@ -280,7 +290,7 @@ def _tell(draw: Draw, say: Callable[[str], None]) -> None:
 def _drawn(
     run_json: str, event_file: str, room_s: tuple[float, float], seed: int
 ) -> tuple[str, dict[str, Any]]:
-    """Return the kind of a seed's start (METHOD 8.1) and its facts; ``off_spec`` with a reason.
+    """Return the kind of a seed's start (METHOD 8.1) and its facts; of none, the reason.
 
     Args:
         run_json: as it was compiled.
@@ -293,7 +303,9 @@ def _drawn(
         tunings = load_task(Path(event_file).parent).tunings_of(run)
         start = make_start(run, load_event(event_file)[0], seed, *room_s, tunings)
     except OffSpec as error:
-        return "off_spec", {"seed": seed, "why": str(error)}
+        return _OFF_SPEC, {"seed": seed, "why": str(error)}
+    except ShortRunUp as error:
+        return _SHORT, {"seed": seed, "why": str(error)}
     facts = start.sealed()
     if start.contact is None:
         return "harmless", facts
@@ -302,4 +314,4 @@ def _drawn(
         return "critical", facts
     if outcome.contact is not None:
         return "unavoidable", facts
-    return "off_spec", {"seed": seed, "why": f"the oracle ends by {outcome.kind}: {outcome.why}"}
+    return _OFF_SPEC, {"seed": seed, "why": f"the oracle ends by {outcome.kind}: {outcome.why}"}

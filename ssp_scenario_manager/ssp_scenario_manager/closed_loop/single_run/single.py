@@ -31,7 +31,7 @@ from ssp_scenario_manager.closed_loop.outcomes.evaded import Twin
 from ssp_scenario_manager.closed_loop.outcomes.needless import needless_of
 from ssp_scenario_manager.closed_loop.outcomes.outcome import Drove, outcome_of, told_of
 from ssp_scenario_manager.closed_loop.starts.start import (
-    OffSpec,
+    NoStart,
     Start,
     commanded,
     make_start,
@@ -178,7 +178,7 @@ def next_start(
     for tried in range(seed, seed + MOST_SEEDS):
         try:
             return make_start(run, event, tried, latency_max_s, history_s, tunings)
-        except OffSpec as error:
+        except NoStart as error:
             why = why or str(error)
             say(f"seed {tried} gives no start of {run.scenario}: {error}")
     raise InputError(

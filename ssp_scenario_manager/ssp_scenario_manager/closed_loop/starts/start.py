@@ -35,8 +35,16 @@ _TWIN_S = 20.0
 _BEFORE_STEP_S = 0.001
 
 
-class OffSpec(Exception):
-    """The reason why a seed gives no start: its event isn't K*'s (METHOD 8.1)."""
+class NoStart(Exception):
+    """The reason why a seed gives no start."""
+
+
+class OffSpec(NoStart):
+    """The event of the seed isn't K*'s (METHOD 8.1)."""
+
+
+class ShortRunUp(NoStart):
+    """The place has no room for the hand-over before the event, which may well be K*'s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +169,8 @@ def make_start(
         tunings: of the task that the run is of, by field of K*, see ``drawn_run``.
 
     Raises:
-        OffSpec: the event of this seed isn't K*'s, or begins before the hand-over.
+        OffSpec: the event of this seed isn't K*'s.
+        ShortRunUp: it begins before the hand-over.
         InputError: the values make no run.
     """
     frame_s = _frame_period_s(run)
@@ -201,7 +210,7 @@ def make_start(
     if problem := _off_spec(twin, result, contact) or _shown_early(run, event, result, record):
         raise OffSpec(problem)
     if observable_s is None or observable_s < hand_over_s:
-        raise OffSpec("the event is observable before the hand-over")
+        raise ShortRunUp("the event is observable before the hand-over")
     over_s = resolved_s if contact is None else contact.at_s
     if over_s is None:
         raise OffSpec("without a response there is neither contact nor resolution")
@@ -398,7 +407,7 @@ def _run_up(run: RunSpec, latency_max_s: float, frame_s: float, history_s: float
     fires_s = ns_to_seconds(fires_ns)
     latest_s = fires_s - LIMITS.before_trigger_s
     if earliest_s > latest_s + EPSILON_S:
-        raise OffSpec(
+        raise ShortRunUp(
             f"the run-up is too short: the hand-over would be at {earliest_s:g} s, the first "
             f"trigger fires at {fires_s:g} s"
         )
