@@ -21,9 +21,9 @@ from ssp_core.host.processes import die_with_parent
 from ssp_core.host.ray_cluster import first_line, import_ray, joined
 from ssp_core.host.terminal import ignore_stop_signals
 from ssp_eval.data.labels import labels_version
+from ssp_eval.evaluate.bridges import TopicClients
 from ssp_eval.evaluate.campaign import labelled_clip
 from ssp_eval.evaluate.cell import evaluate_again
-from ssp_eval.evaluate.clients.bridges import TopicClients
 from ssp_eval.evaluate.clients.model_client import ClientsWithAnswerers, ModelClients
 from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.clients.topic_client import CONNECT_S

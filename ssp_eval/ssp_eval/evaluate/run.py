@@ -17,6 +17,7 @@ from ssp_core.host.terminal import pasteable
 from ssp_core.vocabulary import PHASES
 from ssp_eval.data.labels import labels_version
 from ssp_eval.data.provenance import find_labels
+from ssp_eval.evaluate.bridges import TopicClients
 from ssp_eval.evaluate.campaign import (
     NO_CONTROLS,
     Plan,
@@ -26,7 +27,6 @@ from ssp_eval.evaluate.campaign import (
     run_campaign,
 )
 from ssp_eval.evaluate.cell import fail_cell
-from ssp_eval.evaluate.clients.bridges import TopicClients
 from ssp_eval.evaluate.clients.model_client import ClientsWithAnswerers
 from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conditions.design import series_of

@@ -1,1 +1,1 @@
-"""The evaluator's nodes and parameters: the only part of this package that knows ROS."""
+"""The node ``evaluator`` and its parameters."""

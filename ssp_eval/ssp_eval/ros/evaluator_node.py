@@ -23,8 +23,8 @@ from ssp_eval.evaluate.clients.models import (
 )
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.executors import Settings
+from ssp_eval.evaluate.ros.model_node import NAME
 from ssp_eval.evaluate.run import evaluate_bags
-from ssp_eval.ros.model_node import NAME
 from ssp_eval.ros.parameters import EVALUATOR
 
 

@@ -1,6 +1,6 @@
 """The ROS parts that all nodes share: QoS, stamps, parameters, subscriptions, signals, executor.
 
-A package's ``ros`` folder is the only place in it that imports rclpy, messages or this package.
+A package's ``ros`` folders are the only places in it that import rclpy, messages or this package.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ import pytest
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
 from ssp_core.host.processes import ProcessGroup
-from ssp_eval.evaluate.clients.bridges import PROFILE
+from ssp_eval.evaluate.bridges import PROFILE
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 

@@ -17,8 +17,8 @@ import pytest
 
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
+from ssp_eval.evaluate.bridges import PROFILE, TopicClients
 from ssp_eval.evaluate.campaign import run_campaign
-from ssp_eval.evaluate.clients.bridges import PROFILE, TopicClients
 from ssp_eval.evaluate.clients.model_client import ModelClient
 from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conversation import CellOptions

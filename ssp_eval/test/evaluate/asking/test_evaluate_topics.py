@@ -18,10 +18,10 @@ from ssp_core.errors import InputError
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
 from ssp_core.host.processes import ProcessGroup
+from ssp_eval.evaluate.bridges import BRIDGE_MODULE, PROFILE, TopicClients, _in_time
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.cli import evaluate as evaluate_command
 from ssp_eval.evaluate.cli import model_specs
-from ssp_eval.evaluate.clients.bridges import BRIDGE_MODULE, PROFILE, TopicClients, _in_time
 from ssp_eval.evaluate.clients.model_client import ModelClient
 from ssp_eval.evaluate.clients.model_replies import IgnoredAnswers, ModelReply
 from ssp_eval.evaluate.clients.models import PICTURES, ModelSpec, bridge_spec

@@ -1,12 +1,7 @@
-"""The bridges of a campaign: started here in a domain of their own, or attached.
-
-ROS is imported when the first bridge is wanted, since `ssp_eval.ros` stands above this folder and a
-campaign whose answers are all stored must run without ROS.
-"""
+"""The bridges of a campaign: started here in a domain of their own, or attached."""
 
 from __future__ import annotations
 
-import importlib
 import json
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -114,14 +109,13 @@ class TopicClients(Closing):
                 self._stack.enter_context(adopted(environment))
                 self._group = self._stack.enter_context(ProcessGroup(environment, self._log_dir))
             try:
-                node = importlib.import_module("ssp_eval.ros.model_node")
+                from ssp_eval.evaluate.ros.model_node import open_transport
             except ImportError as error:
                 raise HostError(
                     f"ROS 2 can't be imported ({error}); bridges are reached over topics, so use "
                     "`./ssp`, or a shell in which ROS 2 Jazzy and this workspace are set up"
                 ) from error
-            transport: Transport = self._stack.enter_context(node.open_transport())
-            self._transport = transport
+            self._transport = self._stack.enter_context(open_transport())
         return self._transport
 
     def _start(self, model: ModelSpec, options: str, timeout_s: float) -> NodeProcess:

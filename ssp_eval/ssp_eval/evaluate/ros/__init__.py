@@ -1,0 +1,1 @@
+"""The node by which a campaign asks models over topics."""
