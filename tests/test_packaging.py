@@ -171,9 +171,57 @@ ALLOWED = {
 }
 
 
+# Tables of commands, nodes, backends and providers: modules that are loaded or started by name.
+TABLES_OF_NAMES = [
+    "ssp_eval/ssp_eval/audit/cli.py",
+    "ssp_msgs/ssp_core/cli.py",
+    "ssp_msgs/ssp_core/world/providers.py",
+    "ssp_ot_controller/ssp_ot_controller/rehearsal/__main__.py",
+    "ssp_scenario_manager/ssp_scenario_manager/cli/spec.py",
+    "ssp_scenario_manager/ssp_scenario_manager/cli/spec_extract.py",
+    "ssp_scenario_manager/ssp_scenario_manager/closed_loop/campaigns/seal.py",
+    "ssp_scenario_manager/ssp_scenario_manager/run/companions.py",
+    "ssp_scenario_manager/ssp_scenario_manager/run/over_dds.py",
+    "ssp_vla_bridge/ssp_vla_bridge/backend.py",
+]
+MODULE_NAME = re.compile(rf"({'|'.join(sorted(OURS))})(\.\w+)+\.?(:\w*)?")
+
+
+def named(file: Path) -> set[str]:
+    """Modules of ours that a file names in strings, by which it could load them past the layers."""
+    texts = (str(node.value) for node in nodes(file) if isinstance(node, ast.Constant))
+    return {text.partition(":")[0].rstrip(".") for text in texts if MODULE_NAME.fullmatch(text)}
+
+
+def named_as_imports(file: Path) -> set[str]:
+    """Modules that a file names outside a table; an ``__init__`` is the table of a public API."""
+    is_table = file.name == "__init__.py" or file in [ROOT / place for place in TABLES_OF_NAMES]
+    return set() if is_table else named(file)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        'importlib.import_module("ssp_eval.evaluate.driving")',
+        'MODULE = "ssp_eval.evaluate.driving"',
+        'place = f"ssp_eval.evaluate.driving:{function}"',
+        'PLACE = "ssp_eval.evaluate.driving:make_driver"',
+    ],
+)
+def test_a_module_that_is_named_in_a_string_counts_as_imported(tmp_path: Path, source: str) -> None:
+    (tmp_path / "door.py").write_text(source)
+    assert named_as_imports(tmp_path / "door.py") == {"ssp_eval.evaluate.driving"}
+
+
+def test_each_table_of_names_is_there_and_names_modules() -> None:
+    assert [place for place in TABLES_OF_NAMES if not named(ROOT / place)] == []
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_dependencies_point_one_way(package: str) -> None:
-    others = imported(sources(package)) & OURS - {package, "ssp_core", "ssp_msgs"}
+    files = sources(package)
+    by_name = {module.split(".")[0] for file in files for module in named_as_imports(file)}
+    others = (imported(files) | by_name) & OURS - {package, "ssp_core", "ssp_msgs"}
     assert others <= ALLOWED[package]
 
 
@@ -193,13 +241,15 @@ def folder_imports(package: str) -> dict[str, set[str]]:
 
     found: dict[str, set[str]] = {}
     for module, file in modules.items():
+        by_name = {folder_of(target) for target in named_as_imports(file) & modules.keys()}
+        found.setdefault(folder_of(module), set()).update(by_name)
         for node in nodes(file):
             if not isinstance(node, ast.ImportFrom) or (node.module or "").split(".")[0] != name:
                 continue
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
                 target = inner if inner in modules else str(node.module)
-                found.setdefault(folder_of(module), set()).add(folder_of(target))
+                found[folder_of(module)].add(folder_of(target))
     return {folder: others - {folder} for folder, others in found.items()}
 
 

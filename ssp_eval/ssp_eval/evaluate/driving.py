@@ -1,6 +1,6 @@
 """The models of ``ssp evaluate`` as drivers: one way to name a model, whatever it is to do.
 
-Its functions are those that ssp_core.world.driver asks a module of drivers for.
+Its functions are those that ssp_core.world.driver asks Provider.MODELS for.
 """
 
 from __future__ import annotations

@@ -6,7 +6,6 @@ knows beside that stands in one field of its own, which is empty for all others.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -22,11 +21,8 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.model import Camera
 from ssp_core.value_class import value_class
+from ssp_core.world.providers import Provider
 
-# Drivers of ours, and models behind bridges; each side is named by its module, since neither
-# imports the other.
-BASELINE_MODULE = "ssp_ot_controller.driving.baselines"
-BRIDGE_MODULE = "ssp_eval.evaluate.driving"
 _NOWHERE = Pose2(0.0, 0.0, 0.0)
 
 
@@ -342,14 +338,12 @@ def driver_options(
     Raises:
         InputError: no such driver, or no such option.
     """
-    baselines = importlib.import_module(BASELINE_MODULE)
+    baselines = Provider.BASELINES.load()
     if baselines.is_known(name):
         baselines.make_driver(name, given)
         return dict(given)
-    bridges = importlib.import_module(BRIDGE_MODULE)
-    options: dict[str, Any] = bridges.driver_options(
-        name, given, models_file, baselines.known_names()
-    )
+    models, known = Provider.MODELS.load(), baselines.known_names()
+    options: dict[str, Any] = models.driver_options(name, given, models_file, known)
     return options
 
 
@@ -359,12 +353,12 @@ def check_models(models_file: Path) -> None:
     Raises:
         InputError: it isn't valid.
     """
-    importlib.import_module(BRIDGE_MODULE).load_models(models_file)
+    Provider.MODELS.load().load_models(models_file)
 
 
 def sees_frames(name: str) -> bool:
     """Tell whether a driver's questions hold frames: those of all models do."""
-    known: bool = importlib.import_module(BASELINE_MODULE).is_known(name)
+    known: bool = Provider.BASELINES.load().is_known(name)
     return not known
 
 
@@ -375,7 +369,7 @@ def model_facts(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
         name: of a model.
         options: of it, as ``driver_options`` returned them.
     """
-    facts: dict[str, Any] = importlib.import_module(BRIDGE_MODULE).model_facts(name, options)
+    facts: dict[str, Any] = Provider.MODELS.load().model_facts(name, options)
     return facts
 
 
@@ -402,11 +396,10 @@ def make_driver(
         InputError: no such driver, or no such option.
     """
     if sees_frames(name):
-        bridges = importlib.import_module(BRIDGE_MODULE)
-        model: SeeingDriver = bridges.make_driver(name, options, recorded, is_wanted)
+        model: SeeingDriver
+        model = Provider.MODELS.load().make_driver(name, options, recorded, is_wanted)
         return model
-    driver: PlanDriver | None
-    driver = importlib.import_module(BASELINE_MODULE).make_driver(name, options)
+    driver: PlanDriver | None = Provider.BASELINES.load().make_driver(name, options)
     return driver
 
 

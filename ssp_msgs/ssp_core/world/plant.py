@@ -1,12 +1,7 @@
-"""A session in one process: what the manager's side asks of the world's, step by step.
-
-The two sides are made of the cores that the nodes have, and never import each other: the runner
-of a session in one process names the world's side by its module (``make_plant``).
-"""
+"""A session in one process: what the manager's side asks of the world's, step by step."""
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +16,7 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.value_class import value_class
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.driver import DriveReport, RecordedAnswer
-
-PLANT_MODULE = "ssp_ot_controller.in_process"
+from ssp_core.world.providers import Provider
 
 
 @value_class(frozen=True, slots=True)
@@ -155,22 +149,19 @@ class SessionCamera(Protocol):
 OnServer = Callable[[Mapping[str, Any]], None]
 
 
-def make_camera(
-    run: RunSpec, server: ServerOfRun | None, on_server: OnServer, module: str = PLANT_MODULE
-) -> SessionCamera:
+def make_camera(run: RunSpec, server: ServerOfRun | None, on_server: OnServer) -> SessionCamera:
     """Return the camera of a run that has one.
 
     Args:
         run: one that has a camera.
         server: that draws it; None: our own renderer does.
         on_server: takes the record of the server whenever it changes.
-        module: that has ``make_camera(run, server, on_server)``.
 
     Raises:
         InputError: the run's camera asks a server and none is given.
         HostError: CARLA's client isn't installed.
     """
-    camera: SessionCamera = importlib.import_module(module).make_camera(run, server, on_server)
+    camera: SessionCamera = Provider.PLANT.load().make_camera(run, server, on_server)
     return camera
 
 
@@ -178,7 +169,6 @@ def make_plant(
     run: RunSpec,
     work_dir: Path | None = None,
     answers: Sequence[RecordedAnswer] | None = None,
-    module: str = PLANT_MODULE,
 ) -> Plant:
     """Return the world's side of a run.
 
@@ -186,7 +176,6 @@ def make_plant(
         run: of the session.
         work_dir: for SUMO's files, where there is traffic; None: a temporary folder.
         answers: that the driver of a driven run gave before, and repeats; None: it is asked.
-        module: that has ``make_plant(run, work_dir, answers)``.
     """
-    plant: Plant = importlib.import_module(module).make_plant(run, work_dir, answers)
+    plant: Plant = Provider.PLANT.load().make_plant(run, work_dir, answers)
     return plant

@@ -1,11 +1,7 @@
-"""The recorder of a session in one process, as the manager's side sees it.
-
-As with the plant, neither side imports the other: the recorder is named by its module.
-"""
+"""The recorder of a session in one process, as the manager's side sees it."""
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Protocol
 
@@ -13,8 +9,7 @@ from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.plant import LimitFact, StepReport
-
-RECORDER_MODULE = "ssp_monitor.in_process"
+from ssp_core.world.providers import Provider
 
 
 class SessionRecorder(Protocol):
@@ -55,7 +50,6 @@ def make_recorder(
     run_file: Path,
     bag: Path,
     server: ServerOfRun | None = None,
-    module: str = RECORDER_MODULE,
 ) -> SessionRecorder:
     """Return the recorder of a run.
 
@@ -64,13 +58,11 @@ def make_recorder(
         run_file: of the run, with its task beside it.
         bag: a new folder.
         server: that draws the camera's frames; None: our own renderer does.
-        module: that has ``make_recorder(run, run_file, bag, server)``.
 
     Raises:
         InputError: the folder exists, or a file of the task can't be taken, or the run asks a
             server and none is given.
         HostError: the disk doesn't take it, or CARLA's client isn't installed.
     """
-    made = importlib.import_module(module).make_recorder(run, run_file, bag, server)
-    recorder: SessionRecorder = made
+    recorder: SessionRecorder = Provider.RECORDER.load().make_recorder(run, run_file, bag, server)
     return recorder

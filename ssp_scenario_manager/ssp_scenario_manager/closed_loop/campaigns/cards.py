@@ -7,7 +7,6 @@ onto the card when all runs are done.
 
 from __future__ import annotations
 
-import importlib
 import os
 import platform
 import sys
@@ -26,6 +25,7 @@ from ssp_core.run_file.driven import COMMANDED
 from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import GivenAnswer, model_facts, sees_frames
+from ssp_core.world.providers import Provider
 from ssp_scenario_manager.closed_loop.answers import load_answers, row_file
 from ssp_scenario_manager.closed_loop.campaigns.forms import SealedCards, check_form, read_sealed
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver, LoopPlan
@@ -44,8 +44,6 @@ _MEASURED = (
     *("answers", "p50_s", "p99_s", "encoding_p50_s", "transport_and_inference_p50_s"),
     *("parsing_p50_s", "over_bound"),
 )
-# The drivers' package, which is used through its names alone, as make_driver is.
-_FACTS_MODULE = "ssp_ot_controller.driving.facts"
 _WORDLESS = "asked without words"
 _VERSIONS = ("numpy", "scipy", "pydantic")
 
@@ -102,7 +100,7 @@ def _card(
     plan: LoopPlan, driver: CampaignDriver, starts: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     run = RunSpec.model_validate(starts[0]["run"])
-    facts = importlib.import_module(_FACTS_MODULE).driving_facts(run.vut.cls)
+    facts = Provider.DRIVING_FACTS.load().driving_facts(run.vut.cls)
     is_prescribed = driver.driver == CAREFUL
     seen = _seen(driver, starts[0])
     has_route = seen.pop("sees_route")
