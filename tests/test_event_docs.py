@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ssp_scenario_manager.event_spec.checks.check import PREDICATES
+from ssp_scenario_manager.checks.check import PREDICATES
 from ssp_scenario_manager.event_spec.fields import UNITS
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.picture import picture

@@ -41,8 +41,8 @@ from ssp_ot_controller.bodies.iso22133.probe_report import ProbeReport
 from ssp_scenario_manager.closed_loop.campaigns.forms import SealedCards, SealedStarts
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import LoopPlan
 from ssp_scenario_manager.compile.task import Task
-from ssp_scenario_manager.event_spec.extract.clip import Annotation
 from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.extract.clip import Annotation
 from ssp_scenario_manager.maps.site import Site
 
 KINDS = {

@@ -21,7 +21,7 @@ from ssp_ot_controller.camera.storyboards import (
     Storyboard,
     storyboard,
 )
-from ssp_scenario_manager.event_spec.checks.check import check_event
+from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.event_spec.graph import differences
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import read_log

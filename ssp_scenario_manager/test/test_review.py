@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_file
-from ssp_scenario_manager.event_spec.checks.check import check_event, undecided
+from ssp_scenario_manager.checks.check import check_event, undecided
 from ssp_scenario_manager.event_spec.fields import get, granules
 from ssp_scenario_manager.event_spec.load import (
     body,
@@ -31,8 +31,8 @@ from ssp_scenario_manager.event_spec.load import (
 )
 from ssp_scenario_manager.event_spec.log import Record, append_record, read_log
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Doubt, Event, Interval
-from ssp_scenario_manager.event_spec.review import session as desk_module
-from ssp_scenario_manager.event_spec.review.decisions import (
+from ssp_scenario_manager.review import session as desk_module
+from ssp_scenario_manager.review.decisions import (
     Unreadable,
     accept,
     edit,

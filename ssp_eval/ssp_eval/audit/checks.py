@@ -30,8 +30,8 @@ from ssp_eval.data.audit import (
     differences,
 )
 from ssp_eval.recordings.event import LOCATED_S, source_times
-from ssp_scenario_manager.event_spec.extract.questions import GATE_REASONS
 from ssp_scenario_manager.event_spec.model import Event, Interval
+from ssp_scenario_manager.extract.questions import GATE_REASONS
 
 # A crop may be off by one frame at 10 Hz.
 CROP_TOLERANCE_S = 0.11

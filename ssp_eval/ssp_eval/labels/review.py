@@ -25,7 +25,7 @@ from ssp_eval.data.labels import BY_PHASE, Labels, labels_to_json, load_labels, 
 from ssp_eval.labels.check import phase_problems, plan_problems, response_problems, risk_warnings
 from ssp_eval.labels.propose import Proposal
 from ssp_scenario_manager.event_spec.log import Record, append_records
-from ssp_scenario_manager.event_spec.review.session import Terminal, ask_reason
+from ssp_scenario_manager.review.session import Terminal, ask_reason
 
 SCHEMA = "ssp.proposal/1"
 # Key of the sidecar of labels that are under review: the fields that were decided.

@@ -18,8 +18,8 @@ from ssp_core.run_file.values import Finite, ObjectId, Strict
 from ssp_core.vocabulary import MotionWord, ObjectWord
 from ssp_eval.data.audit import CONFLICT, EVENT_PHASES, MOTION, ORDER, ROLES, TOPOLOGY, Property
 from ssp_eval.data.provenance import Words
-from ssp_scenario_manager.event_spec.extract.questions import GATE_REASONS
 from ssp_scenario_manager.event_spec.model import BoundaryWord, RoadTypeWord, SegmentWord
+from ssp_scenario_manager.extract.questions import GATE_REASONS
 
 SCHEMA: Literal["ssp.observation/1"] = "ssp.observation/1"
 

@@ -37,8 +37,8 @@ from ssp_ot_controller.camera.storyboards import (
     Storyboard,
     usual_lanes,
 )
+from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.compile.compiler import EventRefused, checked_event
-from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_version, seal_event, seals, write_event
 from ssp_scenario_manager.event_spec.log import Record, append_records, log_path, utc_now
 from ssp_scenario_manager.event_spec.model import Event, Interval

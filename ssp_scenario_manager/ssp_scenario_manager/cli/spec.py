@@ -14,9 +14,8 @@ from ssp_core.console import note, visible
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json, write_text
 from ssp_core.host.terminal import pasteable
-from ssp_scenario_manager.event_spec.checks.base import Failure, summed_up
-from ssp_scenario_manager.event_spec.checks.check import check_event
-from ssp_scenario_manager.event_spec.extract.blank import blank_event
+from ssp_scenario_manager.checks.base import Failure, summed_up
+from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.event_spec.fields import show
 from ssp_scenario_manager.event_spec.graph import differences, interaction_graph
 from ssp_scenario_manager.event_spec.load import (
@@ -27,6 +26,7 @@ from ssp_scenario_manager.event_spec.load import (
 )
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.event_spec.picture import picture
+from ssp_scenario_manager.extract.blank import blank_event
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
 # Of fields with one cause, how many are named.

@@ -18,15 +18,15 @@ from ssp_core.credentials import check_key, is_http_address, without_userinfo
 from ssp_core.errors import InputError
 from ssp_core.files import read_mapping, taken_folder
 from ssp_core.options import Number, WholeNumber
-from ssp_scenario_manager.event_spec.checks.check import UndecidedField, check_event
-from ssp_scenario_manager.event_spec.extract.candidate import Origin
-from ssp_scenario_manager.event_spec.extract.clip import WIDE_SPACING_S, Crop
-from ssp_scenario_manager.event_spec.extract.extraction import Extracted, Order, extract
+from ssp_scenario_manager.checks.check import UndecidedField, check_event
 from ssp_scenario_manager.event_spec.load import load_event, write_event
 from ssp_scenario_manager.event_spec.log import check_not_refused, log_path, read_log, utc_now
 from ssp_scenario_manager.event_spec.model import SCHEMA
-from ssp_scenario_manager.event_spec.review.decisions import shown
-from ssp_scenario_manager.event_spec.review.session import (
+from ssp_scenario_manager.extract.candidate import Origin
+from ssp_scenario_manager.extract.clip import WIDE_SPACING_S, Crop
+from ssp_scenario_manager.extract.extraction import Extracted, Order, extract
+from ssp_scenario_manager.review.decisions import shown
+from ssp_scenario_manager.review.session import (
     End,
     EventUnderReview,
     Session,

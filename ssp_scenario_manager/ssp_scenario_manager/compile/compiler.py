@@ -12,6 +12,8 @@ from ssp_core.errors import InputError
 from ssp_core.files import parse_model
 from ssp_core.hashing import sha256_bytes
 from ssp_core.run_file.shortlist import load_candidate
+from ssp_scenario_manager.checks.base import Failure
+from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.compile.area import OperatingArea
 from ssp_scenario_manager.compile.choose import (
     Winner,
@@ -23,8 +25,6 @@ from ssp_scenario_manager.compile.place import Order, Realisation, realise
 from ssp_scenario_manager.compile.retrieval import score_blocks
 from ssp_scenario_manager.compile.task import EventLink, PlaceLink, Target, Task, sealed
 from ssp_scenario_manager.compile.validate import SimulationOutcome, read_validation
-from ssp_scenario_manager.event_spec.checks.base import Failure
-from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_version, read_event_file
 from ssp_scenario_manager.event_spec.log import (
     EntryKind,

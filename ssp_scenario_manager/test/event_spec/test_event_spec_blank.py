@@ -12,11 +12,11 @@ import pytest
 import yaml
 
 from ssp_core.cli import main
-from ssp_scenario_manager.event_spec.checks.check import check_event
-from ssp_scenario_manager.event_spec.extract.blank import changed_by_hand
+from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_text, load_event, read_event_file
 from ssp_scenario_manager.event_spec.log import log_path, read_log
-from ssp_scenario_manager.event_spec.review.session import to_decide
+from ssp_scenario_manager.extract.blank import changed_by_hand
+from ssp_scenario_manager.review.session import to_decide
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
 ROAD = {

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from ssp_scenario_manager.event_spec.checks.base import View
-from ssp_scenario_manager.event_spec.checks.check import PREDICATES, check_event
+from ssp_scenario_manager.checks.base import View
+from ssp_scenario_manager.checks.check import PREDICATES, check_event
 from ssp_scenario_manager.event_spec.fields import split
 from ssp_scenario_manager.event_spec.load import read_event_file
 from ssp_scenario_manager.event_spec.model import Event

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_scenario_manager.event_spec.checks.check import check_event
+from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.event_spec.fields import leaves, split
 from ssp_scenario_manager.event_spec.load import load_event, read_event_file
 from ssp_scenario_manager.maps.site import find_shipped

@@ -14,9 +14,9 @@ from zlib import crc32
 import pytest
 from pydantic import ValidationError
 
-from ssp_scenario_manager.event_spec.checks.base import Failure
-from ssp_scenario_manager.event_spec.checks.check import check_event
-from ssp_scenario_manager.event_spec.checks.form import vocabulary
+from ssp_scenario_manager.checks.base import Failure
+from ssp_scenario_manager.checks.check import check_event
+from ssp_scenario_manager.checks.form import vocabulary
 from ssp_scenario_manager.event_spec.fields import UNITS, join, leaves, split, within
 from ssp_scenario_manager.event_spec.load import event_version, read_event_file
 from ssp_scenario_manager.event_spec.model import Event

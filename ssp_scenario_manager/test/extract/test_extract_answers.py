@@ -15,20 +15,20 @@ from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import MOTIONS, OBJECTS
-from ssp_scenario_manager.event_spec.checks.check import check_event, contradictions, undecided
-from ssp_scenario_manager.event_spec.extract.answers import (
+from ssp_scenario_manager.checks.check import check_event, contradictions, undecided
+from ssp_scenario_manager.event_spec.fields import leaves
+from ssp_scenario_manager.event_spec.load import body, event_text, event_version, uncovered
+from ssp_scenario_manager.extract.answers import (
     BadAnswer,
     Scope,
     answer_schema,
     printable,
     read_answer,
 )
-from ssp_scenario_manager.event_spec.extract.candidate import Origin, make_candidate
-from ssp_scenario_manager.event_spec.extract.clip import Clip, Shot
-from ssp_scenario_manager.event_spec.extract.interview import Interviewer, Store, kind_texts
-from ssp_scenario_manager.event_spec.extract.questions import QUESTIONS
-from ssp_scenario_manager.event_spec.fields import leaves
-from ssp_scenario_manager.event_spec.load import body, event_text, event_version, uncovered
+from ssp_scenario_manager.extract.candidate import Origin, make_candidate
+from ssp_scenario_manager.extract.clip import Clip, Shot
+from ssp_scenario_manager.extract.interview import Interviewer, Store, kind_texts
+from ssp_scenario_manager.extract.questions import QUESTIONS
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
 SCOPE = Scope(5, ("ot1", "ot2"))

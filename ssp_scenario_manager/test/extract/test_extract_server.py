@@ -14,12 +14,12 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.hashing import sha256_bytes, sha256_file, sha256_json
-from ssp_scenario_manager.event_spec.checks.check import check_event
-from ssp_scenario_manager.event_spec.extract.questions import DEFINITION_SHA256
+from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import load_event, uncovered
 from ssp_scenario_manager.event_spec.log import Record, append_record, read_log
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Interval
-from ssp_scenario_manager.event_spec.review.session import to_decide
+from ssp_scenario_manager.extract.questions import DEFINITION_SHA256
+from ssp_scenario_manager.review.session import to_decide
 from tests.support.extraction import FPS, KEYS, SHOWN, Extraction, cells, field, question_of, status
 
 # The server answers well.

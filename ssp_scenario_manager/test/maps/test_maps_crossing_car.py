@@ -24,13 +24,13 @@ from ssp_core.vocabulary import ObjectClass, Verdict
 from ssp_core.world.reference_line import CurvePiece, ReferenceLine
 from ssp_core.world.road_drawing import drawing_of
 from ssp_core.world.sumo_network import write_network
+from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.compile.area import OperatingArea
 from ssp_scenario_manager.compile.choose import NotChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task, load_area
 from ssp_scenario_manager.compile.targets.foreseen import foresee
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
 from ssp_scenario_manager.compile.task import PlaceLink, sealed
-from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.block import Block

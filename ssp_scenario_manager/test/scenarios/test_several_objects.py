@@ -15,6 +15,7 @@ from ssp_core.geometry import box_distance
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import TrafficSpec
 from ssp_core.vocabulary import PHASES, Phase, Verdict
+from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.closed_loop.starts.box import drawn_run, gap_draw
 from ssp_scenario_manager.closed_loop.starts.places import Places
 from ssp_scenario_manager.closed_loop.starts.start import prepared, without_event
@@ -25,7 +26,6 @@ from ssp_scenario_manager.compile.targets.foreseen import foresee
 from ssp_scenario_manager.compile.targets.map_file import map_file
 from ssp_scenario_manager.compile.targets.openscenario import scenario_xml
 from ssp_scenario_manager.compile.targets.player import play
-from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.feasibility import driven

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import get_args
 
 from ssp_core.vocabulary import PHASES, PhaseWord
-from ssp_scenario_manager.event_spec.checks.base import (
+from ssp_scenario_manager.checks.base import (
     Fail,
     Failure,
     Predicate,

@@ -8,10 +8,6 @@ from typing import Any, Literal, get_args
 
 from ssp_core.errors import InputError
 from ssp_core.names import VUT_ID
-from ssp_scenario_manager.event_spec.extract.answers import Finding
-from ssp_scenario_manager.event_spec.extract.clip import Clip
-from ssp_scenario_manager.event_spec.extract.interview import Interview, Target
-from ssp_scenario_manager.event_spec.extract.questions import CELL_PHASES, NONE, PHASES_ASKED
 from ssp_scenario_manager.event_spec.model import (
     IDENTITY_BY_DEFAULT,
     SCHEMA,
@@ -28,6 +24,10 @@ from ssp_scenario_manager.event_spec.model import (
     SiteNeed,
     Thresholds,
 )
+from ssp_scenario_manager.extract.answers import Finding
+from ssp_scenario_manager.extract.clip import Clip
+from ssp_scenario_manager.extract.interview import Interview, Target
+from ssp_scenario_manager.extract.questions import CELL_PHASES, NONE, PHASES_ASKED
 from ssp_scenario_manager.scenarios.base import Kind
 from ssp_scenario_manager.scenarios.kinds import KINDS
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ssp_scenario_manager.event_spec.checks.base import (
+from ssp_scenario_manager.checks.base import (
     Fail,
     Failure,
     Predicate,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ssp_core.vocabulary import PHASES, PhaseWord
-from ssp_scenario_manager.event_spec.checks.base import Fail, Failure, Predicate, View, known
+from ssp_scenario_manager.checks.base import Fail, Failure, Predicate, View, known
 from ssp_scenario_manager.scenarios.further import further_ids
 
 _fail = Fail("C4")

@@ -15,21 +15,21 @@ from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_bytes, write_text
 from ssp_core.hashing import sha256_bytes, sha256_file
-from ssp_scenario_manager.event_spec.checks.base import Failure, View
-from ssp_scenario_manager.event_spec.checks.check import (
+from ssp_scenario_manager.checks.base import Failure, View
+from ssp_scenario_manager.checks.check import (
     UndecidedField,
     contradictions,
     is_unresolved,
     undecided,
 )
-from ssp_scenario_manager.event_spec.checks.form import vocabulary
-from ssp_scenario_manager.event_spec.extract.blank import changed_by_hand, with_author
-from ssp_scenario_manager.event_spec.extract.questions import GATE_REASONS
+from ssp_scenario_manager.checks.form import vocabulary
 from ssp_scenario_manager.event_spec.fields import get, units_of, within
 from ssp_scenario_manager.event_spec.load import body, event_text, event_version, load_event
 from ssp_scenario_manager.event_spec.log import EntryKind, Record, append_records
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.event_spec.review.decisions import (
+from ssp_scenario_manager.extract.blank import changed_by_hand, with_author
+from ssp_scenario_manager.extract.questions import GATE_REASONS
+from ssp_scenario_manager.review.decisions import (
     NotAllowed,
     Unreadable,
     accept,

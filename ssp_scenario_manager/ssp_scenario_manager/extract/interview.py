@@ -19,7 +19,8 @@ from ssp_core.files import load_model, make_folder, write_bytes, write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.values import Strict
-from ssp_scenario_manager.event_spec.extract.answers import (
+from ssp_scenario_manager.event_spec.model import UNRESOLVED
+from ssp_scenario_manager.extract.answers import (
     BadAnswer,
     Finding,
     Scope,
@@ -31,8 +32,8 @@ from ssp_scenario_manager.event_spec.extract.answers import (
     reply_text,
     words_of,
 )
-from ssp_scenario_manager.event_spec.extract.clip import Clip
-from ssp_scenario_manager.event_spec.extract.questions import (
+from ssp_scenario_manager.extract.clip import Clip
+from ssp_scenario_manager.extract.questions import (
     AGAIN_TEXT,
     ANNOTATION_TEXT,
     EARLIER_TEXT,
@@ -41,7 +42,6 @@ from ssp_scenario_manager.event_spec.extract.questions import (
     RULES,
     Question,
 )
-from ssp_scenario_manager.event_spec.model import UNRESOLVED
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
 DECODING: Mapping[str, Any] = {"temperature": 0.0, "seed": 0, "max_completion_tokens": 4096}

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ssp_scenario_manager.event_spec.checks.base import (
+from ssp_scenario_manager.checks.base import (
     Fail,
     Failure,
     Predicate,
@@ -15,7 +15,7 @@ from ssp_scenario_manager.event_spec.checks.base import (
     known,
     one_of,
 )
-from ssp_scenario_manager.event_spec.checks.form import allowed
+from ssp_scenario_manager.checks.form import allowed
 from ssp_scenario_manager.event_spec.fields import get, owner
 from ssp_scenario_manager.event_spec.model import (
     IDENTITY_BY_DEFAULT,

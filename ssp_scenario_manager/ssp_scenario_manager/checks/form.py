@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from ssp_core.model_errors import field_path
-from ssp_scenario_manager.event_spec.checks.base import ORIGINS, Check, Failure
+from ssp_scenario_manager.checks.base import ORIGINS, Check, Failure
 from ssp_scenario_manager.event_spec.fields import Part, owner, split
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
 

@@ -10,15 +10,15 @@ from typing import Any
 from ssp_core.chat import Chat
 from ssp_core.errors import InputError
 from ssp_core.files import make_folder, write_json
-from ssp_scenario_manager.event_spec.checks.base import Failure
-from ssp_scenario_manager.event_spec.checks.check import UndecidedField, contradictions, undecided
-from ssp_scenario_manager.event_spec.extract.candidate import Origin, make_candidate
-from ssp_scenario_manager.event_spec.extract.clip import Clip, Crop, load_annotation, sample
-from ssp_scenario_manager.event_spec.extract.interview import Interview, Interviewer, Store
-from ssp_scenario_manager.event_spec.extract.questions import DEFINITION_SHA256, GATE_REASONS
+from ssp_scenario_manager.checks.base import Failure
+from ssp_scenario_manager.checks.check import UndecidedField, contradictions, undecided
 from ssp_scenario_manager.event_spec.load import event_version, write_event
 from ssp_scenario_manager.event_spec.log import Record, append_records, log_path, read_log, refusal
 from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.extract.candidate import Origin, make_candidate
+from ssp_scenario_manager.extract.clip import Clip, Crop, load_annotation, sample
+from ssp_scenario_manager.extract.interview import Interview, Interviewer, Store
+from ssp_scenario_manager.extract.questions import DEFINITION_SHA256, GATE_REASONS
 
 WHO = "ssp spec extract"
 DECISIONS_FILE = "decisions.json"

@@ -15,7 +15,8 @@ from ssp_core.files import parse_strict
 from ssp_core.hashing import canonical_json
 from ssp_core.model_errors import field_path
 from ssp_core.names import VUT_ID
-from ssp_scenario_manager.event_spec.extract.questions import (
+from ssp_scenario_manager.event_spec.model import UNRESOLVED
+from ssp_scenario_manager.extract.questions import (
     CELL_PHASES,
     MAX_COUNT,
     MAX_TARGETS,
@@ -23,7 +24,6 @@ from ssp_scenario_manager.event_spec.extract.questions import (
     Ask,
     Question,
 )
-from ssp_scenario_manager.event_spec.model import UNRESOLVED
 from ssp_scenario_manager.scenarios.kinds import KINDS
 
 MAX_TEXT = 300

@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Iterator
 
 from ssp_core.motion.event import NO_CONFLICT_S
-from ssp_scenario_manager.event_spec.checks.base import Fail, Failure, Predicate, View, one_of
-from ssp_scenario_manager.event_spec.checks.form import allowed
+from ssp_scenario_manager.checks.base import Fail, Failure, Predicate, View, one_of
+from ssp_scenario_manager.checks.form import allowed
 from ssp_scenario_manager.event_spec.fields import UNITS, Span, get, leaves, show, units_of
 from ssp_scenario_manager.event_spec.model import UNRESOLVED
 

@@ -11,7 +11,7 @@ from ssp_core.motion.encounter import (
     OBSERVABLE_LATERAL_MPS,
 )
 from ssp_core.vocabulary import PHASES
-from ssp_scenario_manager.event_spec.checks.base import Fail, Failure, Predicate, View, known
+from ssp_scenario_manager.checks.base import Fail, Failure, Predicate, View, known
 from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import Evidence
 

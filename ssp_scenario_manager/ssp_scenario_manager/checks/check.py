@@ -8,21 +8,21 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from ssp_core.vocabulary import PHASES
-from ssp_scenario_manager.event_spec.checks.base import Check, Fail, Failure, Predicate, View
-from ssp_scenario_manager.event_spec.checks.c1_relations import (
+from ssp_scenario_manager.checks.base import Check, Fail, Failure, Predicate, View
+from ssp_scenario_manager.checks.c1_relations import (
     MOTION_PREDICATES,
     PLACE_PREDICATES,
     TYPE_PREDICATES,
 )
-from ssp_scenario_manager.event_spec.checks.c2_topology import TOPOLOGY_PREDICATES
-from ssp_scenario_manager.event_spec.checks.c3_events import TIME_PREDICATES, TRIGGER_PREDICATES
-from ssp_scenario_manager.event_spec.checks.c4_further import FURTHER_PREDICATES
-from ssp_scenario_manager.event_spec.checks.c4_interaction import INTERACTION_PREDICATES
-from ssp_scenario_manager.event_spec.checks.c5_executability import (
+from ssp_scenario_manager.checks.c2_topology import TOPOLOGY_PREDICATES
+from ssp_scenario_manager.checks.c3_events import TIME_PREDICATES, TRIGGER_PREDICATES
+from ssp_scenario_manager.checks.c4_further import FURTHER_PREDICATES
+from ssp_scenario_manager.checks.c4_interaction import INTERACTION_PREDICATES
+from ssp_scenario_manager.checks.c5_executability import (
     EXECUTABILITY_PREDICATES,
     UNIT_PREDICATES,
 )
-from ssp_scenario_manager.event_spec.checks.form import read
+from ssp_scenario_manager.checks.form import read
 from ssp_scenario_manager.event_spec.fields import ROAD_FIELD, get, granules, has, leaves, owner
 from ssp_scenario_manager.event_spec.load import body, safety_critical_fields, seals, uncovered
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Doubt, Event
