@@ -259,6 +259,20 @@ def test_the_folders_of_a_package_import_one_way(package: str) -> None:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
+def test_the_rooms_of_a_package_import_one_way(package: str) -> None:
+    """Rooms are the folders directly in it, with all that lies in them and their commands."""
+    rooms: dict[str, set[str]] = {}
+    for folder, others in folder_imports(package).items():
+        room, *used = (".".join(one.split(".")[:2]) for one in (folder, *others))
+        rooms.setdefault(room, set()).update(used)
+    # Files that lie in no room stand above them, or below.
+    root = "ssp_core" if package == "ssp_msgs" else package
+    TopologicalSorter(
+        {room: used - {room, root} for room, used in rooms.items() if room != root}
+    ).prepare()
+
+
+@pytest.mark.parametrize("package", PACKAGES)
 def test_folders_are_named_for_what_they_hold_and_files_can_be_read_at_once(package: str) -> None:
     files = sources(package)
     folders = {part for file in files for part in file.relative_to(ROOT / package).parts[1:-1]}

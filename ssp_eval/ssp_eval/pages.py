@@ -1,4 +1,4 @@
-"""The parts that all pages are made with: SVG elements, and pictures as data URIs."""
+"""The parts that all pages are made with: style, SVG elements, and pictures as data URIs."""
 
 from __future__ import annotations
 
@@ -8,8 +8,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from markupsafe import Markup
 
 from ssp_core.errors import InputError, not_read
+
+
+def style(*further: Path) -> Markup:
+    """Return the style that all pages share, with what further sheets add to it."""
+    sheets = Path(__file__).with_suffix(".css"), *further
+    return Markup("".join(sheet.read_text("utf-8") for sheet in sheets))
 
 
 def number(value: float) -> str:

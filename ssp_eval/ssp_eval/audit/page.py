@@ -13,7 +13,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from markupsafe import Markup
 
 from ssp_core import __version__
 from ssp_core.bag.pictures.frames import Frames
@@ -342,8 +341,6 @@ def render(audit: Audit, drawn: PagePictures) -> str:
     environment = templates(_HERE)
     environment.filters["plain"] = _plain
     environment.filters["coordinate"] = pages.number
-    styles = [folder / "style.css" for folder in (_HERE.parent / "report", _HERE)]
-    styles.append(RESPONSE_STYLE)
     return environment.get_template("page.html.j2").render(
         audit=audit,
         recordings=audit.recordings,
@@ -356,7 +353,7 @@ def render(audit: Audit, drawn: PagePictures) -> str:
         disclosures=_side_by_side([r.disclosures for r in audit.recordings]),
         checks=TABLE,
         response=None if audit.response is None else section(audit.response),
-        style=Markup("".join(style.read_text("utf-8") for style in styles)),
+        style=pages.style(_HERE / "style.css", RESPONSE_STYLE),
         version=__version__,
     )
 

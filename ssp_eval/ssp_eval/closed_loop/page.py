@@ -33,8 +33,9 @@ from ssp_eval.closed_loop.tables import (
     severity_table,
     unlike_pair_table,
 )
-from ssp_eval.report.grids import Grid, grid
+from ssp_eval.pages import style
 from ssp_eval.score.cli import NULL
+from ssp_eval.statistics.grids import Grid, grid
 from ssp_eval.statistics.table import Table, counted
 from ssp_scenario_manager.closed_loop.campaigns.bags import bag_folder
 from ssp_scenario_manager.closed_loop.campaigns.groups import headings_of
@@ -47,7 +48,6 @@ from ssp_scenario_manager.closed_loop.outcomes.tables import off_the_twin
 
 PAGE = "index.html"
 _HERE = Path(__file__).parent
-_REPORT = _HERE.parent / "report"
 # Failed runs of one driver that the page lists.
 MOST_FAILED = 60
 # Fewer critical starts leave an interval that says little.
@@ -86,7 +86,6 @@ def tables_of(campaign: LoopCampaign) -> list[Table]:
 
 def render(campaign: LoopCampaign, further: Sequence[Table] = ()) -> str:
     """Return the page of a campaign as HTML; see write_loop_report."""
-    styles = [folder / "style.css" for folder in (_REPORT, _HERE)]
     groups = list(campaign.groups.values())
     critical = [one for one in campaign.starts if one["kind"] == "critical"]
     own = [one for one in campaign.drivers if one not in BASELINES]
@@ -95,7 +94,7 @@ def render(campaign: LoopCampaign, further: Sequence[Table] = ()) -> str:
         templates(_HERE)
         .get_template("page.html.j2")
         .render(
-            style=Markup("".join(style.read_text("utf-8") for style in styles)),
+            style=style(_HERE / "style.css"),
             campaign=campaign,
             events=campaign.plan.events,
             critical_starts=len(critical),

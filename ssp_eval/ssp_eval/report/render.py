@@ -24,9 +24,8 @@ from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.clients.models import BEST_CONSTANT, BLIND, condition_of
 from ssp_eval.evaluate.store.admission import UNAUDITED, UNPAIRED
 from ssp_eval.evaluate.store.results import CellData, KeptAudits, read_cells
-from ssp_eval.pages import number
+from ssp_eval.pages import number, style
 from ssp_eval.report.cell_view import RecordView, tolerated
-from ssp_eval.report.grids import Grid, common_notes, grid, without_notes
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.score.cell import STAGES
 from ssp_eval.score.cli import format_response
@@ -40,6 +39,7 @@ from ssp_eval.statistics.constants import (
     constants_of_cells,
     is_below,
 )
+from ssp_eval.statistics.grids import Grid, common_notes, grid, without_notes
 from ssp_eval.statistics.label_table import label_table
 from ssp_eval.statistics.notices import lead, notices
 from ssp_eval.statistics.responses import response_table
@@ -378,7 +378,7 @@ def render(
         .render(
             cells=cells,
             audits=audits,
-            style=source("style.css"),
+            style=style(),
             slots=SLOT_NAMES,
             stages=STAGE_NAMES,
             summary=summary(cells, audits),

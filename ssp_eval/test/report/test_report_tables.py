@@ -20,10 +20,10 @@ from ssp_eval.evaluate.clients.models import bridge_spec, with_controls
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.admission import load_admissions
 from ssp_eval.evaluate.store.results import load_cells
-from ssp_eval.report.grids import common_notes, grid
 from ssp_eval.report.render import seeing_plot
 from ssp_eval.score.aggregate import Mean
 from ssp_eval.statistics.constants import constant_rows, constant_table, constants_of_cells
+from ssp_eval.statistics.grids import common_notes, grid
 from ssp_eval.statistics.notices import everywhere, notices
 from ssp_eval.statistics.rows import rows_from_campaign
 from ssp_eval.statistics.statistics_tables import failures_by_cell
