@@ -10,17 +10,11 @@ from ssp_eval.data.records import SLOT_NAMES, BehaviourRecord
 from ssp_eval.evaluate.clients.models import CONDITIONS, REPEAT
 from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.score.cell import Judgement
+from ssp_eval.twins.changes import BY_AMOUNT, MOVED, Kind
 from ssp_vla_bridge.trajectory import Trajectory
 
 TWIN, PICTURES, REASONING = "twin", "pictures", "reasoning"
 FAMILIES = (TWIN, PICTURES, REASONING)
-CONTROL = "control"
-# Kinds of twins, as ``ssp twins --change`` names them; the rest of a condition's name is who is
-# changed and, of these, by how much.
-OBJECT_KINDS = frozenset({"without", "class", "mirror", "shift"})
-HISTORY = "history"
-CAMERA = "camera"
-_BY_AMOUNT = frozenset({"shift", CAMERA, HISTORY})
 _STRENGTHS = {"1": ", weak", "2": ", strong"}
 
 
@@ -30,6 +24,7 @@ class Cause:
 
     Args:
         family: of its condition; black and shuffled are of the pictures.
+        kind: of a twin one of Kind; the control of each family has the same word.
         amount: of a shift, a delay, a share or a strength, as the condition's name has it.
     """
 
@@ -45,18 +40,18 @@ class Cause:
     @property
     def is_control(self) -> bool:
         """A change that must not matter."""
-        return self.kind == CONTROL
+        return self.kind == Kind.CONTROL
 
     @property
     def of_object(self) -> bool:
         """It changes one object of the scene that matters."""
-        return self.family == TWIN and self.kind in OBJECT_KINDS
+        return self.family == TWIN and self.kind in MOVED
 
     @property
     def order(self) -> tuple[int, int, str]:
         """The object first, then the pictures, the own history, the own text."""
         family = FAMILIES.index(self.family)
-        return family, 0 if self.of_object else 2 if self.kind == HISTORY else 1, self.key
+        return family, 0 if self.of_object else 2 if self.kind == Kind.HISTORY else 1, self.key
 
     @property
     def words(self) -> str:
@@ -68,15 +63,16 @@ class Cause:
         if self.family == REASONING:
             how = "as it was" if self.is_control else f"{self.kind.replace('_', ' ')} turned"
             return f"own text given back, {how}"
-        return {
-            "without": "without the object",
-            "class": "another class in its place",
-            "mirror": "object on the other side",
-            "shift": f"object {amount:g} s {'earlier' if self.amount[:1] == 'm' else 'later'}",
-            "camera": f"frames from {amount:g} s earlier",
-            HISTORY: f"own history at {amount:g} of the speed",
-            CONTROL: "a distant, irrelevant object",
-        }.get(self.kind, self.key)
+        words: dict[str, str] = {
+            Kind.WITHOUT: "without the object",
+            Kind.CLASS: "another class in its place",
+            Kind.MIRROR: "object on the other side",
+            Kind.SHIFT: f"object {amount:g} s {'earlier' if self.amount[:1] == 'm' else 'later'}",
+            Kind.CONTROL: "a distant, irrelevant object",
+            Kind.CAMERA: f"frames from {amount:g} s earlier",
+            Kind.HISTORY: f"own history at {amount:g} of the speed",
+        }
+        return words.get(self.kind, self.key)
 
 
 def cause_of(condition: str) -> Cause | None:
@@ -87,7 +83,7 @@ def cause_of(condition: str) -> Cause | None:
     kind, *more = rest.split(".")
     if family not in FAMILIES or not kind:
         return None
-    by_amount = family != TWIN or kind in _BY_AMOUNT
+    by_amount = family != TWIN or kind in BY_AMOUNT
     return Cause(family, kind, more[-1] if more and by_amount else "")
 
 

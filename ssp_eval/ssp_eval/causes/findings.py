@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from enum import Enum
 
 from ssp_eval.causes.answers import (
-    HISTORY,
     PICTURES,
     REASONING,
     TWIN,
@@ -24,6 +23,7 @@ from ssp_eval.causes.effects import (
 )
 from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.statistics.table import counted, some
+from ssp_eval.twins.changes import Kind
 
 # A turned text that moves the trajectory by less than this share of what the object does isn't the
 # reason of it.
@@ -122,11 +122,11 @@ def finding(model: str, effects: Sequence[Effect]) -> Finding:
         effects: of all causes.
     """
     of_object = [e for e in effects if e.cause.of_object]
-    of_history = [e for e in effects if e.cause.family == TWIN and e.cause.kind == HISTORY]
+    of_history = [e for e in effects if e.cause.family == TWIN and e.cause.kind == Kind.HISTORY]
     of_pictures = [
         e
         for e in effects
-        if e.cause.family == PICTURES or (e.cause.family, e.cause.kind) == (TWIN, "camera")
+        if e.cause.family == PICTURES or (e.cause.family, e.cause.kind) == (TWIN, Kind.CAMERA)
     ]
     by_text = [e for e in effects if e.cause.family == REASONING and e.output == TRAJECTORY]
     told = [

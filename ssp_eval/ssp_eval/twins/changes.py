@@ -11,7 +11,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
+from enum import StrEnum
 from itertools import pairwise
 
 from ssp_core.clock import seconds_to_ns
@@ -24,8 +24,8 @@ from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.reference_line import ReferenceLine
 
 
-class Kind(Enum):
-    """The kinds of changes, by the word of ``--change``."""
+class Kind(StrEnum):
+    """The kinds of changes, by the word of ``--change``, which the names of conditions hold."""
 
     WITHOUT = "without"  # the object isn't there
     CLASS = "class"  # another class in its place, with that class's typical extents
@@ -40,6 +40,8 @@ class Kind(Enum):
 OF_OBJECT = frozenset({Kind.WITHOUT, Kind.CLASS, Kind.MIRROR, Kind.SHIFT, Kind.CONTROL})
 # The object's own states differ.
 MOVED = frozenset({Kind.WITHOUT, Kind.CLASS, Kind.MIRROR, Kind.SHIFT})
+# Their names end in an amount.
+BY_AMOUNT = frozenset({Kind.SHIFT, Kind.CAMERA, Kind.HISTORY})
 CONTROL_ID = "twin_control"
 _CONTROL_AHEAD_M = 40.0  # of the VUT's last place
 _CONTROL_ASIDE_M = 4.0  # of the outermost lane's edge
@@ -79,7 +81,7 @@ class Change:
             parts.append(self.object_id)
         if self.object_class is not None:
             parts.append(self.object_class.word)
-        if self.kind in (Kind.SHIFT, Kind.CAMERA, Kind.HISTORY):
+        if self.kind in BY_AMOUNT:
             sign = ("m" if self.value < 0.0 else "p") if self.kind is Kind.SHIFT else ""
             parts.append(f"{sign}{round(abs(self.value) * 1000):04d}")
         return ".".join(parts)

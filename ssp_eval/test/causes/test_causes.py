@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ssp_core.vocabulary import ObjectClass
 from ssp_eval.causes.answers import Answer, Cause, CellAnswers, asked, cause_of, wanted_cells
 from ssp_eval.causes.effects import TRAJECTORY, Effect, Verdict, effects_of
 from ssp_eval.causes.findings import MovedAnswers, Word, compared, moved_by
@@ -19,6 +20,7 @@ from ssp_eval.causes.tables import PATHS, SLOTS, moved_tables
 from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.report.render import render
 from ssp_eval.statistics.table import to_csv
+from ssp_eval.twins.changes import usual_changes
 from ssp_vla_bridge.trajectory import Trajectory
 from support.answerers import (
     ANSWERERS,
@@ -206,6 +208,14 @@ def test_a_recording_that_several_campaigns_asked_about_is_one_unit() -> None:
 def test_a_condition_says_its_cause(condition: str, cause: Cause | None, words: str) -> None:
     assert cause_of(condition) == cause
     assert cause is None or cause.words == words
+
+
+def test_each_change_of_a_twin_is_a_cause_with_words_of_its_own() -> None:
+    for change in usual_changes({"ot1": ObjectClass.CAR}):
+        cause = cause_of(f"twin.{change.name}")
+        assert cause is not None
+        assert cause.kind == change.kind
+        assert cause.words != cause.key
 
 
 def test_of_an_ordinary_campaign_nothing_is_kept() -> None:
