@@ -87,11 +87,12 @@ def evaluate_cells(
     for model in models:
         check_unchanged(_folder(labelled, model, out))
     places = {model.shown: _place(labelled, model, out, options) for model in models}
-    refusal = labelled.refusal
-    if refusal is not None:
-        return [_refused(place, refusal, on_record) for place in places.values()]
-    found: dict[str, CellResult] = {}
     labels = labelled.labels.labels
+    if labelled.refusal is not None:
+        for _ in range(len(places) * len(labels)):
+            on_record()
+        return [_unasked(place, "refused", labelled.refusal) for place in places.values()]
+    found: dict[str, CellResult] = {}
     for stage in stages_of(models, labelled.clip.provenance.bag_sha256, len(labels)):
         of_stage = [places[model.shown] for model in stage.models]
         answers = ask_all(of_stage, stage.rows, clients, out, options, on_record)
@@ -110,7 +111,7 @@ def _scored(
     write_text(folder / RECORDS_FILE, "".join(record_to_json(r) + "\n" for r in records))
     if not records:
         # No usable answer: there is nothing to score.
-        (folder / SCORE_FILE).unlink(missing_ok=True)
+        _remove(folder, SCORE_FILE)
         reasons = list(dict.fromkeys(one.missing for one in asked if one.missing))
         return write_cell(place, "failed", reasons, asked, ignored)
     score = score_cell(place.labelled.labels, records, options.thresholds).to_json()
@@ -118,22 +119,17 @@ def _scored(
     return write_cell(place, "ok", [], asked, ignored, score)
 
 
-def _refused(place: CellPlace, refusal: str, on_record: Callable[[], None]) -> CellResult:
-    for stale in (SCORE_FILE, RECORDS_FILE):
-        (place.folder / stale).unlink(missing_ok=True)
-    for _ in place.labelled.labels.labels:
-        on_record()
-    return write_cell(place, "refused", [refusal])
+def _unasked(place: CellPlace, status: str, reason: str) -> CellResult:
+    """Write the file of a cell without a score; answers that are stored in its folder stay."""
+    _remove(place.folder, SCORE_FILE, RECORDS_FILE)
+    return write_cell(place, status, [reason])
 
 
 def fail_cell(
     labelled: LabelledClip, model: ModelSpec, out: Path, options: CellOptions, reason: str
 ) -> CellResult:
     """Leave the folder of a cell whose worker died; answers that are stored there stay."""
-    place = _place(labelled, model, out, options)
-    for stale in (SCORE_FILE, RECORDS_FILE):
-        (place.folder / stale).unlink(missing_ok=True)
-    return write_cell(place, "failed", [reason])
+    return _unasked(_place(labelled, model, out, options), "failed", reason)
 
 
 def _folder(labelled: LabelledClip, model: ModelSpec, out: Path) -> Path:
@@ -157,5 +153,9 @@ def _write_labels(folder: Path, labels: Labels) -> None:
     before = sha256_file(file) if file.is_file() else None
     write_json(file, labels_to_json(labels))
     if before not in (None, sha256_file(file)):
-        for stale in (CELL_FILE, SCORE_FILE, RECORDS_FILE):
-            (folder / stale).unlink(missing_ok=True)
+        _remove(folder, CELL_FILE, SCORE_FILE, RECORDS_FILE)
+
+
+def _remove(folder: Path, *files: str) -> None:
+    for file in files:
+        (folder / file).unlink(missing_ok=True)
