@@ -7,6 +7,7 @@ from itertools import pairwise
 from ssp_eval.extract.lexicon import lexicon
 from ssp_eval.extract.match import MARKS, NOTHING, Hit
 from ssp_eval.extract.scope import Scope
+from ssp_eval.extract.speaker import has_us
 from ssp_eval.extract.world import Actor, Plan, Statement, World
 
 EGO = "ego"
@@ -239,6 +240,8 @@ class ClauseFacts:
             return False
         after = self.words[hit.stop] if hit.stop < len(self.words) else "."
         if after in self.known.sets["openers_of_attributes"] or after.endswith("ing"):
+            return False
+        if has_us(hit.stop, self.words):
             return False
         following = self._after(index)
         if following.value == "must":

@@ -9,6 +9,9 @@ _NOUNS = ("vehicle", "car")
 _OPENERS = frozenset({"mark", "cue"})
 _TOLD = frozenset({"must", "will"})
 _SPEEDS = frozenset({"decelerate", "stop", "accelerate", "maintain"})
+US = frozenset({"us", "me"})  # who writes so doesn't call the VUT "the car" beside it
+_FAR = 4  # words behind the noun: is driving past us
+_ENDS = frozenset({".", "?", "!", ";", "\n"})
 _STEPS = 3  # hits behind the noun among which its verb stands
 
 
@@ -54,7 +57,19 @@ def _is_own(noun: str, words: list[str], hits: list[Hit]) -> bool:
             return False  # a vehicle, the lead vehicle, parked vehicles
         if noun == "car" and index < mine[-1] and not last.endswith("s"):
             return False  # a van, and then the car
+    if any(has_us(hits[index].stop, words) for index in mine):
+        return False
     return any(_acts(index, hits) for index in mine)
+
+
+def has_us(first: int, words: list[str]) -> bool:
+    """Tell whether a sentence says "us" behind the noun: the car drives past us."""
+    for word in words[first : first + _FAR]:
+        if word in _ENDS:
+            return False
+        if word in US:
+            return True
+    return False
 
 
 def _acts(index: int, hits: list[Hit]) -> bool:

@@ -100,6 +100,23 @@ def test_it_takes_nothing_back_in_a_short_text(text: str) -> None:
     assert Extractor()(text).slots == extract(text) != Slots()
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "The bus follows us and turns right.",
+        "A truck is moving parallel to us and slows down.",
+        "The car on the right is moving beside us and keeps its speed.",
+        "The van on the left is level with us and keeps its lane.",
+        "The car behind us is closing in and brakes.",
+    ],
+)
+def test_it_takes_no_action_of_a_road_user_for_ours(text: str) -> None:
+    slots = Extractor()(text).slots
+    assert slots.objects is not None
+    assert slots.lon_action is None
+    assert slots.lat_action is None
+
+
 def test_its_words_pass_the_checks_for_an_llm() -> None:
     """Neither what is only imagined nor what is denied is filled by a word that suits the label."""
     for text in (

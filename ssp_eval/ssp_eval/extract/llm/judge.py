@@ -21,6 +21,7 @@ from ssp_eval.extract.llm.reply import Proposal
 from ssp_eval.extract.llm.support import load_support
 from ssp_eval.extract.match import Hit, find, sentences
 from ssp_eval.extract.scope import Scope, scopes
+from ssp_eval.extract.speaker import US
 from ssp_eval.extract.tokens import tokenise
 
 _FAR = 24  # hits that are looked back at for a subject
@@ -268,10 +269,18 @@ class TextUnderReview:
             subject = opening
         else:
             subject = None
+            finite = any(
+                one.kind == "verb" and one.form == "s" and one.first < stop and one.stop > first
+                for one in self.hits
+            )
+            joins = finite and self.words[first] == "and"
             for hit in reversed(hits[max(place - _FAR, 0) : place]):
-                if hit.kind in ("mark", "field") or hit.value in _CONJUNCTIONS:
+                if hit.value == "and" and subject is None and finite:
+                    joins = True  # the bus follows us and turns: of the bus
+                elif hit.kind in ("mark", "field") or hit.value in _CONJUNCTIONS:
                     break
-                if hit.kind == "verb" and subject is None and lexicon().verbs[hit.value].ego:
+                acts = hit.kind == "verb" and bool(lexicon().verbs[hit.value].ego)
+                if acts and subject is None and not (joins and hit.form != "base"):
                     return "ego" if hit.form == "base" else ""  # yield to the jogger crossing
                 subject = hit if hit.kind in _SUBJECTS else subject
         if subject is None or hits[place].kind != "action":
@@ -288,9 +297,14 @@ class TextUnderReview:
         return found
 
     def _who(self, hit: Hit) -> str:
-        """Return the kind of a subject; "the car" is the VUT where the text has no other car."""
+        """Return the kind of a subject; "the car" is the VUT where the text has no other car.
+
+        Not where the text has an "us" beside it.
+        """
         if hit.kind != "user" or hit.form != "the" or self.words[hit.stop - 1] not in _VUT:
             return hit.kind
+        if not US.isdisjoint(self.words):
+            return "user"
         cars = [one for one in self.hits if one.kind == "user" and one.value == "car"]
         alone = all(one.form == "the" and self.words[one.stop - 1] in _VUT for one in cars)
         return "ego" if alone else "user"
