@@ -27,7 +27,7 @@ _NEXT_OBJECT = re.compile(
     rf"\s*(?:,{_NUMBER_FIELD})*\}}\s*,\s*\{{(?:{_NUMBER_FIELD},)*\s*[\"'][\w ]{{1,30}}[\"']\s*:\s*"
 )
 _TIME_FIELD = re.compile(
-    r"[\"'](?:t|time|timestamp|seconds)(?:_(?:from_start|offset))?(?:_(?P<unit>m?s))?[\"']\s*:\s*(?:[\"'](?:[tT]\s*=?\s*)?\+?)?"
+    r"[\"'](?:t|time|timestamp|seconds|at|after)(?:_(?:from_start|offset))?(?:_(?P<unit>m?s))?[\"']\s*:\s*(?:[\"'](?:[tT]\s*=?\s*)?\+?)?"
     r"(?P<named>\d*\.?\d+)(?:\s*(?P<of>ms|s)\b)?"
 )
 _COMMENT = re.compile(r"(?:#|//|--|—|–|<!--)[^\n]*|/\*.*?\*/|\([^()]*\)", re.DOTALL)
@@ -51,6 +51,7 @@ _LONGEST_COMMENT = 200  # characters
 _IN_COMMENT = re.compile(r"[ \t]*[,;]?[ \t]*(?:#|//)[^\n]*[^\W\d][^\n]*")
 _TIME = (  # "t_1" is an index
     r"(?:\b(?:t|time)(?:\b\s*[_=:≈]?|_(?=\d*\.\d|\d+\s*m?s\b))\s*\+?\s*(?P<named>\d*\.?\d+)\s*(?P<unit>ms|s|secs?|seconds?)?\b"
+    r"|\bsecond[ _](?P<second>\d+)\b"
     r"|(?<![\w.])\+?(?P<timed>\d*\.?\d+)\s*(?P<of>ms|s|secs?|seconds?)\b"
     r"|(?<![\w.])(?P<decimal>\d*\.\d+)(?=[\"'*]*\s*(?::|=|→|->)))"
 )
@@ -59,7 +60,7 @@ _BEFORE = re.compile(_TIME + r"[^\w\n]*\Z", re.IGNORECASE)
 # spans too, so that these are the rows' only where they are even and begin with a step or at 0.
 _IN_REMARK = re.compile(r"[^\n()]{0,60}\([^\w\n()]*(?:at\s+)?" + _TIME + r"\s*\)", re.IGNORECASE)
 _EVEN_S = 1e-6
-_BEHIND = re.compile(r"[^\w\n]*(?:(?:at|after)\s+)?" + _TIME, re.IGNORECASE)
+_BEHIND = re.compile(r"[^\w\n]*(?:(?:at|after|in)\s+)?" + _TIME, re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,6 +297,8 @@ def stated_times(gaps: Sequence[str]) -> tuple[tuple[float, ...], bool]:
 
 
 def _time(match: re.Match[str]) -> tuple[str, str | None]:
+    if match["second"]:
+        return match["second"], "s"
     return match["named"] or match["timed"] or match["decimal"], match["unit"] or match["of"]
 
 

@@ -232,7 +232,7 @@ _BETWEEN = re.compile(
 _LABELS = frozenset(
     {"t", "time", "s", "sec", "secs", "second", "seconds", "step", "steps", "timestep"}
     | {"timesteps", "frame", "frames", "waypoint", "waypoints", "point", "points", "pair"}
-    | {"pairs", "at", "after", "future", "and", "then", "wp", "p", "ms"}
+    | {"pairs", "at", "after", "in", "future", "and", "then", "wp", "p", "ms"}
 )
 _NO_NAMES: frozenset[str] = frozenset()
 NESTED = frozenset({"a nested list"})

@@ -152,6 +152,7 @@ right left forward forwards ahead front lateral laterally longitudinal sideways 
 pointing facing towards toward rightwards leftwards rightward leftward while with has have ordered
 order sorted back listed meant feet foot ft yards yard yd inches cm centimetres centimeters km mm
 kilometres kilometers pixels pixel px map world global utm enu ned camera image picture space
+corresponds represents covers equals means stands
 reference relative spaced sits lies comes later earlier preceding than
 three four five six seven eight nine ten half last latest farthest nearest
 """

@@ -53,6 +53,7 @@ _STEP = re.compile(
     r"|\bsteps?(?: size)?(?::|=| is)?"
     r"|\bsampl(?:ing|ed)(?: (?:time|interval|period|step))?(?: of| at| every|:| =)?"
     rf"|\b(?:{_ROW}|one),? (?:per|each|after)"
+    rf"|\b(?:each|every|one) {_ROW} (?:is|equals|covers|represents|means|corresponds to|stands for)"
     rf"|\bbetween (?:\w+ ){{0,2}}(?:{_ROW}|them)(?: of|:|=| is)?)"
     rf"\s*(?P<before>{_NUMBER})\s*(?P<unit>{_UNIT})\b"
     rf"|(?<![\w.])(?P<behind>{_NUMBER})[ -]*(?P<of>{_UNIT})[ -]+(?:time[ -])?"
@@ -101,7 +102,7 @@ _BY_WAY = re.compile(
 _STATING_TEXT = """
 a an the one two and then of in at to from is are be each per every for with between after
 another until through first last next previous later earlier consecutive successive adjacent
-starting start begins beginning t dt δt t0 delta time times timestamp timestamps timestep
+starting start begins beginning t dt δ δt t0 ts delta time times timestamp timestamps timestep
 timesteps stamp stamps step steps size period periods interval intervals spacing spaced rate
 sampling sampled sample samples frequency cadence resolution fps hz khz ms msec msecs s sec secs
 second seconds millisecond milliseconds minute minutes min frame frames point points waypoint

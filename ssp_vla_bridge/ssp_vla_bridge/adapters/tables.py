@@ -27,7 +27,7 @@ _OF_USERS = frozenset(
     | {"van", "bus", "truck", "lead", "other", "bicycle", "motorcycle", "walker", "leader"}
 )
 _OWN = frozenset({"ego", "own", "my", "vut"})
-_TIMES = frozenset({"t", "time", "timestamp"})
+_TIMES = frozenset({"t", "time", "timestamp", "second", "seconds"})
 # A direction says more than an axis, and comes first where a header names both.
 _FIRST = ("forward", "ahead", "longitudinal", "x", "dx", "δx", "east", "easting", "latitude", "u")
 _SECOND = ("left", "right", "lateral", "y", "dy", "δy", "north", "northing", "longitude", "v")
