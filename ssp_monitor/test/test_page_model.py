@@ -6,6 +6,7 @@ import json
 import math
 import struct
 from dataclasses import fields, replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -27,6 +28,7 @@ from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.liveness import signs_of_life
 from ssp_core.safety.object_rules import HeardRules, rules_of
+from ssp_core.safety.publishers import MOST_TOLD
 from ssp_core.vocabulary import ControlState, ObjectClass, Phase, Role, SessionPhase, Verdict
 from ssp_monitor.page.snapshot import (
     COMMANDS,
@@ -37,7 +39,9 @@ from ssp_monitor.page.snapshot import (
     site_message,
 )
 from ssp_monitor.status import health as status_health
+from ssp_monitor.status import messages
 from ssp_monitor.status.board import (
+    LINKS_FRESH_S,
     MOST_EVENTS,
     MOST_OBJECTS,
     Board,
@@ -297,6 +301,31 @@ def test_a_stranger_that_the_recorder_names_stands_in_the_way(run):
     found = standing_in_the_way(board, 10 * S)
     assert len(found) == 1
     assert found[0].startswith("1 publishers too many, limit 0: /ssp/ot1/state has two; ")
+
+
+def test_a_stranger_that_the_manager_finds_stands_in_the_way_while_it_is_heard(run):
+    """The graph shows one whose messages the recorder doesn't hear, or before it has sent any."""
+    board = ready_board(run)
+    board.hear_recorder(RecorderFact(True, strangers=("/ssp/clock has two",)), 10 * S)
+    told = SimpleNamespace(strangers=["ot1/reference_ack has /ssp/x", *map(str, range(20))])
+    board.hear_links(board.links.value, 10 * S, messages.strangers_of(told))
+    found = standing_in_the_way(board, 10 * S)
+    assert len(found) == 1
+    assert found[0].startswith(f"{MOST_TOLD + 1} publishers too many, limit 0: ot1/reference_ack")
+    assert "has /ssp/x; 0; 1" in found[0]
+    assert "; /ssp/clock has two; " in found[0]
+    board.hear_links(board.links.value, 10 * S)
+    assert len(standing_in_the_way(board, 10 * S)) == 1
+    board.hear_recorder(RecorderFact(True), 10 * S)
+    assert standing_in_the_way(board, 10 * S) == []
+
+
+def test_what_a_manager_that_is_silent_said_of_strangers_is_not_believed(run):
+    board = ready_board(run)
+    at_ns = 10 * S - round(LINKS_FRESH_S * S)
+    for said_ns, named in ((at_ns, True), (at_ns - 1, False)):
+        board.manager.strangers = Heard(("ot1/state has two",), said_ns)
+        assert any("has two" in one for one in standing_in_the_way(board, 10 * S)) is named
 
 
 def test_a_session_whose_objects_may_still_refuse_to_arm_is_shown_as_arming(run):

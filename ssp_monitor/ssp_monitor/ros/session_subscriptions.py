@@ -128,7 +128,8 @@ class SessionSubscriptions:
             self.tell_once(f"{names.PHASE_EVENT}: {error}")
 
     def _on_links(self, message: LinkStatus) -> None:
-        self._board.hear_links(messages.link_facts(message), time.monotonic_ns())
+        at_ns, strangers = time.monotonic_ns(), messages.strangers_of(message)
+        self._board.hear_links(messages.link_facts(message), at_ns, strangers)
 
     def _on_localisation(self, message: LocalisationStatus) -> None:
         self._board.hear_localisation(messages.localisation(message), time.monotonic_ns())

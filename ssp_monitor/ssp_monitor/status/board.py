@@ -206,11 +206,13 @@ class HeardManager:
     Args:
         stamp_ns: session time.
         session_token: of the newest one that could be read; may be empty.
+        strangers: those that it has found, which it says with its links.
     """
 
     at_ns: int | None = None
     stamp_ns: int | None = None
     session_token: str = ""
+    strangers: Heard[tuple[str, ...]] = Heard(())
 
     def silent_s(self, now_ns: int) -> float:
         """Return the time since the newest heartbeat; inf: there was none."""
@@ -351,9 +353,12 @@ class Board:
         self.session.phase = phase
         self.events.add(event)
 
-    def hear_links(self, links: dict[str, LinkFact], at_ns: int) -> None:
-        """Take the manager's measurements of all links."""
+    def hear_links(
+        self, links: dict[str, LinkFact], at_ns: int, strangers: tuple[str, ...] = ()
+    ) -> None:
+        """Take the manager's measurements of all links, and the strangers that it has found."""
         self.links = Heard(links, at_ns)
+        self.manager.strangers = Heard(strangers, at_ns)
 
     def hear_recorder(self, fact: RecorderFact, at_ns: int) -> None:
         """Take the recorder's report on itself."""

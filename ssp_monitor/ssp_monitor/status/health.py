@@ -28,6 +28,7 @@ from ssp_core.safety.start_heading import UNKNOWN_AT_REST
 from ssp_core.vocabulary import ControlState, Role, SessionPhase, Verdict
 from ssp_monitor.status.board import (
     DEFAULT_STATE_AGE_S,
+    LINKS_FRESH_S,
     STALE_S,
     Board,
     LinkFact,
@@ -86,6 +87,7 @@ def _facts(board: Board, now_ns: int) -> Facts:
     live = run is not None and run.mode == "live"
     ids = [target.id for target in run.targets] if run is not None else []
     adapted = board.vut_refused.age_s(now_ns) <= ADAPTER_SILENT_S
+    strangers = _strangers(board, recorder, now_ns)
     return Facts(
         ages_s=ages_s,
         # What is measured was answered within the last second, and how long ago isn't told.
@@ -100,11 +102,18 @@ def _facts(board: Board, now_ns: int) -> Facts:
         recorder_lost=recorder.lost,
         vut_refused=board.vut_refused.value if adapted else "",
         motion=board.motion,
-        other_managers=len(recorder.strangers),
-        foreign="; ".join(recorder.strangers),
+        other_managers=len(strangers),
+        foreign="; ".join(strangers),
         bodies=known_bodies(ids, board.bodies, now_ns) if live else {},
         refusals=_refusals(board, now_ns),
     )
+
+
+def _strangers(board: Board, recorder: RecorderFact, now_ns: int) -> tuple[str, ...]:
+    """Return the strangers that the manager finds in the graph and the recorder in messages."""
+    told = board.manager.strangers
+    known = told.value if told.age_s(now_ns) <= LINKS_FRESH_S else ()
+    return *known, *recorder.strangers
 
 
 def _refusals(board: Board, now_ns: int) -> dict[str, str]:

@@ -12,6 +12,7 @@ from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cdr.references import Acknowledgement
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.publishers import MOST_TOLD
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 from ssp_monitor.status.board import Answer, Event, LinkFact, RecorderFact, SessionFact, TopicFact
 
@@ -132,6 +133,11 @@ def link_facts(message: Any) -> dict[str, LinkFact]:
         name: LinkFact(float(offset), float(delay), float(age), int(received), int(lost))
         for name, offset, delay, age, received, lost in columns
     }
+
+
+def strangers_of(message: Any) -> tuple[str, ...]:
+    """Read the strangers of a LinkStatus, as sentences."""
+    return tuple(map(_short, message.strangers[:MOST_TOLD]))
 
 
 def recorder_fact(message: Any) -> RecorderFact:

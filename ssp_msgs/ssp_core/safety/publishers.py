@@ -18,6 +18,9 @@ from ssp_core.run_file.participation import declaring
 # A publisher of a process that was killed stays in the graph for so long, s: the longest lease of
 # our profiles. One that ends in order is gone at once.
 FORGOTTEN_S = 20
+# Of the topics with strangers, as many as are told in a message or taken from one.
+MOST_TOLD = 8
+LONGEST_TOLD = 1000
 
 
 class Part(Enum):

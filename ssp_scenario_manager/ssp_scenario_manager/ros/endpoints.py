@@ -29,7 +29,6 @@ from ssp_core.run_file.participation import contradictions, declaring
 from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.link_quality import (
     Exchange,
-    LinkClocks,
     LossCounter,
     LossCounters,
 )
@@ -433,13 +432,13 @@ class Publications:
             self._safety.publish(encode_limit(fact.seen_by(self._name)))
 
     def report_links(
-        self, session: Session, links: LinkClocks, losses: LossCounters, now_ns: int
+        self, session: Session, liveness: LivenessMonitor, losses: LossCounters, now_ns: int
     ) -> None:
-        """Report the state of the links to operators and the record; losses go to the log too.
+        """Report links and strangers to operators and the record; losses go to the log too.
 
         Args:
             session: gives the newest states; nothing is published before a run is loaded.
-            links: clock offset and delay of each object.
+            liveness: has clock offset and delay of each object, and the strangers.
             losses: received and lost states of each object.
             now_ns: session time.
         """
@@ -448,7 +447,7 @@ class Publications:
             message.header.stamp = stamp_from_ns(now_ns)
             message.object_ids = ids = session.spec.object_ids
             states = {**session.targets, session.spec.vut.id: session.vut}
-            measured = [links.link(i, steady_ns) for i in ids]
+            measured = [liveness.links.link(i, steady_ns) for i in ids]
             counts = [losses.of.get(i, LossCounter()) for i in ids]
             message.clock_offset = [link.offset_s for link in measured]
             message.delay = [link.delay_s for link in measured]
@@ -458,6 +457,7 @@ class Publications:
             ]
             message.states_received = [count.received for count in counts]
             message.states_lost = [count.lost for count in counts]
+            message.strangers = list(liveness.strangers)
             self._links.publish(message)
         for line in losses.news():
             self._log.warning(line)

@@ -28,6 +28,7 @@ from ssp_core.safety.arming import recorder_lacks, refusal_text
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import Exchange
 from ssp_core.safety.liveness import WATCHED
+from ssp_core.safety.publishers import MOST_TOLD
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.msg import (
     BodyStatus,
@@ -61,8 +62,6 @@ INCOMPLETE_STEP_S = 1.0
 STATUS_PERIOD_S = 1.0
 # What was said last has so long to reach its readers; one of them may have died.
 LAST_WORD_S = 1.0
-# Of topics that the recorder names.
-_MOST_STRANGERS = 8
 # While the world holds no step comes: here the watchdog judges what it can.
 _JUDGED_WHILE_HOLDING = (SessionPhase.ARMED, SessionPhase.STOPPING, SessionPhase.ABORTING)
 
@@ -237,7 +236,7 @@ class ScenarioManager(Node):
         steady_ns = time.monotonic_ns()
         missing = recorder_lacks(message.missing_topics, message.failure, message.warnings)
         self._liveness.hear_recorder(message.ready, missing, message.lost, steady_ns)
-        self._liveness.hear_strangers(message.strangers[:_MOST_STRANGERS])
+        self._liveness.hear_strangers(message.strangers[:MOST_TOLD])
         self._supervisor.wake(steady_ns)
         self._supervisor.watch_silence(steady_ns, self._now_ns)
         self._flush()
@@ -324,7 +323,7 @@ class ScenarioManager(Node):
                 self._answer_world()
         self._links.send_commands()
         self._look_at_arming()
-        self._others.look(time.monotonic_ns())
+        self._look_at_publishers()
         if self._supervisor.look(time.monotonic_ns(), self._now_ns):
             self._commands.on_standstill_unconfirmed(self._now_ns)
         holding = not self._in_lockstep and self._session.state in _JUDGED_WHILE_HOLDING
@@ -332,6 +331,13 @@ class ScenarioManager(Node):
             self._judge()
         self._commands.drive(self._now_ns)
         self._flush()
+
+    def _look_at_publishers(self) -> None:
+        """Look for strangers, and tell operators at once of those that came or went."""
+        before = self._liveness.strangers
+        self._others.look(time.monotonic_ns())
+        if self._liveness.strangers != before:
+            self._report_links()
 
     def _tell_incomplete_step(self) -> None:
         """Say once a step, when the world has waited for long, what the answer to it lacks."""
@@ -342,8 +348,8 @@ class ScenarioManager(Node):
             self.get_logger().warning(f"step {self._inputs.step or 0} lacks {', '.join(missing)}")
 
     def _report_links(self) -> None:
-        links, losses = self._liveness.links, self._input.losses
-        self._publications.report_links(self._session, links, losses, self._now_ns)
+        losses = self._input.losses
+        self._publications.report_links(self._session, self._liveness, losses, self._now_ns)
 
     # -- sending -------------------------------------------------------------------------------
 
@@ -444,6 +450,7 @@ class ScenarioManager(Node):
             self._links.connect((t.id for t in spec.targets), spec.states_in_one)
             self._others.follow(spec, time.monotonic_ns())
             self._declarations.follow(spec)
+            self._report_links()
         self._flush()
         return answer
 

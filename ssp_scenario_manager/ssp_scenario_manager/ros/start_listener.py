@@ -19,8 +19,15 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.arming import Facts
 from ssp_core.safety.body_status import BodyStatus, known_bodies
 from ssp_core.safety.liveness import ADAPTER_SILENT_S
+from ssp_core.safety.publishers import MOST_TOLD
 from ssp_msgs.msg import BodyStatus as BodyStatusMsg
-from ssp_msgs.msg import LocalisationStatus, ObjectState, ObjectStates, RecorderStatus
+from ssp_msgs.msg import (
+    LinkStatus,
+    LocalisationStatus,
+    ObjectState,
+    ObjectStates,
+    RecorderStatus,
+)
 
 
 class StartListener:
@@ -38,6 +45,7 @@ class StartListener:
         self._targets = [target.id for target in spec.targets]
         self._bodies: dict[str, tuple[BodyStatus, int]] = {}
         self._vut_refused = ""
+        self._strangers: list[str] = []
         self._states: dict[str, tuple[State, float]] = {}
         self._recorder_ready = False
         self._heard_s: dict[str, float] = {}
@@ -60,6 +68,7 @@ class StartListener:
             sub(RecorderStatus, names.RECORDER_STATUS, self._on_recorder, ros.STATE),
             sub(CameraInfo, names.CAMERA_INFO, self._on_camera, ros.SENSOR),
             sub(BodyStatusMsg, names.BODY_STATUS, self._on_body, ros.STATE),
+            sub(LinkStatus, names.LINK_STATUS, self._on_links, ros.STATE),
             sub(LocalisationStatus, names.LOCALISATION_STATUS, self._on_localisation, ros.STATE),
         ]
 
@@ -83,6 +92,8 @@ class StartListener:
             ages_s=ages_s,
             recorder_ready=self._recorder_ready,
             vut_refused=self._vut_refused if adapted else "",
+            other_managers=len(self._strangers),
+            foreign="; ".join(self._strangers),
             bodies=known_bodies(self._targets, self._bodies, seconds_to_ns(now_s)),
         )
 
@@ -103,6 +114,9 @@ class StartListener:
     def _on_recorder(self, message: RecorderStatus) -> None:
         self._recorder_ready = bool(message.ready)
         self._heard_s[names.MONITOR] = time.monotonic()
+
+    def _on_links(self, message: LinkStatus) -> None:
+        self._strangers = [one[:MOST_TEXT] for one in message.strangers[:MOST_TOLD]]
 
     def _on_camera(self, _: CameraInfo) -> None:
         self._heard_s[names.FRONT_CAMERA] = time.monotonic()

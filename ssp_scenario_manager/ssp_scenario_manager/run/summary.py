@@ -56,6 +56,7 @@ def summary(
     return [
         *lines,
         f"  recorder {recorder}{camera}",
+        *(f"  {who}: {text}" for who, text in strangers(facts)),
         f"  limits: {limits.speed_mps:g} m/s, {limits.acceleration_mps2:g} m/s², "
         f"{limits.separation_m:g} m apart, {limits.duration_s:g} s long, "
         f"stop at {limits.stop_deceleration_mps2:g} m/s²",
@@ -81,6 +82,11 @@ def connected(
         who: _age_s(facts, who) <= (max(limit_s, LOST_S) if before.get(who) else limit_s)
         for who, limit_s in limits_s.items()
     }
+
+
+def strangers(facts: Facts) -> list[tuple[str, str]]:
+    """Name the publishers that keep this session from being armed; empty: there are none."""
+    return [("strangers", f"can't be armed: {facts.foreign}")] if facts.foreign else []
 
 
 def causes(spec: RunSpec, facts: Facts, heard: Mapping[str, bool]) -> dict[str, tuple[str, ...]]:
@@ -128,7 +134,7 @@ class Shown:
 
     def _all(self, facts: Facts) -> list[tuple[str, str]]:
         found = causes(self._spec, facts, self._heard)
-        return [(who, text) for who, texts in found.items() for text in texts]
+        return [(who, text) for who, texts in found.items() for text in texts] + strangers(facts)
 
 
 def _like(who: str, text: str) -> tuple[str, str]:

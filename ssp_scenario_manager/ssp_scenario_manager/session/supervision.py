@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import islice
 
 from ssp_core import names
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
@@ -22,6 +23,7 @@ from ssp_core.safety.liveness import (
     signs_of_life,
 )
 from ssp_core.safety.object_rules import HeardRules
+from ssp_core.safety.publishers import LONGEST_TOLD, MOST_TOLD
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.session.limits import LATE_S, Violation, of_object, silent, too_many
 from ssp_scenario_manager.session.session import Session
@@ -114,6 +116,12 @@ class LivenessMonitor:
     @property
     def other_managers(self) -> int:
         return sum(count for count, _ in self.foreign.values())
+
+    @property
+    def strangers(self) -> tuple[str, ...]:
+        """Return those that the manager itself has found; the recorder reports its own."""
+        found = (text for who, (_, text) in self.foreign.items() if who != names.MONITOR)
+        return tuple(text[:LONGEST_TOLD] for text in islice(found, MOST_TOLD))
 
     @property
     def foreign_text(self) -> str:

@@ -11,7 +11,7 @@ from ssp_core import names
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.body_status import FORGOTTEN_S
 from ssp_core.safety.liveness import ADAPTER_SILENT_S
-from ssp_msgs.msg import BodyStatus, LocalisationStatus
+from ssp_msgs.msg import BodyStatus, LinkStatus, LocalisationStatus
 from ssp_scenario_manager.ros import start_listener
 from ssp_scenario_manager.ros.start_listener import StartListener
 from ssp_scenario_manager.sros2 import rights
@@ -37,6 +37,10 @@ def test_reasons_of_bodies_and_receiver_are_facts_until_their_processes_are_sile
         ("no probe report",),
     )
     assert facts.vut_refused == "no fix"
+    assert (facts.other_managers, facts.foreign) == (0, "")
+    calls[names.LINK_STATUS](LinkStatus(strangers=["ot1/state has /x", "clock has /y"]))
+    facts = listener.facts()
+    assert (facts.other_managers, facts.foreign) == (2, "ot1/state has /x; clock has /y")
     later_s = time.monotonic() + max(FORGOTTEN_S, ADAPTER_SILENT_S) + 0.5
     monkeypatch.setattr(start_listener.time, "monotonic", lambda: later_s)
     facts = listener.facts()

@@ -140,6 +140,17 @@ def test_a_reason_that_is_new_after_the_summary_is_said_once(run: RunSpec) -> No
     assert shown.news(gone) == []
 
 
+def test_a_stranger_is_named_above_the_prompt_and_once_where_it_comes_later(run: RunSpec) -> None:
+    """The person at the prompt learnt of it from the refusal to arm alone."""
+    alone, line = Facts(), "strangers: can't be armed: ot1/state has /ssp/ours and /ssp/x"
+    both = Facts(other_managers=1, foreign="ot1/state has /ssp/ours and /ssp/x")
+    assert f"  {line}" in summary(run, LiveSetup({}), both, {})
+    assert not any("strangers" in one for one in summary(run, LiveSetup({}), alone, {}))
+    shown = Shown(run, alone)
+    assert shown.news(both) == [line]
+    assert shown.news(both) == []
+
+
 def test_the_prompt_names_the_words() -> None:
     assert '"start"' in PROMPT
     assert '"abort"' in PROMPT

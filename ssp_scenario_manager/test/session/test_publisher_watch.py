@@ -11,7 +11,7 @@ import pytest
 
 from ssp_core import names
 from ssp_core.run_file.model import RunSpec
-from ssp_core.safety.publishers import NAMELESS
+from ssp_core.safety.publishers import LONGEST_TOLD, MOST_TOLD, NAMELESS
 from ssp_scenario_manager.session.supervision import LivenessMonitor
 
 endpoints = pytest.importorskip("ssp_scenario_manager.ros.endpoints")
@@ -158,3 +158,33 @@ def test_topics_that_the_adapter_hears_no_more_are_forgotten(watched: Watched) -
     assert "/ins/odometry" in watched.look(0.2)
     watched.graph.heard_by_adapter = ["/other/odometry"]
     assert watched.look(0.2) == ""
+
+
+def test_operators_are_told_of_a_stranger_at_the_look_that_finds_it(watched: Watched) -> None:
+    """The page and the prompt have it from the manager, which reports links once a second."""
+    told: list[tuple[str, ...]] = []
+    period_s = manager_node.WATCHDOG_PERIOD_S
+    manager = SimpleNamespace(
+        _liveness=watched.liveness,
+        _others=SimpleNamespace(look=lambda _: watched.look(period_s)),
+        _report_links=lambda: told.append(watched.liveness.strangers),
+    )
+    look = manager_node.ScenarioManager._look_at_publishers
+    look(manager)
+    assert told == []
+    intruder = watched.graph.add("ot1/state", "intruder", 9)
+    look(manager)
+    assert told == [("ot1/state has /ssp/intruder and /ssp/object_target",)]
+    look(manager)
+    watched.graph.topics["ot1/state"].remove(intruder)
+    look(manager)
+    assert told[1:] == [()]
+
+
+def test_of_many_strangers_some_are_told_and_none_at_length(watched: Watched) -> None:
+    for number in range(20):
+        watched.liveness.foreign[f"t{number}"] = 1, "x" * 5000
+    assert [len(text) for text in watched.liveness.strangers] == [LONGEST_TOLD] * MOST_TOLD
+    watched.liveness.foreign.clear()
+    watched.liveness.hear_strangers(["clock has two"])
+    assert watched.liveness.strangers == ()
