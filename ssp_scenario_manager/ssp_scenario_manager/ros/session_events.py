@@ -81,28 +81,40 @@ class RunTimes:
         self.session_s = self.wall_s = 0.0
         self._running_since: float | None = None
 
-    def start(self, stamp: Any) -> None:
+    def start(self, stamp: Any, sent_at: float) -> None:
+        """Take the start by its own stamp, and when that was sent, on the steady clock."""
         self.zero_ns = ros.ns_from_stamp(stamp)
-        self._running_since = self._running_since or time.monotonic()
+        since = self._running_since
+        self._running_since = sent_at if since is None else min(since, sent_at)
 
     def go_on(self, session_s: float, is_over: bool) -> None:
         """Take the time that the manager states while the run goes on."""
-        if not is_over:
-            self.session_s = session_s
+        if is_over:
+            return
+        self.session_s = session_s
         if session_s > 0.0:
             now = time.monotonic()
-            self._running_since = self._running_since or now
+            self._running_since = now if self._running_since is None else self._running_since
             self.wall_s = now - self._running_since
 
-    def end(self, stamp: Any, ended_at: float, is_led_by_us: bool) -> None:
-        """Take the end's own stamp: what ``go_on`` takes comes before or after it, or never."""
-        if self.zero_ns is not None:
+    def end(self, stamp: Any, sent_at: float) -> None:
+        """Take the end as ``start``: what ``go_on`` takes comes before or after it, or never."""
+        if self.zero_ns is not None and self._running_since is not None:
             self.session_s = self.since_start_s(stamp)
-            if not is_led_by_us and self._running_since is not None:
-                self.wall_s = ended_at - self._running_since
+            self.wall_s = sent_at - self._running_since
 
     def since_start_s(self, stamp: Any) -> float:
         return ns_to_seconds(ros.ns_from_stamp(stamp) - (self.zero_ns or 0))
+
+
+def sent_at(info: Any) -> float:
+    """Return when a message was sent, on this host's steady clock, by rclpy's MessageInfo.
+
+    Its reader may have stood still since, in a terminal or for a debugger. Sender and reader are of
+    one host.
+    """
+    late_ns = time.time_ns() - info["source_timestamp"]
+    return time.monotonic() - max(0.0, ns_to_seconds(late_ns))
 
 
 class SessionEvents:
@@ -140,7 +152,8 @@ class SessionEvents:
         self._arming: ArmedObjects | None = None
         self._said_at = time.monotonic()
         sub = node.create_subscription
-        sub(SessionState, names.SESSION_STATE, self._on_session, ros.LATCHED)
+        with_info: Any = self._on_session  # rclpy's MessageInfo too, which its stubs don't know
+        sub(SessionState, names.SESSION_STATE, with_info, ros.LATCHED)
         sub(TriggerEvent, names.TRIGGER_EVENT, self._on_trigger, ros.LATCHED)
         sub(PhaseEvent, names.PHASE_EVENT, self._on_phase, ros.LATCHED)
         sub(SafetyEvent, names.SAFETY_EVENT, self._on_safety, ros.LATCHED)
@@ -180,13 +193,13 @@ class SessionEvents:
 
     # -- callbacks -----------------------------------------------------------------------------
 
-    def _on_session(self, message: SessionState) -> None:
+    def _on_session(self, message: SessionState, info: Any) -> None:
         self.was_armed |= message.state >= SessionState.STATE_ARMED
         self._hear()
         if not self.is_led_by_us:
             self.say_state(message.state)
         if message.state == SessionState.STATE_RUNNING:
-            self.times.start(message.header.stamp)
+            self.times.start(message.header.stamp, sent_at(info))
         if message.state == SessionState.STATE_ABORTING:
             self._note_trouble(message.reason)
         over = message.state in (SessionState.STATE_FINISHED, SessionState.STATE_ABORTED)
@@ -196,7 +209,7 @@ class SessionEvents:
         if over or given_up:
             self.end = message
             self.ended_at = self.ended_at or time.monotonic()
-            self.times.end(message.header.stamp, self.ended_at, self.is_led_by_us)
+            self.times.end(message.header.stamp, sent_at(info))
 
     def _note_trouble(self, what: str) -> None:
         self.trouble = self.trouble or (time.monotonic(), what)

@@ -8,10 +8,14 @@ from typing import Any
 import pytest
 
 from ssp_core import names
+from ssp_core.ros import stamp_from_ns
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_msgs.msg import ObjectState, ObjectStates
+from ssp_msgs.msg import ObjectState, ObjectStates, SessionState
 from ssp_scenario_manager.ros import session_events
 from ssp_scenario_manager.ros.session_events import SessionEvents
+
+# Between the steady and the system's clock.
+EPOCH_NS = 1_700_000_000 * 10**9
 
 
 class _Node:
@@ -99,3 +103,38 @@ def test_a_session_that_leaves_armed_is_said_so(clock: list[float]) -> None:
     assert set(node.heard) == usual
     events.say_wait(SessionPhase.CONNECTED, "said a moment ago")
     assert said[2:] == []
+
+
+@pytest.mark.parametrize("led_by_us", [False, True])
+@pytest.mark.parametrize("stopped", ["at the start", "at the end"])
+def test_a_runner_that_stood_still_states_how_long_the_run_took(
+    stopped: str, led_by_us: bool, clock: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Messages wait for a runner that is stopped: a run of 10 s was told as 40 s, or as 1 s."""
+    monkeypatch.setattr(session_events.time, "time_ns", lambda: round(clock[0] * 1e9) + EPOCH_NS)
+    node = _Node()
+    events = SessionEvents(node, _Run(False), lambda _: None, lambda: None)
+    events.is_led_by_us = led_by_us
+    start_s, end_s = clock[0], clock[0] + 10.0
+
+    def hear(state: SessionPhase, sent_s: float, at_s: float) -> None:
+        clock[0] = at_s
+        message = SessionState(state=state)
+        message.header.stamp = stamp_from_ns(round(sent_s * 1e9))
+        info = {"source_timestamp": round(sent_s * 1e9) + EPOCH_NS}
+        node.heard[names.SESSION_STATE](message, info)
+
+    def go_on(at_s: float) -> None:
+        clock[0] = at_s
+        events.times.go_on(at_s - start_s, events.end is not None)
+
+    if stopped == "at the start":
+        hear(SessionPhase.RUNNING, start_s, end_s - 1.0)
+        go_on(end_s - 0.5)
+        hear(SessionPhase.FINISHED, end_s, end_s)
+    else:
+        hear(SessionPhase.RUNNING, start_s, start_s)
+        go_on(start_s + 5.0)
+        hear(SessionPhase.FINISHED, end_s, start_s + 40.0)
+    go_on(clock[0] + 0.1)
+    assert (events.times.session_s, events.times.wall_s) == pytest.approx((10.0, 10.0))
