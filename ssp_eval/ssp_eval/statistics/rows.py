@@ -275,6 +275,7 @@ COLUMNS = (
 )
 _NUMBERS = frozenset({*METRIC_NAMES, "n", "seed", "lost", "total_b", "active_b"})
 _FACTS = ("total_b", "active_b", "architecture")
+_MOST_COLUMNS = 1000
 
 
 def _domain(text: str) -> str:
@@ -568,6 +569,13 @@ def _check_numbers(given: Mapping[str, Any]) -> None:
 def _checked_names(
     names: list[str], path: Path, number: int, tell: Callable[[str], None]
 ) -> list[str]:
+    if len(names) > _MOST_COLUMNS:
+        raise InputError(
+            f"has {len(names)} columns, at most {_MOST_COLUMNS} are read",
+            file=path,
+            line=number,
+            remedy=f"keep {', '.join(COLUMNS)} and what else is read of a table",
+        )
     doubled = sorted({name for name in names if names.count(name) > 1})
     if doubled:
         raise InputError(

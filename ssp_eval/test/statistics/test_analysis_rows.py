@@ -270,6 +270,7 @@ def test_wrong_lines_say_what_is_right(tmp_path, column, value, told):
         (HEAD.replace(",risk", ""), "cells.csv:1: misses the column risk"),
         (HEAD.replace("scenario,domain,", ""), "misses the columns scenario, domain"),
         (f"{HEAD},jovr\n{LINE},1", "has a column twice (got 'jovr')"),
+        (",".join(map(str, range(1_000_000))), "has 1000000 columns, at most 1000 are read"),
         (f"{HEAD}\n{LINE},1", "cells.csv:2: has 11 fields, the header has 10"),
         (f'{HEAD}\n"{LINE}', "is no CSV"),
         (f"{HEAD}\n{LINE}\n\n{LINE}", "cells.csv:4: cell cut_in / physical / a stands in line 2"),
