@@ -23,6 +23,7 @@ from ssp_msgs import msg
 from ssp_ot_controller.ros.sil_world import OVERRUN_S
 from ssp_ot_controller.sil.patience import HANG_LIMIT_S
 from support.processes import end
+from tests.support.patience import patient
 from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
@@ -109,7 +110,8 @@ def start(
 
     def make(**changes: Any) -> tuple[subprocess.Popen[str], Peers]:
         run_file = tmp_path / "run.yaml"
-        run_file.write_text(json.dumps(run_mapping(vut=VUT, targets=TARGETS, **changes)))
+        run = run_mapping(vut=VUT, targets=TARGETS, **changes)
+        run_file.write_text(json.dumps(patient(run)))
         worlds.append(world_process(domain, run_file))
         peers = Peers(others)
         peers.spin_until(lambda: peers.ticks, "the first tick")

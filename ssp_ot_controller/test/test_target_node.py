@@ -26,23 +26,28 @@ from ssp_ot_controller.objects.pool import TICK_SILENCE_S
 from support.messages import reference_to_msg, state_to_msg
 from support.processes import end
 from support.states import object_state
+from tests.support.patience import PATIENT_S, SILENCE_S, patient
 from tests.support.waiting import DEADLINE_S, answer_of, pause, until
 
 pytestmark = pytest.mark.ros
 # A reader may be found by this side before it has found this side.
 TICK_AGAIN_S = TICK_SILENCE_S / 5.0
 VERSION = "sha256:event"
-# A busy machine may keep a process waiting for some time; only the test of silence is about that.
-SILENCE_S = 2.0
 Request = ObjectCommand.Request
 
 
 @pytest.fixture
-def run_file(tmp_path: Path, run_mapping: Callable[..., dict[str, Any]]) -> Path:
+def heartbeat_s() -> float:
+    """Silence of the manager after which the object stops by itself."""
+    return PATIENT_S
+
+
+@pytest.fixture
+def run_file(
+    tmp_path: Path, run_mapping: Callable[..., dict[str, Any]], heartbeat_s: float
+) -> Path:
     path = tmp_path / "run.yaml"
-    run = run_mapping()
-    run["limits"] = {**run["limits"], "heartbeat_s": SILENCE_S, "state_age_s": SILENCE_S}
-    path.write_text(json.dumps(run))
+    path.write_text(json.dumps(patient(run_mapping(), heartbeat_s=heartbeat_s)))
     return path
 
 
@@ -251,12 +256,13 @@ def test_a_reference_out_of_turn_is_answered(peers: Peers) -> None:
     assert "DISARMED" in ack.error_msg
 
 
-def test_silence_of_the_manager_stops_an_armed_object(peers: Peers) -> None:
+@pytest.mark.parametrize("heartbeat_s", [SILENCE_S])
+def test_silence_of_the_manager_stops_an_armed_object(peers: Peers, heartbeat_s: float) -> None:
     peers.arm()
     silent_since = time.monotonic()
     peers.tick_until(lambda: peers.control is not ControlState.ARMED, "a stop for silence")
     assert peers.control is ControlState.ABORTING
-    assert time.monotonic() - silent_since >= SILENCE_S
+    assert time.monotonic() - silent_since >= heartbeat_s
     peers.spin_until(lambda: peers.safety, "the safety event")
     (event,) = peers.safety
     assert (event.limit_name, event.reaction, event.object_id) == (
@@ -264,7 +270,7 @@ def test_silence_of_the_manager_stops_an_armed_object(peers: Peers) -> None:
         "local_stop",
         "ot1",
     )
-    assert event.measured > event.limit == SILENCE_S
+    assert event.measured > event.limit == heartbeat_s
     assert peers.actuator[-1].acceleration < 0.0
 
 
@@ -343,12 +349,19 @@ def body() -> Iterator[str]:
 
 
 def test_live_an_object_of_hardware_drives_and_stops_by_itself(
-    domain: int, others: Any, run_file: Path, body: str
+    domain: int,
+    others: Any,
+    tmp_path: Path,
+    run_mapping: Callable[..., dict[str, Any]],
+    body: str,
 ) -> None:
-    """No world, the system's clock, and datagrams to a body in a process of its own."""
-    run = json.loads(run_file.read_text())
-    limits = {**run["limits"], "heartbeat_s": 3.0, "error_longitudinal_m": 9.0}
-    run_file.write_text(json.dumps({**run, "mode": "live", "limits": limits}))
+    """No world, the system's clock, and datagrams to a body in a process of its own.
+
+    A stop after its limits of silence must end inside the fence.
+    """
+    run, run_file = run_mapping(mode="live"), tmp_path / "run.yaml"
+    run["limits"] |= {"heartbeat_s": 3.0, "state_age_s": SILENCE_S, "error_longitudinal_m": 9.0}
+    run_file.write_text(json.dumps(run))
     process = start(domain, run_file=run_file, bodies=f"ot1={body}")
     peers = Peers(others)
     try:

@@ -21,6 +21,7 @@ import pytest
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
 from ssp_core.run_file.model import RunSpec
+from tests.support.patience import patient, start_manager
 from tests.support.runs import small_run
 from tests.support.waiting import DEADLINE_S, until
 from tests.system.browser import Browser
@@ -68,7 +69,7 @@ def run_of_many() -> RunSpec:
         targets=targets,
         triggers=[trigger],
     )
-    return RunSpec.model_validate(run)
+    return RunSpec.model_validate(patient(run))
 
 
 class Stage:
@@ -79,7 +80,7 @@ class Stage:
         self.env = {**session_environment(domain_id), "SSP_PAGE_TOKEN": TOKEN}
         self.run_file = folder / "run.yaml"
         self.run_file.write_text(run_of_many().model_dump_json(by_alias=True))
-        self.started: list[subprocess.Popen[bytes]] = []
+        self.started: list[subprocess.Popen[Any]] = []
 
     def start(self, name: str, *command: str) -> subprocess.Popen[bytes]:
         with (self.folder / f"{name}.log").open("ab") as out:
@@ -101,7 +102,8 @@ class Stage:
         return found
 
     def manager(self) -> None:
-        self.start("manager", "-m", "ssp_scenario_manager.ros.manager_node")
+        with (self.folder / "manager.log").open("ab") as out:
+            self.started.append(start_manager(self.env, out))
 
     def objects(self, *, moving: bool = False, single: bool = False) -> subprocess.Popen[bytes]:
         script = Path(__file__).with_name("played_objects.py")

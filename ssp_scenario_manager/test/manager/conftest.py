@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -34,6 +33,7 @@ from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
 from support.messages import state_to_msg
 from support.processes import end
+from tests.support.patience import patient, start_manager
 from tests.support.waiting import DEADLINE_S, answer_of, until
 
 DISARMED, ARMED = ControlState.DISARMED, ControlState.ARMED
@@ -225,13 +225,7 @@ def domain() -> Iterator[int]:
 
 @pytest.fixture
 def manager(domain: int) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "ssp_scenario_manager.ros.manager_node"],
-        env=session_environment(domain),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+    process = start_manager(session_environment(domain))
     yield process
     end(process)
 
@@ -252,5 +246,5 @@ def peers(
 @pytest.fixture
 def run_file(tmp_path: Path, run_mapping: dict[str, Any]) -> Path:
     path = tmp_path / "run.yaml"
-    path.write_text(json.dumps(run_mapping))
+    path.write_text(json.dumps(patient(run_mapping)))
     return path

@@ -15,6 +15,7 @@ from ssp_core import names, ros
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
+from tests.support.patience import SILENCE_S, patient
 
 pytestmark = pytest.mark.ros
 S = 1_000_000_000
@@ -22,27 +23,25 @@ S = 1_000_000_000
 
 @pytest.fixture
 def live(peers: Any, tmp_path: Path, run_mapping: dict[str, Any]) -> Any:
-    """Peers of a live session, with limits that are wide enough for a busy machine."""
-    run_mapping["mode"] = "live"
-    run_mapping["step_s"] = 0.1
-    run_mapping["limits"] |= {
-        "state_age_s": 2.0,
-        "clock_offset_s": 2.0,
-        "link_delay_s": 4.0,
-        "heartbeat_s": 3.0,
-        "ack_s": 60.0,
-    }
+    """Peers of a live session."""
     peers.run_file = tmp_path / "run.yaml"
-    peers.run_file.write_text(json.dumps(run_mapping))
+    peers.live_run = {**run_mapping, "mode": "live", "step_s": 0.1}
     peers.live = True
     return peers
 
 
-def arm(peers: Any) -> None:
+def arm(peers: Any, **limits: float) -> None:
+    """Arm a session that waits for a minute, but for these limits."""
+    run = patient(peers.live_run, clock_offset_s=2.0, **limits)
+    peers.run_file.write_text(json.dumps(run))
     assert peers.load(peers.run_file).accepted
     peers.appear()
     for command in ("connect", "arm"):
         peers.obtain(command)
+    # The manager may accept before the object is asked, which then appears anew.
+    peers.spin_until(
+        lambda: peers.ot1.control_state is ControlState.ARMED, "the object's own arming"
+    )
 
 
 def wait_for_event(peers: Any, code: SafetyCode) -> None:
@@ -55,8 +54,10 @@ def codes(peers: Any) -> set[int]:
 
 
 def test_a_live_session(live: Any, manager: subprocess.Popen[str]) -> None:
-    """One manager, three sessions: each start of a process costs seconds."""
+    """One manager, four sessions: each start of a process costs seconds."""
     runs_on_the_system_clock(live)
+    live.safety.clear()
+    misses_states_of_an_object(live)
     live.safety.clear()
     misses_answers_to_heartbeats(live)
     live.safety.clear()
@@ -95,7 +96,14 @@ def runs_on_the_system_clock(live: Any) -> None:
     stamps = [(one.child_frame_id, ros.ns_from_stamp(one.header.stamp)) for one in told()]
     assert len(set(stamps)) == len(stamps)
     assert told()[-1].transform.translation.x in (live.vut.x_m, live.ot1.x_m)
-    # Nobody steps the session, and still it sees that an object is gone.
+    assert live.command("abort").accepted
+    live.wait_for(SessionPhase.ABORTED)
+    live.obtain("all_clear")
+
+
+def misses_states_of_an_object(live: Any) -> None:
+    """Silence is noticed by a timer, since no world steps a live session."""
+    arm(live, state_age_s=SILENCE_S)
     live.ot1 = None
     live.spin_until(lambda: SafetyCode.OBJECT_SILENT in codes(live), "the event")
     live.wait_for(SessionPhase.ABORTING)
@@ -107,7 +115,7 @@ def runs_on_the_system_clock(live: Any) -> None:
 
 def misses_answers_to_heartbeats(live: Any) -> None:
     """States of the object go on: the link in the other direction is what is cut."""
-    arm(live)
+    arm(live, heartbeat_s=SILENCE_S)
     live.answers = False
     wait_for_event(live, SafetyCode.REPLY_MISSING)
     assert SafetyCode.OBJECT_SILENT not in codes(live)

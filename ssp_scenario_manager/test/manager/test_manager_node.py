@@ -28,6 +28,7 @@ from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
 from ssp_scenario_manager.ros.manager_node import LAST_WORD_S
 from support.messages import state_to_msg
+from tests.support.patience import patient
 from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
@@ -184,7 +185,8 @@ def test_others_are_not_armed_and_disarmed_all_the_time_while_one_refuses(
     start = {"x_m": 70.0, "y_m": 3.5, "yaw_rad": 0.0}
     second = {"id": "ot2", "object_class": "car", "start": start}
     path = tmp_path / "run.yaml"
-    path.write_text(json.dumps({**run_mapping, "targets": [*run_mapping["targets"], second]}))
+    targets = [*run_mapping["targets"], second]
+    path.write_text(json.dumps(patient({**run_mapping, "targets": targets})))
     run, arm = load_run(path), ObjectCommand.Request.COMMAND_ARM
     told: list[int] = []
     controls = [ControlState.DISARMED]
@@ -322,6 +324,18 @@ def test_a_second_publisher_of_each_topic_is_named(peers: Peers, run_file: Path)
     """One session after the other: an intruder that is gone keeps none of them from arming."""
     # The graph may have no name for it in time; which process it is, it always has.
     whence = f"{NAMELESS} (process {os.getpid() & 0xFFFF} of this host)"
+    bring(peers, run_file, "CONNECTED")
+    intruder = rclpy.create_node("intruder", namespace=names.NAMESPACE, context=peers.context)
+    acks = names.ack_topic("ot1")
+    intruder.create_publisher(msg.ReferenceAck, acks, ros.LATCHED)
+    # Before anything is armed page and terminal hear of it, and arming is refused for it.
+    peers.spin_until(lambda: peers.links and peers.links[-1].strangers, "a report of the stranger")
+    assert peers.links[-1].strangers[0].startswith(f"{acks} has ")
+    refusal = peers.command("arm").error_msg
+    assert f"1 publishers too many, limit 0: {acks} has " in refusal
+    intruder.destroy_node()
+    peers.spin_until(lambda: not peers.links[-1].strangers, "a report without it")
+    peers.obtain("reset")
     for topic, kind in STRANGE.items():
         bring(peers, run_file, "ARMED")
         assert list(peers.seen[-1].reasons) == [], topic

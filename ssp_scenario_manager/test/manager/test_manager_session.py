@@ -15,6 +15,7 @@ from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, SessionCommand
 from ssp_scenario_manager.session.run_script import PATIENCE_S
+from tests.support.patience import patient
 from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
@@ -46,7 +47,8 @@ def obtained(peers: Any, name: str, **given: Any) -> None:
 def live(peers: Any, run_mapping: dict[str, Any], tmp_path: Path) -> Path:
     """A manager that leads a live session, everybody in place."""
     path = tmp_path / "live.yaml"
-    path.write_text(json.dumps({**run_mapping, **LIVE, "session_token": "live-1"}))
+    live = {**run_mapping, **LIVE, "session_token": "live-1"}
+    path.write_text(json.dumps(patient(live)))
     peers.live = True
     peers.appear()
     assert peers.load(path).accepted

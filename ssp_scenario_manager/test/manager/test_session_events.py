@@ -110,7 +110,7 @@ def test_a_session_that_leaves_armed_is_said_so(clock: list[float]) -> None:
 def test_a_runner_that_stood_still_states_how_long_the_run_took(
     stopped: str, led_by_us: bool, clock: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Messages wait for a runner that is stopped: a run of 10 s was told as 40 s, or as 1 s."""
+    """A stopped runner reads messages late: it stated 40 s, or 1 s, for a run of 10 s."""
     monkeypatch.setattr(session_events.time, "time_ns", lambda: round(clock[0] * 1e9) + EPOCH_NS)
     node = _Node()
     events = SessionEvents(node, _Run(False), lambda _: None, lambda: None)

@@ -26,6 +26,7 @@ from ssp_scenario_manager.compile.targets.folder import write_task_files
 from ssp_scenario_manager.compile.task import RUN_FILE
 from ssp_scenario_manager.event_spec.log import LOG_FILE, Record, append_record
 from ssp_scenario_manager.maps.site import find_shipped
+from tests.support.patience import SILENCE_S, WAITS
 from tests.system.live.hosts import MANAGERS, Network, on
 
 DEADLINE_S = 300.0
@@ -34,8 +35,6 @@ ODOMETRY = "/ins/odometry"
 GNSS = ("--navsat", "/ins/fix", "--heading", "/ins/imu", "--velocity", "/ins/velocity")
 # Where the stand-in lies for those that have a receiver of places.
 DATUM = SiteDatum(latitude_deg=57.7775, longitude_deg=12.7805, altitude_m=201.3, yaw_rad=0.4)
-# Where the machine may be busy, and only what happens is judged, not how soon.
-SILENCE_S = 2.0
 LEAD_S = 0.25
 SITE = "north_track"
 # The prompt of a live run.
@@ -326,16 +325,7 @@ def _compile(scenario: str, folder: Path, site: str) -> Path:
     run = compiled.task.run
     # Silence of two seconds is nothing to stop for here. A blind stop needs that much more room,
     # also for an object that turns a little more than its reference: four times the site's fence.
-    waits = (
-        "state_age_s",
-        "heartbeat_s",
-        "trigger_age_s",
-        "link_delay_s",
-        "frozen_s",
-        "ack_s",
-        "stop_reaction_s",
-    )
-    lax = {**dict.fromkeys(waits, SILENCE_S), "clock_offset_s": 0.5, "error_longitudinal_m": 8.0}
+    lax = {**dict.fromkeys(WAITS, SILENCE_S), "clock_offset_s": 0.5, "error_longitudinal_m": 8.0}
     limits = run.limits.model_copy(update=lax)
     middle = [sum(axis) / len(run.geofence) for axis in zip(*run.geofence, strict=True)]
     fence = [(4.0 * x - 3.0 * middle[0], 4.0 * y - 3.0 * middle[1]) for x, y in run.geofence]
