@@ -109,6 +109,8 @@ class Closing(ABC):
 
 
 MAX_TEXT_BYTES = 8 << 20
+# Of one file; naming each with its remedy takes some 50 microseconds.
+MOST_ERRORS = 20_000
 _MOST_TAG_DIRECTIVES = 100
 _BLOCK_BYTES = 1 << 16
 # An escape for half of a surrogate pair, in JSON or in YAML.
@@ -299,11 +301,19 @@ def parse_model(model: type[Model], value: Any, file: str | Path) -> Model:
     """Validate a mapping against a pydantic model.
 
     Raises:
-        InputError: all failures, each with its field path, value and remedy.
+        InputError: all failures, each with its field path, value and remedy; of too many, how many
+            there are.
     """
     try:
         return model.model_validate(value)
     except ValidationError as error:
+        if (count := error.error_count()) > MOST_ERRORS:
+            known = (one.alias or name for name, one in model.model_fields.items())
+            raise InputError(
+                f"has {count} errors, and at most {MOST_ERRORS} are named",
+                file=file,
+                remedy=f"give a file with the fields {', '.join(islice(known, 10))}",
+            ) from error
         raise InputError.of_all(failures(error, value, model), file) from error
 
 

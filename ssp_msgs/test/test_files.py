@@ -21,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from ssp_core.errors import HostError, InputError
 from ssp_core.files import (
     MAX_TEXT_BYTES,
+    MOST_ERRORS,
     TAKEN_FILE,
     load_model,
     new_folder,
@@ -593,3 +594,33 @@ def test_a_new_folder_that_another_made_meanwhile_is_left_alone(tmp_path: Path) 
         making.__exit__(None, None, None)
     assert names(tmp_path / "new") == ["theirs"]
     assert names(tmp_path) == ["new"]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("a:\n" + "- 1\n" * 600_000, "more than 500000 keys and values"),
+        ("a: [" + "1," * 600_000 + "]", "more than 500000 keys and values"),
+        ("".join(f"k{number}: 1\n" for number in range(300_000)), "more than 500000 keys"),
+        (json.dumps({f"k{number}": 1 for number in range(500_000)}), "has 500000 errors"),
+        (json.dumps({"faults": list(range(1_000_000))}), "has 1000000 errors"),
+    ],
+)
+def test_a_file_of_many_values_is_refused_within_seconds(
+    text: str, problem: str, tmp_path: Path
+) -> None:
+    """8 MiB of YAML took half a minute to read, and 600,000 unknown keys as long to name."""
+    file = tmp_path / "faults.yaml"
+    file.write_text(text)
+    began_s = time.process_time()
+    with pytest.raises(InputError, match=problem) as caught:
+        load_model(FaultFile, file)
+    assert time.process_time() - began_s < 8.0
+    assert caught.value.file == str(file)
+    assert caught.value.remedy
+
+
+def test_a_file_of_many_errors_names_each_up_to_a_bound(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_model(FaultFile, {f"k{number}": 1 for number in range(MOST_ERRORS)}, "f.yaml")
+    assert len(caught.value.parts) == MOST_ERRORS
