@@ -52,8 +52,8 @@ class CoreLoader(Composer, yaml.CSafeLoader):
         self._values = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
+        event: Any = self.peek_event()
         if self.check_event(yaml.events.AliasEvent):
-            event: Any = self.peek_event()
             raise yaml.MarkedYAMLError(
                 problem="aliases (*name) are not accepted", problem_mark=event.start_mark
             )
@@ -61,7 +61,7 @@ class CoreLoader(Composer, yaml.CSafeLoader):
         if self._values > MOST_VALUES:
             raise yaml.MarkedYAMLError(
                 problem=f"it has more than {MOST_VALUES} keys and values, as only JSON may",
-                problem_mark=self.peek_event().start_mark,
+                problem_mark=event.start_mark,
             )
         return super().compose_node(parent, index)
 
