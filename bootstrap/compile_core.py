@@ -45,6 +45,9 @@ ROOT = Path(__file__).resolve().parent.parent
 MODULES = {
     "ssp_msgs/ssp_core": (
         "clock",
+        "geometry",
+        "motion/encounter",
+        "motion/state",
         "safety/consistency",
         "safety/contradiction",
         "safety/delays",
@@ -53,6 +56,7 @@ MODULES = {
         "safety/samples",
         "safety/stopping",
         "safety/window",
+        "world/car_following",
         "world/obstacles",
     ),
     "ssp_ot_controller/ssp_ot_controller": (

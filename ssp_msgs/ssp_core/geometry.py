@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -301,31 +300,31 @@ class Polyline:
         self._curvature = np.zeros(len(array))
         if len(turns):
             self._curvature[1:-1] = turns / (0.5 * (lengths[:-1] + lengths[1:]))
+        self.length_m = float(self.stations_m[-1])
+        # Made when they are first asked for.
+        self._starts_m: list[float] = []
+        self._pieces: list[_Piece] = []
+        self._stretches: list[FloatArray] = []
+        self._columns: FloatArray | None = None
 
-    @cached_property
-    def length_m(self) -> float:
-        return float(self.stations_m[-1])
-
-    @cached_property
-    def _starts_m(self) -> list[float]:
-        starts: list[float] = self.stations_m[:-1].tolist()
-        return starts
-
-    @cached_property
-    def _pieces(self) -> list[_Piece]:
+    def _make_pieces(self) -> list[_Piece]:
+        """Make the list of the pieces' starts, and the pieces."""
+        self._starts_m = self.stations_m[:-1].tolist()
         x, y = self.points[:-1].T.tolist()
         dx, dy = self._steps.T.tolist()
         squares, lengths = self._squares.tolist(), self._lengths.tolist()
         rows = zip(x, y, dx, dy, squares, lengths, self._starts_m, self._yaw.tolist(), strict=True)
-        return [
+        self._pieces = [
             _Piece._make((*place, wrap_angle(yaw), math.cos(yaw), math.sin(yaw)))
             for *place, yaw in rows
         ]
+        return self._pieces
 
     def pose(self, station_m: float, offset_m: float = 0.0) -> Pose2:
         """Return the pose at an arc length, offset_m to its left; extended straight at the ends."""
+        pieces = self._pieces or self._make_pieces()
         i = bisect_right(self._starts_m, station_m) - 1
-        start = self._pieces[min(max(i, 0), len(self._pieces) - 1)]
+        start = pieces[min(max(i, 0), len(pieces) - 1)]
         along, c, s = station_m - start.station_m, start.cos, start.sin
         x = start.x_m + c * along - s * offset_m
         y = start.y_m + s * along + c * offset_m
@@ -349,7 +348,7 @@ class Polyline:
 
     def project_all(self, points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
         """Project as ``project`` for several points at once; the results agree to the last bit."""
-        if len(self._pieces) <= _FEW_PIECES:
+        if len(self._lengths) <= _FEW_PIECES:
             return [self._project_one(x, y) for x, y in points]
         xy = np.array(points, dtype=np.float64)
         found: list[tuple[float, float]] = []
@@ -358,9 +357,8 @@ class Polyline:
             found += self._project_on(together, self._near(together))
         return found
 
-    @cached_property
-    def _stretches(self) -> list[FloatArray]:
-        """Stretches of 64 pieces, stretches of 64 of these, and so on up to at most 64 of them.
+    def _make_stretches(self) -> list[FloatArray]:
+        """Make stretches of 64 pieces, of 64 of these, and so on up to at most 64 of them.
 
         Returns:
             Of each such level, shape (6, m): least x, most x, least y, most y, and the first point.
@@ -374,6 +372,7 @@ class Polyline:
             least, most = np.minimum.reduceat(level, at, 1), np.maximum.reduceat(level, at, 1)
             level = np.stack([least[0], most[1], least[2], most[3], *level[4:, at]])
             levels.append(level)
+        self._stretches = levels
         return levels
 
     def _near(self, xy: FloatArray) -> slice | NDArray[np.intp]:
@@ -388,7 +387,7 @@ class Polyline:
         least = most = xy[:, :, None]
         if len(xy) > _FEW_POINTS:
             least, most = xy.min(axis=0)[None, :, None], xy.max(axis=0)[None, :, None]
-        levels = self._stretches
+        levels = self._stretches or self._make_stretches()
         kept: NDArray[np.intp] = np.arange(levels[-1].shape[1])
         for number in reversed(range(len(levels))):
             low_x, high_x, low_y, high_y, x, y = levels[number][:, kept]
@@ -403,17 +402,20 @@ class Polyline:
             kept = inner[inner < (levels[number - 1].shape[1] if number else n)]
         return kept
 
-    @cached_property
-    def _columns(self) -> FloatArray:
-        """Start, step, squared length, length and station of each piece; shape (7, n)."""
-        rows = (*self.points[:-1].T, *self._steps.T, self._squares, self._lengths)
-        return np.stack([*rows, self.stations_m[:-1]])
+    def _all_columns(self) -> FloatArray:
+        """Return start, step, squared length, length and station of each piece; shape (7, n)."""
+        if self._columns is None:
+            rows = (*self.points[:-1].T, *self._steps.T, self._squares, self._lengths)
+            self._columns = np.stack([*rows, self.stations_m[:-1]])
+        return self._columns
 
     def _project_on(
         self, xy: FloatArray, pieces: slice | NDArray[np.intp]
     ) -> list[tuple[float, float]]:
         """Return arc length and offset of the nearest points of some pieces, given in order."""
-        columns = self._columns if isinstance(pieces, slice) else self._columns[:, pieces]
+        columns = self._all_columns()
+        if not isinstance(pieces, slice):
+            columns = columns[:, pieces]
         x, y, dx, dy, squares = columns[:5]
         at_x, at_y = xy[:, :1], xy[:, 1:]
         rx, ry = at_x - x, at_y - y
@@ -435,8 +437,9 @@ class Polyline:
         On a short path that is quicker than with arrays.
         """
         best: float | None = None
-        found, found_t, found_side = self._pieces[0], 0.0, 0.0
-        for piece in self._pieces:
+        pieces = self._pieces or self._make_pieces()
+        found, found_t, found_side = pieces[0], 0.0, 0.0
+        for piece in pieces:
             dx, dy = piece.dx_m, piece.dy_m
             rx, ry = x_m - piece.x_m, y_m - piece.y_m
             t = (rx * dx + ry * dy) / piece.square_m2

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -108,7 +108,7 @@ def rules_of(run: RunSpec, object_id: str) -> ObjectRules:
         "datum": datum,
         object_id: {
             **{key: spec[key] for key in ("object_class", "start", "tracker")},
-            "size": {name: getattr(size, name) for name in size.__slots__},
+            "size": asdict(size),
             "approach": spec["approach"],
             "manoeuvres": {
                 trigger.id: trigger.manoeuvre.model_dump(mode="json")
