@@ -10,10 +10,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.special import fresnel  # type: ignore[import-untyped] # has no types
 
-from ssp_core.geometry import Polyline, Pose2
+from ssp_core.geometry import FloatArray, Polyline, Pose2
 from ssp_core.run_file.road import CurvePiece, Lane, Road
 from ssp_core.run_file.values import Start
-from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
+from ssp_core.world.reference_line import NotOneToOne, Panels, ReferenceLine
 
 angles = st.floats(-7.0, 7.0)
 metres = st.floats(-5000.0, 5000.0)
@@ -213,6 +213,53 @@ def test_a_place_between_two_legs_of_a_hairpin_is_an_error() -> None:
     with pytest.raises(NotOneToOne):
         line.to_map(50.0, 21.0)
     assert line.to_map(50.0, 19.0) == pytest.approx((50.0, 19.0), abs=1e-9)
+
+
+@calm
+@given(
+    turns=st.lists(st.tuples(st.floats(1.0, 80.0), st.floats(-0.08, 0.08)), min_size=2, max_size=6),
+    share=st.floats(-0.3, 1.3),
+    offset=st.floats(-20.0, 20.0),
+)
+def test_a_line_that_turns_round_has_the_places_that_it_gives_back(
+    turns: list[tuple[float, float]], share: float, offset: float
+) -> None:
+    """A place is its own by what is known of the line, or by a search for its feet."""
+    line = ReferenceLine(HOME, [arc(length, k) for length, k in turns])
+    s = share * line.length_m
+    pose = line.pose(s)
+    place = pose.to_parent(0.0, offset)
+    back = line.to_local_many(np.array([place]))[0]
+    own = bool(np.abs(back - (s, offset)).max() <= 1e-6)
+    try:
+        told: tuple[float, float] | None = line.to_map(s, offset)
+    except NotOneToOne:
+        told = None
+    assert (told is not None) is own
+
+
+def test_the_middle_of_a_line_around_a_ring_is_known_without_a_search(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each path along a route over a ring took a search for all of its points."""
+    around = ReferenceLine(
+        HOME, [straight(100.0), arc(15.0, -0.05), arc(80.0, 0.05), arc(15.0, -0.05), straight(90.0)]
+    )
+    crossing = ReferenceLine(HOME, [straight(100.0), arc(94.0, 0.05), straight(100.0)])
+    with monkeypatch.context() as changed:
+        changed.setattr(Panels, "feet", lambda *_: pytest.fail("feet are looked for"))
+        assert len(around.path(0.0, around.length_m, 0.0)) > 100
+        assert len(around.path(20.0, 150.0, 3.0)) > 50
+    searched = []
+    feet = Panels.feet
+
+    def counted(self: Panels, xy: FloatArray) -> FloatArray:
+        searched.append(len(xy))
+        return feet(self, xy)
+
+    monkeypatch.setattr(Panels, "feet", counted)
+    crossing.path(0.0, crossing.length_m, 0.0)
+    assert searched
 
 
 # -- paths ----------------------------------------------------------------------------------------

@@ -19,10 +19,11 @@ from ssp_eval.data.provenance import ImportedSite
 from ssp_eval.importers.tracks import Track
 from ssp_scenario_manager.compile.place import road_of
 from ssp_scenario_manager.compile.task import SITE_FILE
+from ssp_scenario_manager.maps.arms import junction_roads
 from ssp_scenario_manager.maps.block import Block, Library
 from ssp_scenario_manager.maps.lane_ends import with_lane_ends
 from ssp_scenario_manager.maps.load import load_library
-from ssp_scenario_manager.maps.routes import junction_roads, routes_of
+from ssp_scenario_manager.maps.routes import routes_of
 from ssp_scenario_manager.maps.site import find_shipped
 
 # So much of the VUT's way must lie on the block, so that its lane and its lanes' number mean it.

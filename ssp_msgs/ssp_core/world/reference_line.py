@@ -40,6 +40,24 @@ _CHUNK = 4096
 _SPLITS = 4
 
 
+# Places of a line are compared with each other in this step, of at most so many.
+_APART_STEP_M = 0.5
+_MOST_APART = 2000
+
+Ray = tuple[float, float, float, float]
+
+
+def _rays_meet(one: Ray, other: Ray) -> bool:
+    """Tell whether two rays meet, each given by its start and its direction."""
+    x0, y0, c0, w0 = one
+    x1, y1, c1, w1 = other
+    across = c0 * w1 - w0 * c1
+    if abs(across) < 1e-12:
+        return False
+    dx, dy = x1 - x0, y1 - y0
+    return (dx * w1 - dy * c1) / across >= 0.0 and (dx * w0 - dy * c0) / across >= 0.0
+
+
 class Panels:
     """The chain.
 
@@ -132,6 +150,45 @@ class Panels:
         index = self.index(s)
         k = self.k[index] + self.rate[index] * (s - self.s[index])
         return np.where((s < 0.0) | (s > self.length_m), 0.0, k)
+
+    def apart_m(self, most_1pm: float) -> float:
+        """Return a distance that places keep between which the heading varies by half a turn.
+
+        Args:
+            most_1pm: the largest curvature.
+
+        Returns:
+            0 where there is none, or the line is too long to look at all of it.
+        """
+        count = math.ceil(self.length_m / _APART_STEP_M) + 1
+        if count > _MOST_APART:
+            return 0.0
+        step = self.length_m / (count - 1)
+        x, y, yaw = self.at(np.linspace(0.0, self.length_m, count))
+        turned = math.pi - 2.0 * most_1pm * step - 1e-6
+        least = math.inf
+        for i in range(count):
+            ahead = yaw[i:]
+            spread = np.maximum.accumulate(ahead) - np.minimum.accumulate(ahead)
+            first = i + int(np.searchsorted(spread, turned))
+            if first < count:
+                least = min(least, float(np.hypot(x[first:] - x[i], y[first:] - y[i]).min()))
+        # The straights beyond both ends, as far as they can come near.
+        rays = []
+        for end, side in ((0, -1.0), (-1, 1.0)):
+            c, w = side * math.cos(yaw[end]), side * math.sin(yaw[end])
+            spread = yaw if side < 0.0 else yaw[::-1]
+            spread = np.maximum.accumulate(spread) - np.minimum.accumulate(spread)
+            far = spread >= turned if side < 0.0 else (spread >= turned)[::-1]
+            dx, dy = x[far] - x[end], y[far] - y[end]
+            along = np.maximum(c * dx + w * dy, 0.0)
+            least = min(
+                least, float(np.hypot(dx - c * along, dy - w * along).min(initial=math.inf))
+            )
+            rays.append((float(x[end]), float(y[end]), c, w))
+        if _rays_meet(*rays):
+            return 0.0
+        return max(0.0, least - step)
 
     def feet(self, xy: FloatArray) -> FloatArray:
         """Return the arc length and offset of the nearest foot of each place.
@@ -307,14 +364,16 @@ class ReferenceLine:
         """Offsets (right, left) inside of which every place is known to be one-to-one.
 
         While the heading varies by less than half a turn, offset lines to one side run into each
-        other nowhere before the centre of the tightest bend to that side.
+        other nowhere before the centre of the tightest bend to that side; stretches between which
+        it varies by more do so nowhere before the middle between them.
         """
-        if self._panels.heading_range_rad >= math.pi - 1e-6:
-            return 0.0, 0.0
         ends = [k for _, k0, k1 in self._numbers for k in (k0, k1)]
         most, least = max(ends), min(ends)
         right = (1.0 - LEAST_STRETCH) / least if least < 0.0 else -math.inf
         left = (1.0 - LEAST_STRETCH) / most if most > 0.0 else math.inf
+        if self._panels.heading_range_rad >= math.pi - 1e-6:
+            half = 0.5 * self._panels.apart_m(max(most, -least))
+            right, left = max(right, -half), min(left, half)
         return right, left
 
     @classmethod

@@ -36,8 +36,8 @@ from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_scenario_manager.compile.task import PlaceLink
 from ssp_scenario_manager.event_spec.fields import Span
 from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.arms import junction_roads
 from ssp_scenario_manager.maps.block import Block, BlockLane, Library
-from ssp_scenario_manager.maps.routes import junction_roads
 from ssp_scenario_manager.maps.site import Region, Site, SiteBlock, region_polygon
 from ssp_scenario_manager.scenarios.base import CannotPlace, Cross, Drive, Plan
 from ssp_scenario_manager.scenarios.block_places import left_kerb_m, right_kerb_m

@@ -10,13 +10,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from ssp_core.geometry import FloatArray, Pose2, wrap_angle
-from ssp_core.world.reference_line import NotOneToOne
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 from ssp_scenario_manager.maps.block import Block, BlockLane, headings
-from ssp_scenario_manager.maps.reference_line import Unusable
+from ssp_scenario_manager.maps.reference_line import Unusable, smooth_line
 from ssp_scenario_manager.maps.rings import is_ring
 
 # A lane goes on in another that begins this near to its end, in this direction.
@@ -36,6 +37,11 @@ _SEAM_RAD = 0.1
 _UNFLARED_M = 3.0
 # Of widths.
 _ROUNDING_M = 0.01
+# A route over a ring has places at this step, and is smoothed over so many to each side.
+_EVEN_STEP_M = 1.0
+_MOST_REACH = 4
+# A line's places are looked at in this step.
+_STEP_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +52,11 @@ class Leg:
     lane: BlockLane
     start_s_m: float
     end_s_m: float
+
+    @property
+    def length_m(self) -> float:
+        """Length of the part along the block's reference line."""
+        return self.end_s_m - self.start_s_m
 
     def places(self) -> FloatArray:
         """Return the places along its middle, near enough to each other for its bends.
@@ -99,7 +110,7 @@ def lanes_beside(first: Leg, last: Leg) -> list[BlockLane]:
     ]
 
 
-def _continued(leg: Leg, other: Block, *, back: bool) -> BlockLane | None:
+def continued(leg: Leg, other: Block, *, back: bool) -> BlockLane | None:
     """Return the lane of another block that leads to a leg's lane, or that it leads to."""
     before, after = (other, leg.block) if back else (leg.block, other)
     turn_rad = after.line.pose(0.0).yaw_rad - before.line.pose(before.length_m).yaw_rad
@@ -123,7 +134,7 @@ def _has_lane(block: Block, own: BlockLane, beside: BlockLane) -> bool:
     )
 
 
-def _turned_rad(block: Block) -> float:
+def turn_of(block: Block) -> float:
     """Return how much a block turns, to either side, rad."""
     return abs(float(np.ptp(headings(block.line, np.array([0.0, block.length_m])))))
 
@@ -167,14 +178,14 @@ def prolonged(
             block = known.get(name)
             if block is None or name in taken or block.junction == legs[1].block.junction:
                 continue
-            lane, limit = _continued(leg, block, back=back), block.speed_limit_mps
+            lane, limit = continued(leg, block, back=back), block.speed_limit_mps
             if lane is None or lane.width_m < width_m:
                 continue
             if limit is not None and (limit < limit_mps or not limits):
                 continue
             if not all(_has_lane(block, lane, other) for other in beside):
                 continue
-            part_m, turn_rad = min(room_m, block.length_m), _turned_rad(block)
+            part_m, turn_rad = min(room_m, block.length_m), turn_of(block)
             if ring and turned_rad + turn_rad >= STRAIGHT_ON_RAD:
                 left_rad = STRAIGHT_ON_RAD - turned_rad
                 part_m, turn_rad = _straight_part_m(block, part_m, left_rad, back=back), left_rad
@@ -193,3 +204,54 @@ def prolonged(
         yield leg
         if turned_rad >= STRAIGHT_ON_RAD:
             return
+
+
+@cache
+def _weights(reach: int) -> FloatArray:
+    """Return the weights of places for the middle one of the parabola that fits best to them."""
+    around = np.arange(-reach, reach + 1, dtype=np.float64)
+    weights: FloatArray = np.linalg.pinv(np.vander(around, 3, increasing=True))[0]
+    return weights
+
+
+def _smoothed(places: FloatArray) -> FloatArray:
+    """Return places along others at an even step, each on the parabola that fits those around it.
+
+    Arcs stay arcs, and lanes that meet to a few centimetres, as a ring's do, make no bend.
+    """
+    s = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))))
+    even = np.linspace(0.0, s[-1], max(2, round(s[-1] / _EVEN_STEP_M) + 1))
+    found = np.column_stack([np.interp(even, s, xy) for xy in places.T])
+    made = found.copy()
+    for reach in range(2, min(_MOST_REACH, (len(found) - 1) // 2) + 1):
+        windows = np.lib.stride_tricks.sliding_window_view(found, 2 * reach + 1, axis=0)
+        # Near an end the reach is as far as the end.
+        made[reach : len(found) - reach] = windows @ _weights(reach)
+    return made
+
+
+def joined_line(legs: Sequence[Leg], smoothed: bool) -> tuple[ReferenceLine, list[float]]:
+    """Return the line along some legs, and the arc lengths at which each of them ends.
+
+    Args:
+        legs: of a route, and of the roads before and beyond it.
+        smoothed: whether the route is one over a ring.
+
+    Raises:
+        Unusable: there is no such line.
+    """
+    places = [leg.places()[min(i, 1) :] for i, leg in enumerate(legs)]
+    along = np.concatenate(places)
+    if smoothed:
+        along = _smoothed(along)
+    line = smooth_line([(float(x), float(y)) for x, y in along])
+    chords = [float(np.hypot(*np.diff(xy, axis=0).T).sum()) for xy in places]
+    for i in range(1, len(places)):
+        chords[i] += math.dist(places[i - 1][-1], places[i][0])
+    try:
+        line.to_map_many(np.arange(0.0, line.length_m, _STEP_M), 0.0)
+    except NotOneToOne as error:
+        raise Unusable(f"comes back beside itself: {error}") from error
+    # Corners that are rounded off shorten the line by a few millimetres.
+    ends = np.cumsum(chords)
+    return line, [float(end) for end in ends * (line.length_m / ends[-1])]

@@ -13,14 +13,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 
 from ssp_core.geometry import FloatArray, wrap_angle
-from ssp_core.run_file.road import JunctionRoad, Lane
-from ssp_core.run_file.values import Start
-from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_scenario_manager.maps.arms import arm_of
 from ssp_scenario_manager.maps.block import (
     Block,
     BlockLane,
@@ -40,11 +38,12 @@ from ssp_scenario_manager.maps.legs import (
     LANES_MEET_M,
     STRAIGHT_ON_RAD,
     Leg,
+    joined_line,
     lane_pairs,
     lanes_beside,
     prolonged,
 )
-from ssp_scenario_manager.maps.reference_line import Unusable, smooth_line
+from ssp_scenario_manager.maps.reference_line import Unusable
 from ssp_scenario_manager.maps.rings import is_ring
 
 # Roads before and beyond a route bend no more than it does; or than this over a metre and over
@@ -62,9 +61,6 @@ _MOST_VIA_RING = 20
 MOST_ROUTES = 200
 # Steps from road to road inside one junction, of which most may lead nowhere.
 _MOST_STEPS = 20_000
-# A route over a ring has places at this step, and is smoothed over so many to each side.
-_EVEN_STEP_M = 1.0
-_MOST_REACH = 4
 # Conflicts are looked for at this step, as far as this beyond the junction; routes join where their
 # middles are this near.
 _STEP_M = 0.5
@@ -72,10 +68,6 @@ _BEYOND_M = 10.0
 _JOINED_M = 0.2
 # One that turns by more goes back.
 BACK_RAD = math.radians(150.0)
-# Carriageways whose middles are this near to each other where they meet the junction are one arm.
-_ONE_ARM_M = 0.5
-# So much of each arm is part of a junction's surroundings.
-ARM_M = 60.0
 # Lines that meet at a smaller angle don't cross.
 _LEAST_ANGLE_RAD = 0.05
 
@@ -146,50 +138,6 @@ def _chains(blocks: Sequence[Block], junction: str | None, effort: _Effort) -> I
                     yield from _follow([(before, one), (block, other)], known, effort)
 
 
-def _smoothed(places: FloatArray) -> FloatArray:
-    """Return places along others at an even step, each on the parabola that fits those around it.
-
-    Arcs stay arcs, and lanes that meet to a few centimetres, as a ring's do, make no bend.
-    """
-    s = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))))
-    even = np.linspace(0.0, s[-1], max(2, round(s[-1] / _EVEN_STEP_M) + 1))
-    found = np.column_stack([np.interp(even, s, xy) for xy in places.T])
-    made = found.copy()
-    for i in range(1, len(found) - 1):
-        reach = min(_MOST_REACH, i, len(found) - 1 - i)
-        around = np.arange(-reach, reach + 1)
-        if reach > 1:
-            made[i] = np.polynomial.polynomial.polyfit(around, found[i + around], 2)[0]
-    return made
-
-
-def _joined_line(legs: Sequence[Leg], smoothed: bool) -> tuple[ReferenceLine, list[float]]:
-    """Return the line along some legs, and the arc lengths at which each of them ends.
-
-    Args:
-        legs: of a route, and of the roads before and beyond it.
-        smoothed: whether the route is one over a ring.
-
-    Raises:
-        Unusable: there is no such line.
-    """
-    places = [leg.places()[min(i, 1) :] for i, leg in enumerate(legs)]
-    along = np.concatenate(places)
-    if smoothed:
-        along = _smoothed(along)
-    line = smooth_line([(float(x), float(y)) for x, y in along])
-    chords = [float(np.hypot(*np.diff(xy, axis=0).T).sum()) for xy in places]
-    for i in range(1, len(places)):
-        chords[i] += math.dist(places[i - 1][-1], places[i][0])
-    try:
-        line.to_map_many(np.arange(0.0, line.length_m, _STEP_M), 0.0)
-    except NotOneToOne as error:
-        raise Unusable(f"comes back beside itself: {error}") from error
-    # Corners that are rounded off shorten the line by a few millimetres.
-    ends = np.cumsum(chords)
-    return line, [float(end) for end in ends * (line.length_m / ends[-1])]
-
-
 def _sharpest(line: ReferenceLine) -> FloatArray:
     """Return the largest curvature of a line over any metre, and over any 10 m, 1/m."""
     s = np.linspace(0.0, line.length_m, max(2, math.ceil(line.length_m) + 1))
@@ -209,7 +157,7 @@ def _with_roads_beyond(
     """
     ring = is_ring(legs[1].block.junction)
     same = _RING_BENDS_1PM if ring else _SAME_BEND_1PM
-    most = np.maximum(_sharpest(_joined_line(legs, ring)[0]), _LEAST_BENDS_1PM) + same
+    most = np.maximum(_sharpest(joined_line(legs, ring)[0]), _LEAST_BENDS_1PM) + same
     before: list[Leg] = []
     after: list[Leg] = []
     for leg in prolonged(legs, known, beside, back=True):
@@ -225,13 +173,69 @@ def _with_roads_beyond(
 
 def _bends_less(legs: Sequence[Leg], most_1pm: FloatArray, smoothed: bool) -> bool:
     with suppress(Unusable):
-        return bool((_sharpest(_joined_line(legs, smoothed)[0]) <= most_1pm).all())
+        return bool((_sharpest(joined_line(legs, smoothed)[0]) <= most_1pm).all())
     return False
 
 
 def _if_same(straight: bool, first: Boundary, last: Boundary) -> Boundary:
     """Return what a route that goes straight on has beside it, where approach and exit agree."""
     return first if straight and first == last else "any"
+
+
+def _shared(
+    leg: Leg,
+    roads: Sequence[Leg],
+    known: Mapping[str, Block],
+    junction: str | None,
+    *,
+    back: bool,
+) -> tuple[int, float]:
+    """Return how many of a route's roads are of its arm, and how long that arm is, m.
+
+    Args:
+        leg: approach or exit.
+        roads: of the route before or beyond it, nearest first.
+        known: blocks by their ids.
+        junction: that the route leads through.
+        back: it is the approach.
+    """
+    arm = arm_of(leg.block, leg.lane, known, junction, back=back)
+    count = 0
+    for own, its in zip(roads, arm.legs[1:], strict=False):
+        if own.block is not its.block or own.lane != its.lane:
+            break
+        count += 1
+        if own.length_m < its.length_m:
+            break
+    return count, arm.length_m
+
+
+def _arms_s_m(
+    legs: Sequence[Leg],
+    before: Sequence[Leg],
+    after: Sequence[Leg],
+    ends_m: Sequence[float],
+    known: Mapping[str, Block],
+) -> tuple[float, float]:
+    """Return between which arc lengths a route is on the arms of its junction, or in it.
+
+    Args:
+        legs: of the route, from the approach to the exit.
+        before: roads before it, the farthest first.
+        after: roads beyond it, the nearest first.
+        ends_m: arc length at which each of all of these ends.
+        known: blocks by their ids.
+    """
+    start_m, end_m = -math.inf, math.inf
+    edges_m, first = [0.0, *ends_m], len(before)
+    last, junction = first + len(legs), legs[1].block.junction
+    if before:
+        count, long_m = _shared(legs[0], before[::-1], known, junction, back=True)
+        start_m = min(edges_m[first], max(edges_m[first - count], edges_m[first + 1] - long_m))
+    if after:
+        count, long_m = _shared(legs[-1], after, known, junction, back=False)
+        end_m = max(edges_m[last], min(edges_m[last + count], edges_m[last - 1] + long_m))
+    return start_m, end_m
 
 
 def _route(legs: Sequence[Leg], known: Mapping[str, Block]) -> Block:
@@ -250,7 +254,7 @@ def _route(legs: Sequence[Leg], known: Mapping[str, Block]) -> Block:
     straight = abs(turn_rad) < STRAIGHT_ON_RAD
     beside = lanes_beside(first, last) if straight else []
     before, after = _with_roads_beyond(legs, known, beside)
-    line, ends = _joined_line([*before, *legs, *after], is_ring(junction))
+    line, ends = joined_line([*before, *legs, *after], is_ring(junction))
     width_m = min(leg.lane.width_m for leg in (*before, *legs, *after))
     own = BlockLane(0.0, width_m, forward=True, name=first.lane.name)
     enters = len(before)
@@ -278,10 +282,7 @@ def _route(legs: Sequence[Leg], known: Mapping[str, Block]) -> Block:
             start_s_m=ends[enters],
             end_s_m=ends[enters + len(inside)],
             turn_rad=turn_rad,
-            arms_s_m=(
-                ends[enters - 1] if before else -math.inf,
-                ends[enters + len(legs) - 1] if after else math.inf,
-            ),
+            arms_s_m=_arms_s_m(legs, before, after, ends, known),
         ),
     )
 
@@ -470,53 +471,6 @@ def with_routes(library: Library) -> Library:
         library,
         blocks=tuple(sorted((*library.blocks, *routes), key=lambda block: block.block_id)),
         rejected=(*library.rejected, *refused),
-    )
-
-
-def junction_roads(library: Library, junction: str) -> list[JunctionRoad]:
-    """Return the connecting roads of a junction and its arms, each road once."""
-    here = library.drivable
-    inside = [block for block in here if block.junction == junction and not block.passage]
-    known = {block.block_id: block for block in here if block.junction != junction}
-    arms: dict[str, Literal["start", "end"]] = {}
-    for block in inside:
-        arms |= {name: "end" for name in block.entrances if name in known}
-    for block in inside:
-        arms |= {name: "start" for name in block.exits if name in known and name not in arms}
-    found = [_junction_road(block, block.line, "both") for block in inside]
-    mouths: list[tuple[float, float]] = []
-    for name, end in arms.items():
-        block = known[name]
-        middle_m = 0.5 * (block.left_edge_m + block.right_edge_m)
-        mouth = block.line.to_map(block.length_m if end == "end" else 0.0, middle_m)
-        # Both directions of a road are blocks, each with all lanes.
-        if any(math.dist(mouth, other) < _ONE_ARM_M for other in mouths):
-            continue
-        mouths.append(mouth)
-        part = min(ARM_M, block.length_m)
-        low = block.length_m - part if end == "end" else 0.0
-        found.append(_junction_road(block, block.line.section(low, low + part), end))
-    return found
-
-
-def _junction_road(
-    block: Block, line: ReferenceLine, end: Literal["start", "end", "both"]
-) -> JunctionRoad:
-    return JunctionRoad(
-        origin=Start(
-            x_m=line.origin.x_m, y_m=line.origin.y_m, yaw_rad=wrap_angle(line.origin.yaw_rad)
-        ),
-        length_m=line.length_m,
-        pieces=[] if line.is_straight else list(line.pieces),
-        lanes=[
-            Lane(
-                y_m=lane.y_m,
-                width_m=lane.width_m,
-                direction="forward" if lane.forward else "backward",
-            )
-            for lane in block.lanes
-        ],
-        junction_at=end,
     )
 
 

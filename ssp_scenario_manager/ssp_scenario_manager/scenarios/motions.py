@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 from ssp_core.geometry import wrap_angle
 from ssp_core.names import VUT_ID
@@ -19,7 +20,7 @@ from ssp_core.run_file.participants import (
     TimeToArrival,
     TriggerSpec,
 )
-from ssp_core.run_file.values import Start
+from ssp_core.run_file.values import Point, Start
 from ssp_core.vocabulary import ObjectWord
 from ssp_core.world.car_following import free_acceleration
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
@@ -148,12 +149,18 @@ def _manoeuvre(line: ReferenceLine, trigger: Trigger, before: Drive | Wait) -> M
     return FollowPath(
         kind="follow_path",
         motion=Motion(
-            path=[line.to_map(p.s_m, p.l_m) for p in (before.start, *act.via, act.goal)],
+            path=list(_places(line, (before.start, *act.via, act.goal))),
             cruise_mps=act.speed_mps,
             acceleration_mps2=act.acceleration_mps2,
             deceleration_mps2=act.acceleration_mps2,
         ),
     )
+
+
+@lru_cache(maxsize=16)
+def _places(line: ReferenceLine, points: tuple[BlockPoint, ...]) -> tuple[Point, ...]:
+    """Return places in frame map; many plans of one block have the same way."""
+    return tuple(line.to_map(point.s_m, point.l_m) for point in points)
 
 
 STEP_S = 0.05

@@ -24,6 +24,7 @@ from ssp_core.motion.encounter import (
 )
 from ssp_core.motion.state import Size
 from ssp_core.run_file.participants import GiveWay
+from ssp_core.run_file.values import Point
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.maps.block import Block, Conflict, Passage
 from ssp_scenario_manager.maps.legs import STRAIGHT_ON_RAD
@@ -69,11 +70,16 @@ _VUT_BRAKING_MPS2 = 3.0
 # The vehicle's way goes on so far beyond the junction, and is sampled at this step.
 _BEYOND_M = 40.0
 _STEP_M = 1.0
+# The VUT waits until the vehicle's rear is so far beyond where it came into the VUT's lane, and
+# follows one that goes on in it.
+_FOLLOWED_M = 14.0
 # The error of a way along the chords of a line.
 _CHORD_M = 0.001
 _BELOW = "constraints.trigger.below"
 # Where routes cross, the other route, and its part in the junction.
 Crossing = tuple[Conflict, Block, Passage]
+# The vehicle's path, and the first and last station of it that the VUT covers; None: of none.
+_Met = tuple[list[Point], tuple[float, float] | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,6 +283,7 @@ def _draft(
     route_motion: RouteMotion,
     way_from: Callable[[float], tuple[Wait, tuple[BlockPoint, ...]]],
     ends: Callable[[], tuple[float, float]],
+    meets: Callable[[float], _Met],
     values: Mapping[str, float],
 ) -> Draft:
     """Return the plan of some values, with the vehicle's way and the zone's ends as they allow."""
@@ -303,7 +310,7 @@ def _draft(
             rate,
             _VUT_BRAKING_MPS2,
             gives_way=_gives_way(
-                setting, crossing, route_motion, ends, start, values.get("critical_gap")
+                setting, crossing, route_motion, ends, meets, start, values.get("critical_gap")
             ),
         ),
         targets={name: waits},
@@ -329,6 +336,7 @@ def _gives_way(
     crossing: Crossing,
     route_motion: RouteMotion,
     ends: Callable[[], tuple[float, float]],
+    meets: Callable[[float], _Met],
     start: BlockPoint,
     critical_gap_s: float | None,
 ) -> GiveWay | None:
@@ -339,7 +347,7 @@ def _gives_way(
     """
     if critical_gap_s is None:
         return None
-    event, block, (conflict, other, _) = setting.event, setting.block, crossing
+    block, conflict = setting.block, crossing[0]
     near_s, far_s = ends()
     zone = tuple(round(station_of(block, start.s_m, s, 0.0), 3) for s in (near_s, far_s))
     line_m = round(zone[0] - route_motion.before_zone_m, 3)
@@ -348,16 +356,7 @@ def _gives_way(
             f"the VUT would wait {-line_m:.1f} m before its start, where the vehicle's corridor "
             "crosses its own; it needs more road up to the junction"
         )
-    path = other.line.path(0.0, other.length_m, 0.0)
-    vut, vehicle = (size_of(event, who) for who in (event.vut_id, event.interaction.initiator))
-    own = _passage(block)
-    stations = np.arange(start.s_m, block.length_m, 0.25 * _STEP_M)
-    # Beyond it the VUT may cross the straights on which a corridor goes on past both ends.
-    here = (stations >= own.start_s_m) & (stations <= own.end_s_m)
-    way = map(block.line.pose, stations[here].tolist())
-    swept = swept_on_way(
-        way, vut, Polyline(path), corridor_half_m(vehicle.width_m), _across_rad(conflict)
-    )
+    path, swept = meets(start.s_m)
     if swept is None:
         raise CannotPlace("the VUT's way doesn't cross the vehicle's corridor")
     if swept[0] < 0.0:
@@ -365,13 +364,36 @@ def _gives_way(
             f"the vehicle's route begins {-swept[0]:.1f} m after the VUT's way crosses it; it "
             "needs more road up to the junction"
         )
+    last_m = swept[1]
+    if not _across_rad(conflict):
+        last_m = min(last_m, conflict.other_s_m + _FOLLOWED_M)
     return GiveWay(
         line_m=line_m,
         zone_m=(zone[0], zone[1]),
         priority_path=path,
-        priority_zone_m=(round(swept[0], 3), round(swept[1], 3)),
+        priority_zone_m=(round(swept[0], 3), round(last_m, 3)),
         critical_gap_s=critical_gap_s,
     )
+
+
+def _met_on_way(setting: Setting, crossing: Crossing, start_s_m: float) -> _Met:
+    """Return the vehicle's path, and the stations between which the VUT's way covers its corridor.
+
+    Args:
+        setting: event and block.
+        crossing: of the vehicle's route.
+        start_s_m: arc length at which the VUT starts.
+    """
+    event, block, (conflict, other, _) = setting.event, setting.block, crossing
+    path = other.line.path(0.0, other.length_m, 0.0)
+    vut, vehicle = (size_of(event, who) for who in (event.vut_id, event.interaction.initiator))
+    own = _passage(block)
+    stations = np.arange(start_s_m, block.length_m, 0.25 * _STEP_M)
+    # Beyond it the VUT may cross the straights on which a corridor goes on past both ends.
+    here = (stations >= own.start_s_m) & (stations <= own.end_s_m)
+    way = block.line.poses(stations[here].tolist())
+    half = corridor_half_m(vehicle.width_m)
+    return path, swept_on_way(way, vut, Polyline(path), half, _across_rad(conflict))
 
 
 def _earliest_fired(
@@ -481,7 +503,8 @@ def _plans_over(setting: Setting, crossing: Crossing, route_motion: RouteMotion)
         return _way(block, other, passage, size, line_distance_m, beyond_m, joins=joins)
 
     ends = cache(partial(_zone, setting, crossing))
-    draft = partial(_draft, setting, crossing, route_motion, way_from, ends)
+    meets = cache(partial(_met_on_way, setting, crossing))
+    draft = partial(_draft, setting, crossing, route_motion, way_from, ends, meets)
     if _BELOW not in setting.preferred:
         choices["below"] = _earliest_fired(setting, choices, draft, route_motion.ahead_s)
     if crossing[0].kind == "merge":

@@ -308,7 +308,9 @@ def _is_over(instants: list[_Instant], t_s: float) -> bool:
     """Tell whether AFTER_S passed without a conflict, and the VUT its conflict point."""
     last = next((i for i in reversed(instants) if i.conflict), None)
     if last is None:
-        return t_s - instants[0].t_s > NO_CONFLICT_S
+        # A vehicle may come a long way before what it does shows (METHOD 1).
+        shown = next((i.t_s for i in instants if i.observable), instants[0].t_s)
+        return t_s - shown > NO_CONFLICT_S
     if t_s - last.t_s < AFTER_S:
         return False
     first = next((i for i in instants if i.meeting.in_corridor), None)

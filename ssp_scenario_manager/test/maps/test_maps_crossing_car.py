@@ -33,9 +33,10 @@ from ssp_scenario_manager.compile.targets.openscenario import export_openscenari
 from ssp_scenario_manager.compile.task import PlaceLink, sealed
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.maps.arms import junction_roads
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.load import load_library
-from ssp_scenario_manager.maps.routes import junction_roads, with_routes
+from ssp_scenario_manager.maps.routes import with_routes
 from ssp_scenario_manager.maps.site import find_shipped
 from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.run.in_process import run_in_process

@@ -22,7 +22,7 @@ from ssp_scenario_manager.compile.targets.openscenario import export_openscenari
 from ssp_scenario_manager.compile.task import sealed
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.maps.routes import junction_roads
+from ssp_scenario_manager.maps.arms import junction_roads
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from tests.support.junctions import (

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from ssp_core.geometry import Polyline, Pose2
 from ssp_core.motion.corridor import Corridor
@@ -19,8 +20,9 @@ from ssp_core.run_file.participants import TimeToArrival
 from ssp_core.vocabulary import Phase, Verdict
 from ssp_scenario_manager.compile.choose import NotChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task
+from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import load_event
-from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios import over_routes
 from ssp_scenario_manager.scenarios.base import CannotPlace
@@ -212,6 +214,54 @@ def test_a_route_that_begins_behind_its_conflict_is_refused(
     wanted = event(manoeuvre={"critical_gap": {"min": 3.9, "max": 5.2, "unit": "s"}})
     with pytest.raises(CannotPlace, match=r"route begins 5\.0 m after the VUT's way crosses it"):
         made(wanted, ground("ring"), AROUND)
+
+
+def test_a_vut_follows_a_vehicle_that_goes_on_in_its_lane(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It waited until the vehicle had left a long ring, and its session ended before that."""
+    (shipped,) = run_on("ring").driver.gives_way
+    monkeypatch.setattr(over_routes, "_FOLLOWED_M", 5.0)
+    wanted = event(manoeuvre={"critical_gap": {"min": 4.0, "max": 5.2, "unit": "s"}})
+    constraints = wanted.constraints.model_copy(update={"time_gap": UNRESOLVED})
+    wanted = wanted.model_copy(update={"constraints": constraints})
+    area = ground("ring")
+    run = made(wanted, area, AROUND).task.run.model_copy(update={"camera": None})
+    own = route(area, AROUND).passage
+    assert own is not None
+    (met,) = (one for one in own.conflicts if one.route == PRIORITY)
+    (place,) = run.driver.gives_way
+    assert place.priority_zone_m[1] == pytest.approx(met.other_s_m + 5.0, abs=0.001)
+    result, _ = run_in_process(run)
+    assert result.verdict is Verdict.VALID, result.reasons
+    # The vehicle is still in the zone of both when the VUT comes into it.
+    assert result.passing.other_first
+    assert result.passing.time_gap_s is not None
+    assert result.passing.time_gap_s < 0.0
+    # On the shipped sites a vehicle leaves the ring before that.
+    assert shipped.priority_zone_m[1] < met.other_s_m + 14.0
+
+
+def test_a_vehicle_may_come_a_long_way_before_it_shows() -> None:
+    """Foresight ended 12 s after the trigger: it wouldn't come into the VUT's corridor."""
+    slow = {"circulating_speed": {"min": 2.0, "max": 2.1, "unit": "m/s"}}
+    with pytest.raises(CannotPlace, match=r"after the trigger ot1 takes 1[3-9]\.\d s to"):
+        made(event(manoeuvre=slow), ground("ring"), AROUND)
+
+
+def test_the_intervals_for_places_of_maps_pass_the_checks() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "roundabout.md").read_text()
+    given = re.search(r"```yaml\n(.*?)```", page, re.DOTALL)
+    assert given is not None
+    whole = load_event("roundabout")[0].model_dump(mode="json", by_alias=True)
+
+    def change(value: dict[str, Any], parts: dict[str, Any]) -> None:
+        for name, part in parts.items():
+            if isinstance(part, dict) and not {"min", "value"} & part.keys():
+                change(value[name], part)
+            else:
+                value[name] = part
+
+    change(whole, yaml.safe_load(given[1]))
+    assert {failure.check for failure in check_event(whole)} == {"review"}
 
 
 def test_without_the_junction_nothing_compiles(tmp_path: Path) -> None:
