@@ -1,9 +1,10 @@
-"""Mutation testing of the scoring core: which small changes of ssp_eval.score no test notices.
+"""Mutation testing: which small changes of a folder of source no test notices.
 
-``python tests/mutation/run.py`` copies the package, its scoring tests and the golden cases into a
-folder in which a module's path and name agree, as mutmut needs it, runs mutmut there and prints
-the figures and the survivors. mutmut isn't among the project's dependencies: give its command, or
-have it on the path. docs/mutation-testing.md holds the last figures and explains the survivors.
+``python tests/mutation/run.py FOLDER --of safety`` copies the package and the tests that judge it
+into a folder in which a module's path and name agree, as mutmut needs it, runs mutmut there and
+prints the figures and the survivors. mutmut isn't among the project's dependencies: give its
+command, or have it on the path. docs/mutation-testing.md holds the last figures and explains the
+survivors.
 """
 
 from __future__ import annotations
@@ -14,38 +15,107 @@ import shutil
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-TESTS = (
-    "aggregate",
-    "batch",
-    "cli",
-    "columns",
-    "invariance",
-    "load",
-    "matching",
-    "motion",
-    "properties",
-    "risk",
-    "semantics",
-    "thresholds",
+
+
+@dataclass(frozen=True)
+class Target:
+    """A folder of source that is changed, and the tests that must notice.
+
+    Attributes:
+        source: the folder, from the root of the repository; its parent is the package.
+        tests: patterns of test files and what they need, from the root of the repository.
+        left_out: files of the folder that aren't changed.
+        too_slow: words of the names of tests that take seconds per mutant.
+    """
+
+    source: str
+    tests: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
+    too_slow: tuple[str, ...] = ()
+
+    @property
+    def package(self) -> Path:
+        """The package's folder, from the root of the repository."""
+        return Path(self.source).parent
+
+    @property
+    def changed(self) -> Path:
+        """The folder of source as it is imported."""
+        return Path(self.package.name, Path(self.source).name)
+
+    def test_files(self) -> list[Path]:
+        """The files of tests, from the root of the repository."""
+        return [path.relative_to(ROOT) for each in self.tests for path in sorted(ROOT.glob(each))]
+
+
+_MANAGER = "ssp_scenario_manager/ssp_scenario_manager"
+_OF_SESSIONS = (
+    "ssp_scenario_manager/test/conftest.py",
+    "ssp_scenario_manager/test/session/test_*.py",
+    "tests/support/*.py",
 )
-# What people see: the command's texts and the table. Its own tests look at the content.
-LEFT_OUT = ("ssp_eval/score/cli.py",)
-# Drawn at random and slow; the golden cells under several thresholds stand for them here.
-TOO_SLOW = ("not at_once", "not terms_are", "not read_aloud", "not invariance")
+TARGETS = {
+    "score": Target(
+        "ssp_eval/ssp_eval/score",
+        (
+            "ssp_eval/test/score_inputs.py",
+            "ssp_eval/test/score/test_score_*.py",
+            "tests/golden/**/*.*",
+            "tests/bench/naive_scorer.py",
+        ),
+        # What people see: the command's texts and the table. Its own tests look at the content.
+        left_out=("cli.py",),
+        # Drawn at random and slow; the golden cells under several thresholds stand for them here.
+        # What a process imports is no matter of a mutant.
+        too_slow=("at_once", "terms_are", "read_aloud", "invariance", "imports"),
+    ),
+    "safety": Target(
+        "ssp_msgs/ssp_core/safety",
+        (
+            "ssp_msgs/test/test_consistency.py",
+            "ssp_msgs/test/test_fence*.py",
+            "ssp_msgs/test/test_li*.py",
+            "ssp_msgs/test/test_object_*.py",
+            "ssp_msgs/test/test_publishers.py",
+            "ssp_msgs/test/test_st[ao]*.py",
+            "ssp_ot_controller/test/conftest.py",
+            "ssp_ot_controller/test/test_local_safety.py",
+            "ssp_ot_controller/test/test_safety_codes.py",
+            "ssp_ot_controller/test/test_stopping_room.py",
+            "ssp_ot_controller/test/test_target_[clst]*.py",
+            *_OF_SESSIONS,
+        ),
+    ),
+    "session": Target(
+        f"{_MANAGER}/session",
+        ("ssp_scenario_manager/test/run/test_run_script.py", *_OF_SESSIONS),
+    ),
+    "triggers": Target(
+        f"{_MANAGER}/triggers",
+        (
+            "ssp_scenario_manager/test/compile/test_fireability.py",
+            "ssp_scenario_manager/test/compile/test_on_route.py",
+            "ssp_scenario_manager/test/triggers/test_*.py",
+            *_OF_SESSIONS,
+        ),
+    ),
+}
 CONFIGURATION = """\
 [tool.mutmut]
-source_paths = ["ssp_eval/score/"]
+source_paths = ["{changed}/"]
 do_not_mutate = {left_out}
-pytest_add_cli_args_test_selection = ["checks", "tests/golden"]
+pytest_add_cli_args_test_selection = {selection}
 pytest_add_cli_args = {arguments}
-also_copy = ["ssp_eval", "checks", "tests", "pyproject.toml"]
+also_copy = {copied}
 
 [tool.pytest.ini_options]
 addopts = "--import-mode=importlib"
-pythonpath = ["checks/test"]
+pythonpath = {paths}
+markers = ["ros", "programs", "system", "carla"]
 """
 
 # A failure is enough: what the smallest example of it would be, nobody reads.
@@ -57,22 +127,37 @@ settings.load_profile("quickly")
 """
 
 
-def lay_out(folder: Path) -> None:
+def laid_out_test(path: Path) -> Path:
+    """Give the place of a test file in the folder, as deep as in the repository.
+
+    Args:
+        path: the file, from the root of the repository. The folder of a package's tests gets
+            another name there than the package, which pytest would otherwise import in its place.
+    """
+    first, *rest = path.parts
+    return path if first == "tests" else Path(f"tests_of_{first}", *rest)
+
+
+def lay_out(target: Target, folder: Path) -> None:
     """Copies what mutmut needs into an empty folder, and configures it there."""
     bare = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "ssp_eval" / "ssp_eval", folder / "ssp_eval", ignore=bare)
-    shutil.copytree(ROOT / "tests" / "golden", folder / "tests" / "golden", ignore=bare)
-    (folder / "tests" / "bench").mkdir()
-    shutil.copy(ROOT / "tests" / "bench" / "naive_scorer.py", folder / "tests" / "bench")
-    # As deep as in the source tree: a test looks for tests/ from there.
-    tests = folder / "checks" / "test"
-    (tests / "score").mkdir(parents=True)
-    for name in ("score_inputs", *(f"score/test_score_{name}" for name in TESTS)):
-        shutil.copy(ROOT / "ssp_eval" / "test" / f"{name}.py", tests / f"{name}.py")
-    (tests / "conftest.py").write_text(QUICKLY)
+    shutil.copytree(ROOT / target.package, folder / target.package.name, ignore=bare)
+    for path in target.test_files():
+        place = folder / laid_out_test(path)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / path, place)
+    (folder / "conftest.py").write_text(QUICKLY)
+    tests = sorted(path.name for path in folder.glob("tests*"))
+    arguments = ["--hypothesis-seed=0", "-m", "not ros and not programs"]
+    if target.too_slow:
+        arguments += ["-k", " and ".join(f"not {word}" for word in target.too_slow)]
     text = CONFIGURATION.format(
-        left_out=json.dumps(LEFT_OUT),
-        arguments=json.dumps(["--hypothesis-seed=0", "-k", " and ".join(TOO_SLOW)]),
+        changed=target.changed.as_posix(),
+        left_out=json.dumps([(target.changed / name).as_posix() for name in target.left_out]),
+        selection=json.dumps(tests),
+        arguments=json.dumps(arguments),
+        copied=json.dumps([target.package.name, *tests, "conftest.py", "pyproject.toml"]),
+        paths=json.dumps([".", *(f"{name}/test" for name in tests if name != "tests")]),
     )
     (folder / "pyproject.toml").write_text(text)
 
@@ -91,6 +176,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs it; 0 if mutmut ran through, whatever survived."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="where to work; kept, so that a run can go on")
+    parser.add_argument("--of", choices=TARGETS, default="score", help="what is changed")
     parser.add_argument("--mutmut", default="mutmut", help="the command (default: on the path)")
     parser.add_argument("--children", type=int, default=1, help="processes at a time")
     options = parser.parse_args(arguments)
@@ -103,7 +189,7 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"{options.folder}: is no folder of such a run; name another", file=sys.stderr)
             return 2
         options.folder.mkdir(parents=True, exist_ok=True)
-        lay_out(options.folder)
+        lay_out(TARGETS[options.of], options.folder)
     run = [options.mutmut, "run", "--max-children", str(options.children)]
     status = subprocess.run(run, cwd=options.folder, check=False).returncode
     listing = subprocess.run(

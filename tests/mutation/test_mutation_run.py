@@ -1,31 +1,22 @@
 """The harness of the mutation tests lays out what mutmut needs and reads what it says."""
 
-import importlib.util
 import os
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import pytest
 
-RUN = Path(__file__).parent / "run.py"
+from tests.mutation import run
 
 
 @pytest.fixture(scope="module")
-def run():
-    """tests/mutation/run.py."""
-    spec = importlib.util.spec_from_file_location("mutation_run", RUN)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module")
-def folder(run, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("mutation")
-    run.lay_out(folder)
-    return folder
+def laid_out(tmp_path_factory):
+    """The folders of all targets, by name."""
+    folders = {name: tmp_path_factory.mktemp(name) for name in run.TARGETS}
+    for name, folder in folders.items():
+        run.lay_out(run.TARGETS[name], folder)
+    return folders
 
 
 def pytest_in(folder, *arguments):
@@ -42,40 +33,72 @@ def pytest_in(folder, *arguments):
     )
 
 
-def test_every_scoring_test_is_taken_but_that_of_imports(run):
-    tests = (run.ROOT / "ssp_eval" / "test" / "score").glob("test_score_*.py")
-    names = {path.stem.removeprefix("test_score_") for path in tests}
-    assert names - {"imports"} == set(run.TESTS)
+def test_every_pattern_of_tests_finds_some_and_every_file_that_is_left_out_exists():
+    for name, target in run.TARGETS.items():
+        assert all(any(run.ROOT.glob(pattern)) for pattern in target.tests), name
+        assert all((run.ROOT / target.source / file).is_file() for file in target.left_out), name
 
 
-def test_all_that_is_left_out_exists(run):
-    assert all((run.ROOT / "ssp_eval" / path).is_file() for path in run.LEFT_OUT)
+def test_the_configurations_name_what_is_there(laid_out):
+    for name, folder in laid_out.items():
+        read = tomllib.loads((folder / "pyproject.toml").read_text())
+        found = read["tool"]["mutmut"]
+        selection = found["pytest_add_cli_args_test_selection"]
+        paths = (*found["source_paths"], *found["also_copy"], *found["do_not_mutate"], *selection)
+        for path in (*paths, *read["tool"]["pytest"]["ini_options"]["pythonpath"]):
+            assert (folder / path).exists(), (name, path)
 
 
-def test_the_configuration_names_folders_that_are_there(run, folder):
-    found = tomllib.loads((folder / "pyproject.toml").read_text())["tool"]["mutmut"]
-    selection = found["pytest_add_cli_args_test_selection"]
-    for path in (*found["source_paths"], *found["also_copy"], *selection):
-        assert (folder / path).exists(), path
-    assert found["do_not_mutate"] == list(run.LEFT_OUT)
-
-
-def test_the_golden_cases_pass_there_and_see_a_changed_comparison(folder):
-    assert pytest_in(folder, "tests/golden").returncode == 0
-    source = folder / "ssp_eval" / "score" / "thresholds.py"
+@pytest.mark.parametrize(
+    ("name", "tests", "file", "old", "new"),
+    [
+        (
+            "score",
+            "tests/golden",
+            "ssp_eval/score/thresholds.py",
+            "value <= limit + self.tolerance",
+            "value < limit - self.tolerance",
+        ),
+        (
+            "safety",
+            "tests_of_ssp_msgs/test/test_limits.py",
+            "ssp_core/safety/limits.py",
+            "None if abs(measured) <= limit",
+            "None if abs(measured) < limit",
+        ),
+        (
+            "session",
+            "tests_of_ssp_scenario_manager/test/session/test_limits.py",
+            "ssp_scenario_manager/session/limits.py",
+            "None if age_s <= limit_s",
+            "None if age_s < limit_s",
+        ),
+        (
+            "triggers",
+            "tests_of_ssp_scenario_manager/test/triggers/test_conditions.py",
+            "ssp_scenario_manager/triggers/conditions.py",
+            "> self._age_ns",
+            ">= self._age_ns",
+        ),
+    ],
+)
+def test_tests_pass_there_and_see_a_change(laid_out, name, tests, file, old, new):
+    folder = laid_out[name]
+    assert pytest_in(folder, tests).returncode == 0
+    source = folder / file
     whole = source.read_text()
-    changed = whole.replace("value <= limit + self.tolerance", "value < limit - self.tolerance")
+    changed = whole.replace(old, new)
     assert changed != whole
     source.write_text(changed)
     try:
-        done = pytest_in(folder, "-x", "tests/golden")
+        done = pytest_in(folder, "-x", tests)
     finally:
         source.write_text(whole)
     assert done.returncode == 1, done.stdout
     assert "1 failed" in done.stdout
 
 
-def test_what_mutmut_says_is_read(run):
+def test_what_mutmut_says_is_read():
     listing = """
     ssp_eval.score.metrics.x_ratio__mutmut_1: killed
     ssp_eval.score.metrics.x_ratio__mutmut_2: survived
@@ -89,13 +112,13 @@ def test_what_mutmut_says_is_read(run):
     }
 
 
-def test_without_mutmut_it_says_what_to_install(run, tmp_path, capsys):
+def test_without_mutmut_it_says_what_to_install(tmp_path, capsys):
     assert run.main([str(tmp_path / "work"), "--mutmut", "no-such-mutmut"]) == 2
     assert "pip install mutmut" in capsys.readouterr().err
     assert not (tmp_path / "work").exists()
 
 
-def test_a_folder_of_something_else_is_left_alone(run, tmp_path, capsys):
+def test_a_folder_of_something_else_is_left_alone(tmp_path, capsys):
     (tmp_path / "mine.txt").write_text("mine")
     assert run.main([str(tmp_path), "--mutmut", sys.executable]) == 2
     assert "name another" in capsys.readouterr().err
