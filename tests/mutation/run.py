@@ -53,11 +53,8 @@ class Target:
 
 
 _MANAGER = "ssp_scenario_manager/ssp_scenario_manager"
-_OF_SESSIONS = (
-    "ssp_scenario_manager/test/conftest.py",
-    "ssp_scenario_manager/test/session/test_*.py",
-    "tests/support/*.py",
-)
+_FIXTURES = ("ssp_scenario_manager/test/conftest.py", "tests/support/*.py")
+_OF_SESSIONS = ("ssp_scenario_manager/test/session/test_*.py", *_FIXTURES)
 TARGETS = {
     "score": Target(
         "ssp_eval/ssp_eval/score",
@@ -97,10 +94,10 @@ TARGETS = {
     "triggers": Target(
         f"{_MANAGER}/triggers",
         (
-            "ssp_scenario_manager/test/compile/test_fireability.py",
+            "ssp_scenario_manager/test/compile/test_fireability*.py",
             "ssp_scenario_manager/test/compile/test_on_route.py",
             "ssp_scenario_manager/test/triggers/test_*.py",
-            *_OF_SESSIONS,
+            *_FIXTURES,
         ),
     ),
 }

@@ -84,6 +84,10 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
         every(GAP, either(speed("ot9", "above", 1.0), GAP)),
         "triggers[0].condition.of[1].of[0].object_id: ot9 is no target of this run",
     ),
+    "unknown, behind the VUT": (
+        every(speed("vut", "above", 1.0), speed("ot9", "above", 1.0)),
+        "triggers[0].condition.of[1].object_id: ot9 is no target of this run",
+    ),
     "gap to the VUT itself": (
         {**HEADWAY, "object_id": "vut"},
         "triggers[0].condition.object_id: vut is no target of this run",
@@ -113,21 +117,58 @@ def test_any_is_refused_with_the_reasons_of_all_its_parts(run_mapping: dict[str,
     ]
 
 
+HOLDS = "it holds all the while from the first state on"
+LASTS = "times and phases don't cease to hold"
+
+
 @pytest.mark.parametrize(
     ("condition", "edge", "says"),
     [
-        (after(0.0), "rising", "rising, but it holds all the while from the first state on"),
-        (either(GAP, after(0.0)), "falling", "falling, but it holds all the while from the first"),
-        (after(3.0), "falling", "falling, but times and phases don't cease to hold"),
-        (speed("ot1", "below", 15.1), "rising", "holds all the while"),
-        (every(speed("ot1", "below", 15.1)), "falling", "holds all the while"),
+        (after(0.0), "rising", HOLDS),
+        (either(GAP, after(0.0)), "falling", HOLDS),
+        (after(3.0), "falling", LASTS),
+        (every(after(3.0), phase("conflict")), "falling", LASTS),
+        (speed("ot1", "below", 15.1), "rising", HOLDS),
+        (every(after(0.0), speed("ot1", "below", 15.1)), "falling", HOLDS),
+        (either(speed("ot1", "below", 15.1), GAP), "rising", HOLDS),
     ],
 )
 def test_edges_that_never_come(
     run_mapping: dict[str, Any], condition: dict[str, Any], edge: str, says: str
 ) -> None:
-    (problem,) = found(run_mapping, condition, edge=edge)
-    assert says in problem
+    assert found(run_mapping, condition, edge=edge) == [f"triggers[0].edge: {edge}, but {says}"]
+    assert found(run_mapping, condition, edge="none") == []
+
+
+@pytest.mark.parametrize(
+    ("condition", "edge"),
+    [
+        (GAP, "rising"),
+        (GAP, "falling"),
+        (after(3.0), "rising"),
+        (phase("conflict"), "rising"),
+        (every(GAP, after(3.0)), "falling"),
+        (every(GAP, after(0.0)), "rising"),
+        # At the limit of 15 m/s the VUT may still drive.
+        (speed("vut", "below", 15.0), "rising"),
+        (speed("vut", "above", 15.1), "rising"),
+    ],
+)
+def test_edges_that_may_come(
+    run_mapping: dict[str, Any], condition: dict[str, Any], edge: str
+) -> None:
+    assert found(run_mapping, condition, edge=edge) == []
+
+
+def test_a_time_from_which_a_trigger_counts_hides_what_came_before(
+    run_mapping: dict[str, Any],
+) -> None:
+    condition = every(after(3.0))
+    assert found(run_mapping, condition, edge="rising", not_before_s=2.9) == []
+    for begin_s in (3.0, 4.0):
+        assert found(run_mapping, condition, edge="rising", not_before_s=begin_s) == [
+            f"triggers[0].edge: rising, but {HOLDS}"
+        ]
 
 
 def test_holding_that_lasts_longer_than_the_run(run_mapping: dict[str, Any]) -> None:
@@ -142,6 +183,9 @@ def test_holding_that_lasts_longer_than_the_run(run_mapping: dict[str, Any]) -> 
         "triggers[0].held_for_s: the run ends 2.5 s after the start of the resolution"
     ]
     assert found(run_mapping, either(late, GAP), GAP, held_for_s=2.6) == []
+    for deeper in (every(GAP, late), every(every(late), GAP), either(late, every(GAP, late))):
+        assert len(found(run_mapping, deeper, GAP, held_for_s=2.6)) == 1
+    assert found(run_mapping, every(GAP, phase("conflict")), GAP, held_for_s=2.6) == []
 
 
 def test_the_shorter_of_the_runs_two_ends_counts(run_mapping: dict[str, Any]) -> None:
