@@ -99,14 +99,17 @@ def _truth(condition: Condition, holds: Iterator[bool | None]) -> bool | None:
 
 
 class _Tracker:
-    """Truth of the whole, followed through the changes of its single conditions."""
+    """Truth of the whole, followed through the changes of its single conditions.
+
+    The first changes that it takes are those of all of them.
+    """
 
     __slots__ = ("_condition", "_wanted", "cause", "holds", "opposite_seen", "parts", "since")
 
-    def __init__(self, condition: Condition, wanted: bool, count: int) -> None:
+    def __init__(self, condition: Condition, wanted: bool) -> None:
         self._condition = condition
         self._wanted = wanted
-        self.parts: list[_Change | None] = [None] * count
+        self.parts: dict[int, _Change] = {}
         self.holds: bool | None = None
         self.since = 0
         self.cause: _Change | None = None
@@ -116,7 +119,7 @@ class _Tracker:
         """Take changes of one instant, which isn't before any that was taken."""
         for change in changes:
             self.parts[change.index] = change
-        holds = truth(self._condition, [part.holds if part else None for part in self.parts])
+        holds = truth(self._condition, [part.holds for part in self.parts.values()])
         if holds is not self.holds:
             self.holds, self.since = holds, changes[0].order // 2
             self.cause = next((c for c in changes if c.holds is holds), None)
@@ -149,7 +152,7 @@ class TriggerWatch:
         self._log: list[_Change] = []
 
     def _new_course(self) -> _Tracker:
-        return _Tracker(self.spec.condition, self._wanted, len(self._questions))
+        return _Tracker(self.spec.condition, self._wanted)
 
     @property
     def values(self) -> list[tuple[Quantity, float]]:
@@ -238,8 +241,7 @@ class TriggerWatch:
 
     def _part(self, index: int) -> str:
         asked, reading = self._questions[index], self._readings[index]
-        change = self._course.parts[index]
-        since_ns = change.order // 2 if change is not None else self._first_ns
+        since_ns = self._course.parts[index].order // 2
         word = {True: "holds", False: "fails", None: "unknown"}[reading.holds]
         return (
             f"{asked.quantity.text} ({reading.sample.value:.3f} {asked.quantity.unit}, {word} "

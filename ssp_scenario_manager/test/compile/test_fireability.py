@@ -177,6 +177,7 @@ def test_holding_that_lasts_longer_than_the_run(run_mapping: dict[str, Any]) -> 
         "before the end of the run (40 s)"
     ]
     assert found(run_mapping, after(30.0), held_for_s=9.9) == []
+    assert found(run_mapping, GAP, held_for_s=39.9) == []
     late = phase("resolution")
     assert found(run_mapping, late, GAP, held_for_s=2.5) == []
     assert found(run_mapping, late, GAP, held_for_s=2.6) == [

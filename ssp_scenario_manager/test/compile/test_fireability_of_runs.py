@@ -133,6 +133,11 @@ def test_braking_and_standing_targets_can_be_run(run_mapping: dict[str, Any]) ->
     assert cannot_fire(RunSpec.model_validate(run_mapping)) == []
 
 
+def test_braking_may_be_observed_of_who_changes_lane(run_mapping: dict[str, Any]) -> None:
+    run_mapping["observable"] = "braking"
+    assert cannot_fire(RunSpec.model_validate(run_mapping)) == []
+
+
 def test_all_reasons_at_once(run_mapping: dict[str, Any]) -> None:
     set_trigger(run_mapping, not_before_s=99.0, object_id="ot7")
     assert len(cannot_fire(RunSpec.model_validate(run_mapping))) == 2

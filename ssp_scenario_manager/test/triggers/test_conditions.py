@@ -143,6 +143,13 @@ def test_time_to_arrival(state: StateMaker, x_m: float, speed_mps: float, value_
     assert value(anchor, vut, None, path) == pytest.approx(value_s, abs=1e-9)
 
 
+def test_headway_needs_a_vut_that_moves(state: StateMaker) -> None:
+    other = state("ot1", x_m=30.0)
+    for speed_mps, value_s in ((10.0, 2.55), (0.1, 255.0), (0.099, math.inf), (-3.0, math.inf)):
+        vut = state("vut", speed_mps=speed_mps)
+        assert value(HEADWAY, vut, other) == pytest.approx(value_s), speed_mps
+
+
 def test_speed_of_whom_it_names(state: StateMaker) -> None:
     vut = state("vut", speed_mps=5.0)
     assert read(SLOWER, vut) == Reading(Sample(0, 5.0), False)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -13,7 +14,7 @@ from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.participants import TriggerSpec
 from ssp_core.vocabulary import Phase
 from ssp_scenario_manager.triggers.conditions import Sample, Snapshot
-from ssp_scenario_manager.triggers.evaluator import Firing, TriggerWatch
+from ssp_scenario_manager.triggers.evaluator import Firing, TriggerWatch, truth
 from tests.support.states import object_state
 
 MS = 1_000_000
@@ -175,6 +176,47 @@ def test_every_condition_of_a_nested_one_is_explained() -> None:
         "speed of vut > 8 m/s (8.500 m/s, holds since 2.500 s); "
         "speed of ot1 < 4 m/s (10.000 m/s, fails since 1.000 s))), held for 0.1 s"
     )
+
+
+def test_times_in_the_explanation_count_from_the_start_of_the_run() -> None:
+    late = {"type": "elapsed_time", "after_s": 1.5}
+    heard = [snapshot(6 * S, 13.0), snapshot(7 * S, math.nan), snapshot(8 * S, math.nan)]
+    (firing,) = fire(spec(either(BEGUN, GAP, late)), heard, 5 * S)
+    assert (firing.crossing_ns, firing.fired_ns) == (6 * S + 500 * MS, 7 * S)
+    assert firing.condition == (
+        "any of (time since phase trigger >= 0 s (-inf s, fails since 1.000 s); "
+        "gap vut - ot1 < 12 m (nan m, unknown since 2.000 s); "
+        "time since the start >= 1.5 s (2.000 s, holds since 1.500 s))"
+    )
+
+
+A, B, C = GAP, FAST, OT_SLOW
+SHAPES = [
+    both(A, either(B, C)),
+    both(either(A, B), C),
+    either(A, both(B, C)),
+    either(both(A, B), C),
+    both(either(A), both(B), C),
+    either(both(A, either(B)), C),
+    both(both(either(both(A), B)), C),
+]
+
+
+def grade(condition: dict[str, Any], grades: Iterator[float]) -> float:
+    """The truth of a condition as a number: 0 false, 1/2 unknown, 1 true."""
+    if "of" not in condition:
+        return next(grades)
+    parts = [grade(part, grades) for part in condition["of"]]
+    return min(parts) if condition["type"] == "all" else max(parts)
+
+
+@pytest.mark.parametrize("condition", SHAPES)
+def test_unknown_lies_between_false_and_true_at_every_depth(condition: dict[str, Any]) -> None:
+    number = {False: 0.0, None: 0.5, True: 1.0}
+    asked = spec(condition).condition
+    for holds in itertools.product(number, repeat=3):
+        expected = grade(condition, iter([number[one] for one in holds]))
+        assert number[truth(asked, holds)] == expected, holds
 
 
 # -- phases and time ------------------------------------------------------------------------------
