@@ -208,10 +208,10 @@ def test_the_path_of_a_manoeuvre_is_judged_too(run_mapping: dict[str, Any]) -> N
 
 
 def arm(mapping: dict[str, Any], *path: tuple[float, float]) -> list[str]:
-    """Problems of a run beside whose road an arm of 100 m leads north from (150, 20)."""
+    """Problems of a run beside whose road an arm of 100 m leads north from (150, 40)."""
     mapping["road"]["junction"] = [
         {
-            "origin": {"x_m": 150.0 + shift_m, "y_m": 20.0, "yaw_rad": math.pi / 2.0},
+            "origin": {"x_m": 150.0 + shift_m, "y_m": 40.0, "yaw_rad": math.pi / 2.0},
             "length_m": 100.0,
             "lanes": [
                 {"y_m": -2.0, "width_m": 4.0, "direction": "forward"},
@@ -228,8 +228,10 @@ def arm(mapping: dict[str, Any], *path: tuple[float, float]) -> list[str]:
 @pytest.mark.parametrize(
     ("end", "sound"),
     [
-        ((150.0, 121.0), True),
-        ((150.0, 121.1), False),
+        ((150.0, 39.001), True),
+        ((150.0, 38.999), False),
+        ((150.0, 141.0), True),
+        ((150.0, 141.001), False),
         ((147.001, 100.0), True),
         ((146.999, 100.0), False),
         ((153.999, 100.0), True),

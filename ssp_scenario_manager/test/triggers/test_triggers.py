@@ -154,6 +154,10 @@ def test_not_before_counts_from_the_start_of_the_run() -> None:
     assert fire(spec(not_before_s=1.0, edge="rising"), gaps(*early, (6 * S, 3.0)), 5 * S) == []
 
 
+def test_of_two_states_of_one_instant_the_first_counts() -> None:
+    assert fire(spec(), gaps((100, 13.0), (100, 11.0), (200, 13.0))) == []
+
+
 # -- several conditions ---------------------------------------------------------------------------
 
 
@@ -166,6 +170,12 @@ def test_all_cross_with_the_latest_and_any_with_the_earliest() -> None:
     (firing,) = fire(spec(either(GAP, FAST)), snapshots)
     assert (firing.crossing_ns, firing.fired_ns) == (50, 100)
     assert firing.threshold == 12.0
+
+
+def test_a_whole_may_become_unknown_by_a_part_that_becomes_true() -> None:
+    unheard = [snapshot(0, math.nan, 7.0), snapshot(100, math.nan, 9.0)]
+    (firing,) = fire(spec(both(GAP, FAST)), [*unheard, snapshot(200, 11.0, 9.0)])
+    assert (firing.crossing_ns, firing.fired_ns, firing.threshold) == (200, 200, 12.0)
 
 
 def test_every_condition_of_a_nested_one_is_explained() -> None:
