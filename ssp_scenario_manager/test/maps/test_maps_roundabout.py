@@ -18,9 +18,9 @@ from ssp_core.motion.encounter import corridor_half_m, swept_on_way
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import TimeToArrival
 from ssp_core.vocabulary import Phase, Verdict
+from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.compile.choose import NotChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task
-from ssp_scenario_manager.event_spec.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
 from ssp_scenario_manager.run.in_process import run_in_process
