@@ -154,7 +154,7 @@ def lay_out(target: Target, folder: Path) -> None:
         selection=json.dumps(tests),
         arguments=json.dumps(arguments),
         copied=json.dumps([target.package.name, *tests, "conftest.py", "pyproject.toml"]),
-        paths=json.dumps([".", *(f"{name}/test" for name in tests if name != "tests")]),
+        paths=json.dumps([".", *(name if name == "tests" else f"{name}/test" for name in tests)]),
     )
     (folder / "pyproject.toml").write_text(text)
 

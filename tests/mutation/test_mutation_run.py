@@ -21,7 +21,9 @@ def laid_out(tmp_path_factory):
 
 def pytest_in(folder, *arguments):
     """Runs tests of the laid out folder as mutmut does, with its package before ours."""
-    path = os.pathsep.join([str(folder), *sys.path])
+    settings = tomllib.loads((run.ROOT / "pyproject.toml").read_text())["tool"]["pytest"]
+    ours = {str(run.ROOT / each) for each in settings["ini_options"]["pythonpath"]}
+    path = os.pathsep.join([str(folder), *(each for each in sys.path if each not in ours)])
     return subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments],
         cwd=folder,
