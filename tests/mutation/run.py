@@ -89,7 +89,11 @@ TARGETS = {
     ),
     "session": Target(
         f"{_MANAGER}/session",
-        ("ssp_scenario_manager/test/run/test_run_script.py", *_OF_SESSIONS),
+        (
+            "ssp_scenario_manager/test/run/test_inputs.py",
+            "ssp_scenario_manager/test/run/test_run_script.py",
+            *_OF_SESSIONS,
+        ),
     ),
     "triggers": Target(
         f"{_MANAGER}/triggers",
@@ -115,11 +119,13 @@ pythonpath = {paths}
 markers = ["ros", "programs", "system", "carla"]
 """
 
-# A failure is enough: what the smallest example of it would be, nobody reads.
+# A failure is enough: what the smallest example of it would be, nobody reads. How long an example
+# takes says more of the machine.
 QUICKLY = """\
 from hypothesis import Phase, settings
 
-settings.register_profile("quickly", phases=(Phase.explicit, Phase.generate), database=None)
+PHASES = Phase.explicit, Phase.generate
+settings.register_profile("quickly", deadline=None, phases=PHASES, database=None)
 settings.load_profile("quickly")
 """
 

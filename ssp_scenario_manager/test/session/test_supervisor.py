@@ -13,6 +13,7 @@ from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.safety.arming import Gate, obstacles
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.liveness import WORLD_SILENT_LOCKSTEP_S
+from ssp_core.safety.publishers import NAMELESS
 from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
 from ssp_scenario_manager.session.limits import Violation, own_lateness
 from ssp_scenario_manager.session.state_machine import STANDSTILL_GIVEN_UP
@@ -163,6 +164,66 @@ def test_a_vut_from_the_future_ends_the_run_by_name_and_sets_no_time(driver: Any
     assert driver.session.vut.stamp_ns == driver.now_ns
 
 
+@pytest.mark.parametrize(("mode", "early_s"), [("live", 0.0), ("realtime", 0.02)])
+def test_a_vut_may_be_a_step_ahead_in_a_simulated_world_alone(
+    run_mapping: dict[str, Any], make_driver: Any, mode: str, early_s: float
+) -> None:
+    driver = make_driver(RunSpec.model_validate({**run_mapping, "mode": mode}))
+    assert driver.run.step_s == 0.02
+    driver.until("RUNNING")
+    allowed_ns = driver.now_ns + round((0.05 + early_s) * S)
+    for stamp_ns, refused in ((driver.now_ns, False), (allowed_ns, False), (allowed_ns + 1, True)):
+        ahead = replace(driver.vut, stamp_ns=stamp_ns)
+        assert driver.session.refuse_if_ahead(ahead, driver.now_ns) is refused, stamp_ns
+
+
+@pytest.mark.parametrize("phase", ["IDLE", "LOADED", "CONNECTED", "FINISHED", "ABORTED"])
+def test_a_vut_from_the_future_ends_only_what_lasts(driver: Any, tools: Any, phase: str) -> None:
+    if phase != "IDLE":
+        tools.bring(driver, phase)
+    ahead = replace(driver.vut, stamp_ns=driver.now_ns + 3600 * S)
+    assert not driver.session.refuse_if_ahead(ahead, driver.now_ns)
+    assert driver.session.state.name == phase
+
+
+def test_only_the_vuts_states_set_the_time(driver: Any) -> None:
+    driver.until("RUNNING")
+    ahead = replace(driver.targets["ot1"], stamp_ns=driver.now_ns + 3600 * S)
+    assert not driver.session.refuse_if_ahead(ahead, driver.now_ns)
+    assert driver.session.state is SessionPhase.RUNNING
+
+
+FOREIGN = Violation(SafetyCode.FOREIGN_MANAGER, "", 1.0, 0.0, 0, NAMELESS)
+
+
+def test_a_stranger_whose_name_comes_late_is_named_once(driver: Any) -> None:
+    driver.until("RUNNING")
+    driver.session.fail(FOREIGN)
+    (first,) = driver.session.reasons
+    liveness = LivenessMonitor()
+    watchdog = Supervisor(driver.session, liveness)
+    for texts in (
+        [f"2 publish a, of them {NAMELESS}"],
+        ["2 publish a: ours, forger", "2 publish b: ours, forger"],
+        ["2 publish a: ours, forger", "2 publish b: ours, forger"],
+    ):
+        liveness.hear_strangers(texts)
+        watchdog.look(S, driver.now_ns)
+    named = "2 publish a: ours, forger; 2 publish b: ours, forger"
+    assert driver.session.reasons == (first, f"{named} at {driver.now_ns / S:.2f} s")
+    assert driver.session.verdict is Verdict.INVALID_HARNESS
+
+
+def test_strangers_of_a_session_that_ends_for_another_reason_are_no_reason(driver: Any) -> None:
+    driver.session.name_strangers(["2 publish a: ours, forger"], 0)
+    driver.until("RUNNING")
+    driver.session.name_strangers(["2 publish a: ours, forger"], driver.now_ns)
+    driver.command("abort")
+    before = driver.session.reasons
+    driver.session.name_strangers(["2 publish a: ours, forger"], driver.now_ns)
+    assert driver.session.reasons == before
+
+
 ARM_NS = round(ARM_CONFIRMATION_S * S)
 
 
@@ -271,6 +332,26 @@ def test_a_standstill_that_nobody_reports_is_given_up_once_and_by_name(driver: A
     session.outbox.clear()
     session.give_up_on_standstill(driver.now_ns)
     assert [one.event for one in session.outbox] == [STANDSTILL_GIVEN_UP]
+
+
+@pytest.mark.parametrize(
+    ("control_state", "who"),
+    [(ControlState.RUNNING, "ot1"), (ControlState.ABORTING, "everything"), (None, "ot1")],
+)
+def test_who_stands_without_having_heard_the_abort_is_not_known_to_stand(
+    driver: Any, control_state: ControlState | None, who: str
+) -> None:
+    session = Aborting(driver).driver.session
+    if control_state is None:
+        del session.targets["ot1"]
+    else:
+        heard = {"stamp_ns": driver.now_ns, "control_state": control_state, "speed_mps": 0.0}
+        session.targets["ot1"] = replace(driver.targets["ot1"], **heard)
+    session.outbox.clear()
+    session.give_up_on_standstill(driver.now_ns)
+    (told,) = session.outbox
+    assert told.reason == f"not known to stand: {who}"
+    assert told.stamp_ns == driver.now_ns
 
 
 def test_nothing_is_given_up_before_an_abort(driver: Any) -> None:
