@@ -18,12 +18,10 @@ from ssp_eval.evaluate.store.answer_records import record_of
 from ssp_vla_bridge.backend import make_backend, respond
 from ssp_vla_bridge.messages import EgoSample, Frame, Request
 from ssp_vla_bridge.trajectory import interpolate
+from tests.support.rows import check_rows
 
-CASES = [
-    json.loads(line)
-    for name in ("answers.jsonl", "answer_kinds.jsonl")
-    for line in (Path(__file__).parent / "corpus" / name).read_text().splitlines()
-]
+CORPUS = Path(__file__).parent / "corpus"
+JPEG = cv2.imencode(".jpg", np.zeros((24, 32, 3), np.uint8))[1].tobytes()
 TOLERANCE_M = 0.05
 NEUTRAL = "Dry asphalt, grey sky."
 STAGED = {"lightemma", "openemma"}
@@ -70,8 +68,7 @@ def answered(case, tmp_path):
         backend = make_backend("openai", {**given, "interface": case["interface"]})
         server = Server(case)
         backend._chat, prompts = server, server.prompts
-    _, jpeg = cv2.imencode(".jpg", np.zeros((24, 32, 3), np.uint8))
-    frames = (Frame(10**10, jpeg.tobytes()),)
+    frames = (Frame(10**10, JPEG),)
     request = Request("r1", 10**10, frames, None, HISTORY, "measured")
     return respond(backend, "m", request).response, request, prompts
 
@@ -80,8 +77,17 @@ def alternatives(expected: str) -> list[str]:
     return expected.lower().split("|")
 
 
-@pytest.mark.parametrize("case", CASES, ids=[case["id"] for case in CASES])
-def test_the_answer_is_read_as_it_was_meant(case, tmp_path):
+def test_each_answer_is_read_as_it_was_meant(tmp_path):
+    cases = [
+        json.loads(line)
+        for name in ("answers.jsonl", "answer_kinds.jsonl")
+        for line in (CORPUS / name).read_text().splitlines()
+    ]
+    assert len({case["id"] for case in cases}) == len(cases)
+    check_rows(lambda case: check_answer(case, tmp_path), [(case,) for case in cases])
+
+
+def check_answer(case, tmp_path):
     expect = case["expect"]
     response, request, prompts = answered(case, tmp_path)
     if expect.get("error"):

@@ -3,6 +3,7 @@
 import json
 import re
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -10,10 +11,12 @@ import pytest
 from ssp_eval.data.labels import load_labels
 from ssp_eval.data.records import load_records
 from ssp_eval.score.cell import STAGES, CellScore, score_cell
+from tests.support.rows import check_rows
 
 CASES = sorted(path.parent for path in Path(__file__).parent.glob("*/expected.json"))
 
 
+@cache
 def scored(case: Path) -> CellScore:
     return score_cell(load_labels(case / "labels.json"), load_records(case / "records.jsonl"))
 
@@ -34,8 +37,11 @@ def test_the_readme_says_of_each_case_what_it_stands_for():
     assert cases <= set(re.findall(r"`(\w+)`", table)) <= cases | keys
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_score_is_as_worked_out_by_hand(case):
+def test_scores_are_as_worked_out_by_hand():
+    check_rows(check_score, [(case,) for case in CASES])
+
+
+def check_score(case):
     want, got = expected(case)["score"], scored(case).to_json()
     assert list(got) == list(want)
     nulls = {key for key, value in want.items() if value is None}
@@ -45,15 +51,21 @@ def test_score_is_as_worked_out_by_hand(case):
     assert {key: got[key] for key in numbers} == pytest.approx(numbers, rel=0, abs=1e-12)
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_judgements_are_as_worked_out_by_hand(case):
+def test_judgements_are_as_worked_out_by_hand():
+    check_rows(check_judgements, [(case,) for case in CASES])
+
+
+def check_judgements(case):
     judgements = scored(case).details.judgements
     for name, want in expected(case)["per_label"].items():
         assert [getattr(item, name) for item in judgements] == want, name
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_first_failures_are_counted(case):
+def test_first_failures_are_counted():
+    check_rows(check_first_failures, [(case,) for case in CASES])
+
+
+def check_first_failures(case):
     details = scored(case).details
     found = Counter(item.first_failure for item in details.judgements)
     assert details.first_failures == {stage: found[stage] for stage in STAGES}

@@ -63,6 +63,7 @@ TARGETS = {
             "ssp_eval/test/score/test_score_*.py",
             "tests/golden/**/*.*",
             "tests/bench/naive_scorer.py",
+            "tests/support/rows.py",
         ),
         # What people see: the command's texts and the table. Its own tests look at the content.
         left_out=("cli.py",),

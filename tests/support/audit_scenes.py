@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -15,10 +15,16 @@ from ssp_core.run_file.road import CurvePiece, JunctionRoad, Lane, Road
 from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_eval.audit.measure import RoadFacts, Scene
+from ssp_eval.audit.checks import phase_findings, property_findings
+from ssp_eval.audit.evidence import expected_properties, varying_parts
+from ssp_eval.audit.measure import Measured, RoadFacts, Scene
+from ssp_eval.audit.reasons import explain
+from ssp_eval.data.audit import Property
 from ssp_eval.recordings.event import NO_RULES
 from ssp_ot_controller.camera.actors import curve_pieces
 from ssp_ot_controller.camera.ring import BEFORE_ARM, FIRST_ARM, SECOND_ARM, VUT_ARM, Bends, Ring
+from ssp_scenario_manager.event_spec.load import load_event
+from ssp_scenario_manager.event_spec.model import Event
 
 STEP_S = 0.05
 TTC_ONLY = ConflictThresholds(ttc_s=3.0, arrival_gap_s=None)
@@ -464,3 +470,18 @@ def roundabout(start_s: float = 3.0, leaves: float = FIRST_ARM, **more: Any) -> 
     bends = _RING.way(BEFORE_ARM, leaves, 5.0, 60.0)
     given = {"length_s": 20.0, "road": ring_road()} | more
     return scene(vut, winding(_RING.inward(BEFORE_ARM, 5.0), bends, driven), **given)
+
+
+def fixed(event: Event, properties: Mapping[str, Property]) -> dict[str, Property]:
+    """Return the properties of an event without the parts that may vary."""
+    return {k: q.without(varying_parts(event)) for k, q in properties.items()}
+
+
+def codes(name: str, found: Measured) -> list[str]:
+    """Return the codes of what an audit finds different from a shipped event, causes first."""
+    event = load_event(name)[0]
+    mine, wanted = fixed(event, found.properties), fixed(event, expected_properties(event))
+    findings = property_findings(
+        mine, wanted, found.phases, found.first_arrival_s
+    ) + phase_findings(found.phases, "")
+    return [reason.finding.code for reason in explain(findings)]
