@@ -28,7 +28,7 @@ from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.liveness import signs_of_life
 from ssp_core.safety.object_rules import HeardRules, rules_of
-from ssp_core.safety.publishers import MOST_TOLD
+from ssp_core.safety.publishers import LINKS_FRESH_S, MOST_TOLD
 from ssp_core.vocabulary import ControlState, ObjectClass, Phase, Role, SessionPhase, Verdict
 from ssp_monitor.page.snapshot import (
     COMMANDS,
@@ -41,7 +41,6 @@ from ssp_monitor.page.snapshot import (
 from ssp_monitor.status import health as status_health
 from ssp_monitor.status import messages
 from ssp_monitor.status.board import (
-    LINKS_FRESH_S,
     MOST_EVENTS,
     MOST_OBJECTS,
     Board,

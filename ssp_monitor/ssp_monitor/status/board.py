@@ -20,6 +20,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.object_rules import HeardRules
+from ssp_core.safety.publishers import LINKS_FRESH_S
 from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 
 
@@ -413,8 +414,6 @@ class Newest:
 STALE_S = 1.0
 # Of a state, without a run file: as sites without a limit of their own have it.
 DEFAULT_STATE_AGE_S = 0.3
-# The manager tells of its links once a second; three periods without are silence.
-LINKS_FRESH_S = 3.0
 
 
 def age_s(now_ns: int, at_ns: int | None) -> float:

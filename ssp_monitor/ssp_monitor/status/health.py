@@ -24,11 +24,11 @@ from ssp_core.safety.body_status import known_bodies
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.safety.liveness import ADAPTER_SILENT_S, RECORDER_SILENT_S
+from ssp_core.safety.publishers import known_strangers
 from ssp_core.safety.start_heading import UNKNOWN_AT_REST
 from ssp_core.vocabulary import ControlState, Role, SessionPhase, Verdict
 from ssp_monitor.status.board import (
     DEFAULT_STATE_AGE_S,
-    LINKS_FRESH_S,
     STALE_S,
     Board,
     LinkFact,
@@ -112,8 +112,7 @@ def _facts(board: Board, now_ns: int) -> Facts:
 def _strangers(board: Board, recorder: RecorderFact, now_ns: int) -> tuple[str, ...]:
     """Return the strangers that the manager finds in the graph and the recorder in messages."""
     told = board.manager.strangers
-    known = told.value if told.age_s(now_ns) <= LINKS_FRESH_S else ()
-    return *known, *recorder.strangers
+    return known_strangers(told.value, told.age_s(now_ns), recorder.strangers)
 
 
 def _refusals(board: Board, now_ns: int) -> dict[str, str]:

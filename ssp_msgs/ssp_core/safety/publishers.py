@@ -21,6 +21,21 @@ FORGOTTEN_S = 20
 # Of the topics with strangers, as many as are told in a message or taken from one.
 MOST_TOLD = 8
 LONGEST_TOLD = 1000
+# The manager tells of its links and of strangers once a second; three periods without are silence.
+LINKS_FRESH_S = 3.0
+
+
+def known_strangers(
+    by_manager: Sequence[str], manager_age_s: float, by_recorder: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the strangers that the manager finds in the graph and the recorder in messages.
+
+    Args:
+        by_manager: its last report; that of a manager that is silent says nothing of now.
+        manager_age_s: how long ago that came.
+        by_recorder: its last report.
+    """
+    return *(by_manager if manager_age_s <= LINKS_FRESH_S else ()), *by_recorder
 
 
 class Part(Enum):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from rclpy.node import Node
@@ -19,7 +20,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.arming import Facts
 from ssp_core.safety.body_status import BodyStatus, known_bodies
 from ssp_core.safety.liveness import ADAPTER_SILENT_S
-from ssp_core.safety.publishers import MOST_TOLD
+from ssp_core.safety.publishers import MOST_TOLD, known_strangers
 from ssp_msgs.msg import BodyStatus as BodyStatusMsg
 from ssp_msgs.msg import (
     LinkStatus,
@@ -45,7 +46,8 @@ class StartListener:
         self._targets = [target.id for target in spec.targets]
         self._bodies: dict[str, tuple[BodyStatus, int]] = {}
         self._vut_refused = ""
-        self._strangers: list[str] = []
+        self._strangers: tuple[list[str], float] = [], -math.inf
+        self._rivals: list[str] = []
         self._states: dict[str, tuple[State, float]] = {}
         self._recorder_ready = False
         self._heard_s: dict[str, float] = {}
@@ -88,12 +90,14 @@ class StartListener:
         heard_s = {object_id: at_s for object_id, (_, at_s) in self._states.items()}
         ages_s = {who: now_s - at_s for who, at_s in {**heard_s, **self._heard_s}.items()}
         adapted = ages_s.get(names.VUT_ADAPTER, math.inf) <= ADAPTER_SILENT_S
+        told, at_s = self._strangers
+        strangers = known_strangers(told, now_s - at_s, self._rivals)
         return Facts(
             ages_s=ages_s,
             recorder_ready=self._recorder_ready,
             vut_refused=self._vut_refused if adapted else "",
-            other_managers=len(self._strangers),
-            foreign="; ".join(self._strangers),
+            other_managers=len(strangers),
+            foreign="; ".join(strangers),
             bodies=known_bodies(self._targets, self._bodies, seconds_to_ns(now_s)),
         )
 
@@ -113,10 +117,11 @@ class StartListener:
 
     def _on_recorder(self, message: RecorderStatus) -> None:
         self._recorder_ready = bool(message.ready)
+        self._rivals = _short(message.strangers)
         self._heard_s[names.MONITOR] = time.monotonic()
 
     def _on_links(self, message: LinkStatus) -> None:
-        self._strangers = [one[:MOST_TEXT] for one in message.strangers[:MOST_TOLD]]
+        self._strangers = _short(message.strangers), time.monotonic()
 
     def _on_camera(self, _: CameraInfo) -> None:
         self._heard_s[names.FRONT_CAMERA] = time.monotonic()
@@ -129,3 +134,7 @@ class StartListener:
     def _on_localisation(self, message: LocalisationStatus) -> None:
         self._vut_refused = message.reason[:MOST_TEXT]
         self._heard_s[names.VUT_ADAPTER] = time.monotonic()
+
+
+def _short(texts: Sequence[str]) -> list[str]:
+    return [one[:MOST_TEXT] for one in texts[:MOST_TOLD]]

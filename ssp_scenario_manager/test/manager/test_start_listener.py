@@ -11,7 +11,8 @@ from ssp_core import names
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.body_status import FORGOTTEN_S
 from ssp_core.safety.liveness import ADAPTER_SILENT_S
-from ssp_msgs.msg import BodyStatus, LinkStatus, LocalisationStatus
+from ssp_core.safety.publishers import LINKS_FRESH_S
+from ssp_msgs.msg import BodyStatus, LinkStatus, LocalisationStatus, RecorderStatus
 from ssp_scenario_manager.ros import start_listener
 from ssp_scenario_manager.ros.start_listener import StartListener
 from ssp_scenario_manager.sros2 import rights
@@ -50,3 +51,23 @@ def test_reasons_of_bodies_and_receiver_are_facts_until_their_processes_are_sile
     assert set(calls) <= {*rights(run)[names.RUNNER].hears}
     listener.close()
     assert node.destroy_subscription.call_count == node.create_subscription.call_count
+
+
+def test_strangers_are_those_of_the_operators_page(
+    run: RunSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The recorder's count, and what a manager that fell silent said of them doesn't."""
+    node = MagicMock()
+    listener = StartListener(node, run)
+    calls = {args[1]: args[2] for args, _ in node.create_subscription.call_args_list}
+    at_s = 100.0
+    monkeypatch.setattr(start_listener.time, "monotonic", lambda: at_s)
+    calls[names.LINK_STATUS](LinkStatus(strangers=["ot1/state has /x"]))
+    calls[names.RECORDER_STATUS](RecorderStatus(strangers=["clock has two"]))
+    at_s += LINKS_FRESH_S
+    assert listener.facts().foreign == "ot1/state has /x; clock has two"
+    at_s += 0.1
+    facts = listener.facts()
+    assert (facts.other_managers, facts.foreign) == (1, "clock has two")
+    calls[names.RECORDER_STATUS](RecorderStatus())
+    assert listener.facts().foreign == ""
