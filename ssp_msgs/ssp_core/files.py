@@ -24,7 +24,7 @@ from pydantic import BaseModel, ValidationError
 
 from ssp_core.errors import SYSTEM_REMEDIES, HostError, InputError, not_read, not_written
 from ssp_core.model_errors import failures
-from ssp_core.yaml_core import CoreLoader
+from ssp_core.yaml_core import MOST_VALUES, CoreLoader, TooManyValuesError
 
 
 class KeyTwiceError(ValueError):
@@ -283,6 +283,13 @@ def parse_value(text: str, file: str | Path) -> Any:
     try:
         value = _parse(text)
         check_characters(value, text)
+    except TooManyValuesError as error:
+        raise InputError(
+            f"has more than {MOST_VALUES} keys and values, the most that are read as YAML",
+            file=file,
+            line=error.line,
+            remedy=f"give fewer, or {_as_json(text)}",
+        ) from error
     except _PARSE_ERRORS as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
@@ -295,6 +302,16 @@ def parse_value(text: str, file: str | Path) -> Any:
             remedy="mend it there",
         ) from error
     return value
+
+
+def _as_json(text: str) -> str:
+    """Say how a text becomes JSON, which may have more values."""
+    if text.lstrip().startswith("{"):
+        try:
+            parse_strict(text)
+        except ValueError as error:
+            return f"mend the JSON, which may have more: {error}"
+    return "write the file as JSON, which may have more"
 
 
 def parse_model(model: type[Model], value: Any, file: str | Path) -> Model:

@@ -33,6 +33,18 @@ _ZEROS = re.compile(
 )
 
 
+class TooManyValuesError(ValueError):
+    """A text has more keys and values than are read as YAML.
+
+    Args:
+        line: of the first one beyond, from 1.
+    """
+
+    def __init__(self, line: int) -> None:
+        self.line = line
+        super().__init__(f"more than {MOST_VALUES} keys and values")
+
+
 class CoreLoader(Composer, yaml.CSafeLoader):
     """A safe loader that refuses aliases (a few lines of them can expand to gigabytes).
 
@@ -59,10 +71,7 @@ class CoreLoader(Composer, yaml.CSafeLoader):
             )
         self._values += 1
         if self._values > MOST_VALUES:
-            raise yaml.MarkedYAMLError(
-                problem=f"it has more than {MOST_VALUES} keys and values, as only JSON may",
-                problem_mark=event.start_mark,
-            )
+            raise TooManyValuesError(event.start_mark.line + 1)
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
