@@ -118,16 +118,24 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _simulated_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Let the compiler simulate a run once, where test files that were read know the compiler."""
+    """Let runs that several tests need be simulated once, where test files that were read do so."""
     place = sys.modules.get("ssp_scenario_manager.compile.place")
     if place is None:
         yield
         return
-    from tests.support.simulated_once import remembered
+    from tests.support.simulated_once import commanded_once, driven_once, remembered
 
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "simulated_once"
     folder.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(place, "why_not", remembered(place.why_not, folder))
+        for name, function, once in (
+            ("compile.targets.foreseen", "driven", driven_once),
+            ("closed_loop.starts.start", "run_in_process", commanded_once),
+            ("closed_loop.campaigns.runs", "run_in_process", commanded_once),
+            ("closed_loop.single_run.single", "run_in_process", commanded_once),
+        ):
+            if (module := sys.modules.get(f"ssp_scenario_manager.{name}")) is not None:
+                patch.setattr(module, function, once)
         yield

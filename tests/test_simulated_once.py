@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.run import feasibility
+from tests.support import simulated_once
 from tests.support.runs import cut_in_run
 from tests.support.simulated_once import remembered
 
@@ -30,3 +32,29 @@ def test_only_the_same_run_is_not_simulated_again(
     monkeypatch.setattr(feasibility, "run_in_process", lambda _: None)
     assert one(run) == [f"seed {run.seed}"]
     assert asked == [run.seed, other.seed, run.seed]
+
+
+def test_of_driven_runs_only_those_that_no_plans_lead_are_run_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ran: list[str] = []
+
+    def run_in_process(run: RunSpec, **_: object) -> str:
+        ran.append("" if run.driven is None else run.driven.driver)
+        return str(len(ran))
+
+    monkeypatch.setattr(simulated_once, "run_in_process", run_in_process)
+    monkeypatch.setattr(simulated_once, "_COMMANDED", {})
+    whole = RunSpec.model_validate(cut_in_run())
+
+    def led_by(driver: str) -> RunSpec:
+        driven = Driven(driver=driver, first_request_s=0.0, hand_over_s=1.0, end_s=9.0)
+        return whole.model_copy(update={"driven": driven})
+
+    for run in (whole, led_by("no_response"), led_by("oracle"), led_by("built_in")):
+        for _ in range(2):
+            simulated_once.commanded_once(run)
+    assert ran == ["", "", "no_response", "oracle", "oracle", "built_in"]
+    simulated_once.commanded_once(led_by("built_in"), answers=["one"])
+    simulated_once.commanded_once(led_by("built_in").model_copy(update={"seed": 99}))
+    assert ran[6:] == ["built_in", "built_in"]

@@ -6,11 +6,18 @@ import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from ssp_core.files import write_text
+from ssp_core.run_file.driven import COMMANDED
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.run import feasibility
+from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
 
+# A record takes some megabytes.
+_KEPT = 8
+_DRIVEN: dict[str, tuple[InProcessResult, Record]] = {}
+_COMMANDED: dict[str, tuple[InProcessResult, Record]] = {}
 WhyNot = Callable[[RunSpec], list[str]]
 
 
@@ -36,3 +43,34 @@ def remembered(why_not: WhyNot, folder: Path) -> WhyNot:
         return reasons
 
     return ask
+
+
+def driven_once(run: RunSpec) -> tuple[InProcessResult, Record]:
+    """Return the session of a run as an export foresees it, driven once by a process's tests.
+
+    Tests only read it.
+    """
+    return _once(_DRIVEN, run, feasibility.driven)
+
+
+def commanded_once(run: RunSpec, **given: Any) -> tuple[InProcessResult, Record]:
+    """Run a session; those that a driver without plans leads are run once by a process's tests.
+
+    They are the twins of starts, and what is driven to draw them. Tests only read them.
+    """
+    if run.driven is None or run.driven.driver not in COMMANDED or any(given.values()):
+        return run_in_process(run, **given)
+    return _once(_COMMANDED, run, run_in_process)
+
+
+def _once(
+    kept: dict[str, tuple[InProcessResult, Record]],
+    run: RunSpec,
+    drive: Callable[[RunSpec], tuple[InProcessResult, Record]],
+) -> tuple[InProcessResult, Record]:
+    key = run.model_dump_json()
+    if key not in kept:
+        kept[key] = drive(run)
+        if len(kept) > _KEPT:
+            del kept[next(iter(kept))]
+    return kept[key]

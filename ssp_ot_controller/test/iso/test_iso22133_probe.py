@@ -47,8 +47,12 @@ C = ControlState
 LIMITS = Limits(speed_mps=15.0, acceleration_mps2=4.0)
 
 
-@cache
 def report_with(*faults: str, stages: tuple[Stage, ...] = STAGES) -> ProbeReport:
+    return _report(faults, stages)
+
+
+@cache
+def _report(faults: tuple[str, ...], stages: tuple[Stage, ...]) -> ProbeReport:
     return Probed(*faults, stages=stages).run()
 
 
@@ -209,8 +213,10 @@ def test_messages_that_were_not_answered_are_named() -> None:
 # -- limits of the probe itself -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("at", ["arms", "moves it, and then: ABORT"])
-@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+@pytest.mark.parametrize(
+    ("at", "error"),
+    [("arms", KeyboardInterrupt), ("moves it, and then: ABORT", RuntimeError)],
+)
 def test_whatever_ends_a_probe_it_leaves_with_a_second_of_abort(
     at: str, error: type[BaseException]
 ) -> None:

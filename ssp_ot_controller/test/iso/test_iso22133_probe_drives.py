@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
+from functools import cache
 from typing import Any, get_args
 
 import numpy as np
@@ -18,14 +20,20 @@ from ssp_core.safety.consistency import Bounds
 from ssp_core.vocabulary import ObjectClass, ObjectWord
 from ssp_ot_controller.bodies.iso22133.conversation import NewestReport
 from ssp_ot_controller.bodies.iso22133.gateway import ProbeGate
-from ssp_ot_controller.bodies.iso22133.messages import DriveDirection, Monr, ObjectError
+from ssp_ot_controller.bodies.iso22133.messages import (
+    Decoded,
+    DriveDirection,
+    Monr,
+    ObjectError,
+)
+from ssp_ot_controller.bodies.iso22133.probe.stages import Probe, report_of
 from ssp_ot_controller.bodies.iso22133.probe_report import (
     ObjectKind,
     Outcome,
     ProbeReport,
     cannot_arm,
 )
-from tests.support.iso_centre import S
+from tests.support.iso_centre import HOST, T0, S
 from tests.support.iso_probed import STAGES, Probed, ReorderingLink, with_verdict
 
 LIMITS = Limits(speed_mps=20.0, acceleration_mps2=4.0)
@@ -64,6 +72,33 @@ def only_in(drive: str, change: Change) -> Callable[[str, Monr], Monr]:
     return lambda step, monr: change(monr) if step == drive else monr
 
 
+@cache
+def sound() -> Probe:
+    """A probe of a sound object, which has ended."""
+    probed = Probed()
+    probed.run()
+    return probed.probe
+
+
+@cache
+def omnidirectional() -> ProbeReport:
+    return Probed(omnidirectional=True).run()
+
+
+def judged(drive: str, change: Change) -> ProbeReport:
+    """Judge the sound probe as if other reports had come in one of its drives."""
+    probe = copy(sound())
+    step = probe.steps[drive]
+    came = [
+        replace(one, outcome=replace(one.outcome, message=change(one.outcome.message)))
+        if isinstance(one.outcome, Decoded) and isinstance(one.outcome.message, Monr)
+        else one
+        for one in step.came
+    ]
+    probe.steps = {**probe.steps, drive: replace(step, came=came)}
+    return report_of(probe, HOST, 53241, T0, STAGES)
+
+
 @pytest.mark.parametrize("drive", DRIVES)
 @pytest.mark.parametrize(
     ("change", "clause", "words"),
@@ -87,12 +122,29 @@ def only_in(drive: str, change: Change) -> Callable[[str, Monr], Monr]:
 def test_what_would_end_a_session_is_judged_in_each_drive_and_keeps_it_from_being_armed(
     drive: str, change: Change, clause: str, words: str
 ) -> None:
-    report = Probed(reports=only_in(drive, change)).run()
+    report = judged(drive, change)
     row = report.row(clause)
     assert row is not None
     assert row.verdict is Outcome.FAIL
     assert words in row.text
     assert row.came
+    assert f"({clause})" in told(report)
+
+
+@pytest.mark.parametrize(
+    ("change", "clause"),
+    [
+        (set_to(drive_direction=DriveDirection.BACKWARD), "move.motion"),
+        (set_to(time_of_week_ns=None), "move.age"),
+        (set_to(speed_mps=None), "move.age"),
+        (shifted(0.2), "move.clock"),
+    ],
+)
+def test_a_probe_during_which_an_object_reports_so_ends_and_tells_it(
+    change: Change, clause: str
+) -> None:
+    report = Probed(reports=while_driving(change)).run()
+    assert clause in with_verdict(report, Outcome.FAIL)
     assert f"({clause})" in told(report)
 
 
@@ -190,12 +242,15 @@ def test_of_what_moves_in_any_direction_the_speed_alone_counts(degrees: float) -
     report = Probed(omnidirectional=True, reports=while_driving(turned(degrees))).run()
     assert with_verdict(report, Outcome.FAIL) == set()
     assert told(report, report.kind) == ""
+
+
+def test_what_moves_in_any_direction_and_states_another_speed_is_not_armed() -> None:
     wrong = Probed("speed_factor=0.28", omnidirectional=True).run()
     assert "(move.motion)" in told(wrong, wrong.kind)
 
 
 def test_a_report_of_a_kind_with_wider_bounds_arms_no_other() -> None:
-    report = Probed(omnidirectional=True).run()
+    report = omnidirectional()
     assert told(report) == (
         "its probe report judges its motion by `--class car --omnidirectional`: probe it with "
         "`--class car`"
@@ -222,7 +277,7 @@ def test_a_kind_has_the_bounds_of_the_session_and_its_gate_asks_for_them(
         session.direction_rad,
         session.signed,
     )
-    report = Probed(omnidirectional=True, stages=STAGES[:1]).run()
+    report = omnidirectional()
     gate = " ".join(ProbeGate(report, limits, "", kind).judge(NewestReport()).gate)
     assert ("probe it with `--class" in gate) is (not names)
 

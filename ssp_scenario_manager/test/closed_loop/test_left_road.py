@@ -17,7 +17,7 @@ from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver
 from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start
 from ssp_scenario_manager.closed_loop.contact import until
-from ssp_scenario_manager.closed_loop.outcomes.outcome import left_road
+from ssp_scenario_manager.closed_loop.outcomes.outcome import Drove, left_road
 from ssp_scenario_manager.closed_loop.single_run.single import next_start
 from ssp_scenario_manager.closed_loop.starts.start import Start
 from ssp_scenario_manager.event_spec.load import load_event
@@ -47,6 +47,13 @@ def start_of() -> Callable[[str], Start]:
     return make
 
 
+@pytest.fixture(scope="module")
+def turned_on(start_of: Callable[[str], Start]) -> Callable[[str], Drove]:
+    """Turns at a site by the built-in driver, once for all tests, which only read it."""
+    built_in = CampaignDriver(driver="built_in")
+    return cache(lambda site: drive_start(start_of(site), built_in, ZERO_LATENCY, event=False))
+
+
 @pytest.mark.parametrize("site", LEFT_TURNS)
 @pytest.mark.parametrize(
     ("driver", "latency"),
@@ -57,10 +64,17 @@ def start_of() -> Callable[[str], Start]:
     ],
 )
 def test_a_vut_that_turns_as_its_lane_does_stays_in_it(
-    start_of: Callable[[str], Start], site: str, driver: str, latency: Latency
+    start_of: Callable[[str], Start],
+    turned_on: Callable[[str], Drove],
+    site: str,
+    driver: str,
+    latency: Latency,
 ) -> None:
     start = start_of(site)
-    drove = drive_start(start, CampaignDriver(driver=driver), latency, event=False)
+    if driver == "built_in":
+        drove = turned_on(site)
+    else:
+        drove = drive_start(start, CampaignDriver(driver=driver), latency, event=False)
     assert drove.outcome.kind == "avoided", drove.outcome.why
     led = until(drove.record.reports, start.hand_over_s, start.end_s)
     assert outside_m(start, led) < 0.0
@@ -77,12 +91,11 @@ def outside_m(start: Start, led: Sequence[StepReport]) -> float:
 
 @pytest.mark.parametrize("site", LEFT_TURNS)
 def test_a_swing_out_of_the_lane_within_the_junction_stays_on_the_road(
-    start_of: Callable[[str], Start], site: str
+    start_of: Callable[[str], Start], turned_on: Callable[[str], Drove], site: str
 ) -> None:
     """The way leads over connecting roads and the ground that the roads of a junction enclose."""
     start = start_of(site)
-    drove = drive_start(start, CampaignDriver(driver="built_in"), ZERO_LATENCY, event=False)
-    led = until(drove.record.reports, start.hand_over_s, start.end_s)
+    led = until(turned_on(site).record.reports, start.hand_over_s, start.end_s)
 
     def swung(report: StepReport) -> StepReport:
         vut = vut_of(report)
@@ -98,12 +111,15 @@ def test_a_swing_out_of_the_lane_within_the_junction_stays_on_the_road(
 @pytest.mark.parametrize("site", LEFT_TURNS)
 @pytest.mark.parametrize(("inside_m", "leaves"), [(0.5, False), (-0.9, True)])
 def test_a_corner_that_is_cut_over_the_grass_is_off_the_road(
-    start_of: Callable[[str], Start], site: str, inside_m: float, leaves: bool
+    start_of: Callable[[str], Start],
+    turned_on: Callable[[str], Drove],
+    site: str,
+    inside_m: float,
+    leaves: bool,
 ) -> None:
     """Past the corner of grass to the north-east, on the road that turns around it or beside."""
     start = start_of(site)
-    drove = drive_start(start, CampaignDriver(driver="built_in"), ZERO_LATENCY, event=False)
-    led = until(drove.record.reports, start.hand_over_s, start.end_s)[:51]
+    led = until(turned_on(site).record.reports, start.hand_over_s, start.end_s)[:51]
     mouth_m, edge_m = CORNER_M[site]
 
     def on_the_way(report: StepReport, along_m: float) -> StepReport:
@@ -125,12 +141,11 @@ def test_a_corner_that_is_cut_over_the_grass_is_off_the_road(
 
 
 def test_a_vut_where_the_road_has_no_coordinates_is_off_the_road(
-    start_of: Callable[[str], Start],
+    start_of: Callable[[str], Start], turned_on: Callable[[str], Drove]
 ) -> None:
     """The VUT is on the grass beyond the middle of the bend, equally far from both arms."""
     start = start_of("crossroads")
-    drove = drive_start(start, CampaignDriver(driver="built_in"), ZERO_LATENCY, event=False)
-    led = until(drove.record.reports, start.hand_over_s, start.end_s)[:1]
+    led = until(turned_on("crossroads").record.reports, start.hand_over_s, start.end_s)[:1]
     vut = vut_of(led[0])
     away = replace(vut, x_m=-28.4 - vut.size.front_m, y_m=28.4 - vut.size.width_m / 2, yaw_rad=0.0)
     line = ReferenceLine.of_road(start.run.road)

@@ -31,8 +31,8 @@ from ssp_scenario_manager.compile.targets.openscenario import ACT_DELAY_S, expor
 from ssp_scenario_manager.compile.targets.player import play
 from ssp_scenario_manager.compile.targets.ramps import legs, matched
 from ssp_scenario_manager.compile.task import PlaceLink, Task, sealed
-from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.scenarios.kinds import KINDS
+from tests.support.simulated_once import driven_once as driven
 
 # Where roads cross: test_maps_crossing_car.py.
 EVENTS = tuple(sorted(name for name, kind in KINDS.items() if not kind.at_junction))
@@ -63,16 +63,21 @@ def need(element: ET.Element, path: str) -> ET.Element:
     return found
 
 
-_MADE: dict[str, list[str]] = {}
+_MADE: dict[str, dict[str, bytes]] = {}
+
+
+def exported(case: Any, folder: Path) -> dict[str, bytes]:
+    """The files of a case by their names; each case is exported once, to a new folder."""
+    version = case.task.version
+    if version not in _MADE:
+        files = export_openscenario(case.task, case.block, None, folder)
+        _MADE[version] = {file.name: file.read_bytes() for file in files}
+    return _MADE[version]
 
 
 def written(case: Any, folder: Path, external: bool = False) -> ET.Element:
-    """The scenario of a case, which is exported once: each takes a whole session."""
-    task = case.task
-    if task.version not in _MADE:
-        files = export_openscenario(task, case.block, None, folder)
-        _MADE[task.version] = [file.read_text() for file in files[:2]]
-    return ET.fromstring(_MADE[task.version][external])
+    """The scenario of a case."""
+    return ET.fromstring(list(exported(case, folder).values())[external])
 
 
 def changed(case: Any, **fields: Any) -> Task:
@@ -88,10 +93,10 @@ def test_is_valid_openscenario_1_0(
     name: str, bent: bool, case_of: Any, curved_block: Any, xsd: Any, tmp_path: Path
 ) -> None:
     case = case_of(name, curved_block if bent else None)
-    files = export_openscenario(case.task, case.block, None, tmp_path)
-    assert [f.name for f in files] == [f"{name}.xosc", f"{name}_external.xosc", "made_here.xodr"]
-    for file in files[:2]:
-        document = etree.parse(file)
+    files = exported(case, tmp_path)
+    assert list(files) == [f"{name}.xosc", f"{name}_external.xosc", "made_here.xodr"]
+    for data in list(files.values())[:2]:
+        document = etree.ElementTree(etree.fromstring(data))
         assert xsd.validate(document), xsd.error_log
         header = document.getroot().find("FileHeader")
         assert (header.get("revMajor"), header.get("revMinor")) == ("1", "0")
@@ -213,11 +218,8 @@ def test_what_holds_is_sent_nothing_and_drives_beside_the_middle(
     case = case_of("slow_lead")
     root = written(case, tmp_path)
     assert [act.get("name") for act in root.iter("Act")] == ["approach"]
-    played = play(
-        (tmp_path / "slow_lead.xosc").read_bytes(),
-        next(tmp_path.glob("*.xodr")).read_bytes(),
-        case.block.line,
-    )
+    scenario, _, chart = exported(case, tmp_path).values()
+    played = play(scenario, chart, case.block.line)
     assert np.ptp(played["ot1"][:, 2]) < 0.01
     assert played["ot1"][-1, 2] == pytest.approx(case.task.run.targets[0].start.y_m, abs=0.01)
 

@@ -38,7 +38,6 @@ from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.routes import with_routes
 from ssp_scenario_manager.maps.site import find_shipped
-from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.block_places import END_MARGIN_M, bend_speed_mps
@@ -55,6 +54,7 @@ from tests.support.junctions import (
     way_of,
 )
 from tests.support.several import behind_a_parked_truck
+from tests.support.simulated_once import driven_once as driven
 
 # The connecting road that the car takes, by the side that it comes from.
 OVER = {"right": "south_north", "left": "north_south"}

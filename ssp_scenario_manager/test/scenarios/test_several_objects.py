@@ -28,11 +28,11 @@ from ssp_scenario_manager.compile.targets.openscenario import scenario_xml
 from ssp_scenario_manager.compile.targets.player import play
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
-from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.further import further_ids
 from tests.support.several import EXAMPLES, LEAD, ONCOMING, WAITING, several, with_further
+from tests.support.simulated_once import driven_once as driven
 
 SITES = ("boulevard", "south_loop")
 # esmini plays an export as the session does (docs/exports.md).
@@ -72,7 +72,7 @@ def test_what_compiles_runs_valid_with_the_conflict_of_the_initiator(
     further = further_ids(event)
     assert further
     assert {t.id for t in run.targets} == set(event.participants) - {"vut"}
-    result, record = run_in_process(run)
+    result, record = driven(run)
     assert (result.verdict, result.reasons) == (Verdict.VALID, ())
     assert result.phase_s(Phase.RESOLUTION) is not None
     assert result.happened.intrusions == ()
@@ -86,7 +86,7 @@ def test_what_compiles_runs_valid_with_the_conflict_of_the_initiator(
 
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_nobody_starts_or_comes_near_a_further_participant(example: str) -> None:
-    _, record = run_in_process(run_of(example))
+    _, record = driven(run_of(example))
     for one, other in combinations(sorted(several(example).participants), 2):
         pairs = zip(record.truths(one), record.truths(other), strict=True)
         assert min(box_distance(a.box, b.box) for a, b in pairs) > 0.5
@@ -97,7 +97,7 @@ def test_the_event_is_that_of_the_initiator_alone(example: str) -> None:
     """Phases and time gap are those of the shipped event at the same place."""
     kind, _ = EXAMPLES[example]
     alone = place(load_event(kind)[0]).task.run.model_copy(update={"camera": None, "traffic": []})
-    result, expected = (run_in_process(run)[0] for run in (run_of(example), alone))
+    result, expected = (driven(run)[0] for run in (run_of(example), alone))
     for phase in (Phase.TRIGGER, Phase.CONFLICT, Phase.RESOLUTION):
         assert result.phase_s(phase) == pytest.approx(expected.phase_s(phase), abs=0.25)
     assert result.passing.time_gap_s == pytest.approx(expected.passing.time_gap_s, abs=0.1)
