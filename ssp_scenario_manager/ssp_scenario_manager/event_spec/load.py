@@ -91,7 +91,11 @@ def event_version(event: Event) -> str:
 def _plain(value: Any) -> Any:
     """Replace negative zeros, which are equal to 0 and would be written otherwise."""
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        # Most values are texts, which need no call.
+        return {
+            key: _plain(item) if isinstance(item, (dict, list, float)) else item
+            for key, item in value.items()
+        }
     if isinstance(value, list):
         return [_plain(item) for item in value]
     return value + 0.0 if isinstance(value, float) else value

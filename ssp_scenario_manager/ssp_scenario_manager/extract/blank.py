@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,16 +57,15 @@ def blank_event(kind: str, name: str) -> Blank:
     Raises:
         InputError: this kind is unknown, or no shipped event is of it.
     """
-    shipped = sorted((LIBRARY / "events").glob("*.event.yaml"))
-    examples = {load_event(str(path))[0].interaction.type: str(path) for path in shipped}
-    if kind not in KINDS or kind not in examples:
+    example = next((one for one in _shipped(kind) if one.interaction.type == kind), None)
+    if kind not in KINDS or example is None:
+        there = {one.interaction.type for one in _shipped(kind)}
         raise InputError(
             "is no kind of interaction that there is an example of",
             field="KIND",
             value=kind,
-            remedy=f"one of {', '.join(sorted(set(KINDS) & set(examples)))}",
+            remedy=f"one of {', '.join(sorted(set(KINDS) & there))}",
         )
-    example, _ = load_event(examples[kind])
     value: dict[str, Any] = example.model_dump(mode="json", by_alias=True)
     marks = {"name": "decide: your own name, and a sentence about what happens"}
     value["name"] = name
@@ -88,6 +87,17 @@ def blank_event(kind: str, name: str) -> Blank:
     doubt = Doubt(confidence=0.5, provenance="standard", source=source, review="unreviewed")
     entries = dict.fromkeys(granules(body(event)), doubt)
     return Blank(event.model_copy(update={"uncertainty": entries}), marks)
+
+
+def _shipped(first: str) -> Iterator[Event]:
+    """Yield the shipped events, of which each is read when it is asked for.
+
+    Args:
+        first: the event of this name comes before the others.
+    """
+    files = sorted((LIBRARY / "events").glob("*.event.yaml"))
+    for path in sorted(files, key=lambda path: path.name != f"{first}.event.yaml"):
+        yield load_event(str(path))[0]
 
 
 @dataclass(frozen=True)

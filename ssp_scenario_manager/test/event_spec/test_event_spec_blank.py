@@ -15,6 +15,8 @@ from ssp_core.cli import main
 from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.event_spec.load import event_text, load_event, read_event_file
 from ssp_scenario_manager.event_spec.log import log_path, read_log
+from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.extract import blank
 from ssp_scenario_manager.extract.blank import changed_by_hand
 from ssp_scenario_manager.review.session import to_decide
 from ssp_scenario_manager.scenarios.kinds import KINDS
@@ -94,13 +96,30 @@ def test_a_new_event_lacks_only_decisions_and_with_them_is_a_k_star(
             if b.strip().startswith(f"{name}:")
         ]
         assert any("# decide:" in line for line in marks), field
-    assert accept_everything(path, monkeypatch) == 1
-    assert main(["spec", "new", kind, "--name", "mine", "--out", str(path)]) == 1
-    assert "exists already" in capsys.readouterr().err
+    if kind == "cut_in":
+        # Of every kind alike: decisions that are open are no K*, and a file is kept.
+        assert accept_everything(path, monkeypatch) == 1
+        assert main(["spec", "new", kind, "--name", "mine", "--out", str(path)]) == 1
+        assert "exists already" in capsys.readouterr().err
     fill_in(path)
     assert accept_everything(path, monkeypatch) == 0
     assert check_event(read_event_file(str(path))[0]) == []
     assert load_event(str(path))[0].interaction.type == kind
+
+
+def test_a_new_event_reads_no_shipped_event_of_another_kind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    read: list[str] = []
+
+    def load(path: str) -> tuple[Event, str]:
+        read.append(Path(path).name)
+        return load_event(path)
+
+    monkeypatch.setattr(blank, "load_event", load)
+    for kind in KINDS:
+        assert blank.blank_event(kind, "mine").event.interaction.type == kind
+    assert read == [f"{kind}.event.yaml" for kind in KINDS]
 
 
 def test_what_was_changed_in_an_editor_names_its_author_and_no_default(
