@@ -65,16 +65,21 @@ def changed(name: str, changes: dict[str, Any]) -> Site:
     return Site.model_validate(value)
 
 
+# By event, site and target.
+_MADE: dict[tuple[str, str, Target], Realisation] = {}
+
+
 def make(
-    name: str,
-    site: Site,
-    target: Target = "sumo",
-    block: int = 0,
-    preferred: dict[str, float] | None = None,
+    name: str, site: Site, target: Target = "sumo", preferred: dict[str, float] | None = None
 ) -> Realisation:
+    """The event on a site; without preferred values made once for all tests, which only read it."""
     place = area(site)
+    key = name, site_version(site), target
+    if preferred is None and key in _MADE:
+        return _MADE[key]
     order = Order(event(name), "sha256:event", place, target, 7, preferred or {})
-    return realise(order, place.library.blocks[block])
+    made = realise(order, place.library.blocks[0])
+    return made if preferred else _MADE.setdefault(key, made)
 
 
 @pytest.mark.parametrize("name", EVENTS)
@@ -283,8 +288,7 @@ def test_a_thin_wall_across_the_lanes_is_part_of_the_fence(
         make(event_name, changed("boulevard", changes))
 
 
-@pytest.mark.parametrize("to_x_m", [2.0, 120.0])
-@pytest.mark.parametrize("y_m", [1.0, 1.75])
+@pytest.mark.parametrize(("y_m", "to_x_m"), [(1.0, 2.0), (1.75, 120.0)])
 def test_a_thin_wall_between_the_lanes_of_a_lane_change_is_part_of_the_fence(
     y_m: float, to_x_m: float
 ) -> None:
