@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import pytest
@@ -250,6 +252,14 @@ events = st.one_of(
 )
 
 
+@cache
+def driving() -> Rig:
+    """A target that has driven for four seconds."""
+    rig = Rig()
+    rig.drive(seconds=4.0)
+    return rig
+
+
 @settings(
     max_examples=60,
     deadline=None,
@@ -264,8 +274,7 @@ def test_after_an_abort_nothing_makes_it_accelerate(
     before: list[tuple[Any, ...]], cause: str, after: list[tuple[Any, ...]]
 ) -> None:
     """The target accelerates again only after all_clear, which the commands here leave out."""
-    rig = Rig()
-    rig.drive(seconds=4.0)
+    rig = deepcopy(driving())
 
     def apply(event: tuple[Any, ...]) -> None:
         if event[0] == "step":
