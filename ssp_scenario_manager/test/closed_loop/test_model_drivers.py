@@ -156,14 +156,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def start(tmp_path_factory: pytest.TempPathFactory) -> Start:
+def compiled_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the compiled cut-in once there is a start of it."""
+    return tmp_path_factory.mktemp("driven") / "cut_in"
+
+
+@pytest.fixture(scope="module")
+def start(compiled_folder: Path) -> Start:
     """A critical start of the shipped cut-in, with a camera of few pixels."""
-    return start_in(tmp_path_factory.mktemp("driven") / "cut_in")
-
-
-def start_in(folder: Path) -> Start:
-    """Return the start of the shipped cut-in, whose task is compiled into a folder."""
-    compiled = prepare_run("cut_in", "boulevard", folder, seed=SEED, mode="lockstep")
+    compiled = prepare_run("cut_in", "boulevard", compiled_folder, seed=SEED, mode="lockstep")
     small = compiled.model_copy(update={"camera": SMALL})
     return make_start(small, load_event("cut_in")[0], SEED, latency_max_s=0.5)
 
@@ -441,10 +442,10 @@ def test_a_driver_that_can_not_be_is_refused_with_what_there_is(
 
 
 def test_a_start_leaves_no_time_for_a_longer_history_or_latency(
-    tmp_path: Path,
+    start: Start, compiled_folder: Path, tmp_path: Path
 ) -> None:
     """The start was made for 1.7 s of motion and a latency of 0.5 s."""
-    start = start_in(tmp_path)
+    shutil.copytree(compiled_folder / TASK_FOLDER, tmp_path / TASK_FOLDER)
     run = start.driven_by("oracle", {}, Latency(0.5))
     entry = {"backend": "http", "options": {"url": "http://127.0.0.1:1"}}
     fits = {**entry, "history_s": start.first_request_s}
