@@ -139,7 +139,7 @@ def test_the_crossroads_has_routes_that_conflict(tmp_path: Path) -> None:
 
 
 quick = settings(
-    max_examples=150,
+    max_examples=60,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
@@ -172,7 +172,7 @@ def test_mutated_bytes(tmp_path: Path, base: str, data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("base", sorted(BASES))
-@settings(parent=quick, max_examples=300)
+@settings(parent=quick, max_examples=120)
 @given(data=st.data())
 def test_odd_values_in_attributes(tmp_path: Path, base: str, data: st.DataObject) -> None:
     pieces = re.split(r'("[^"<>]*")', BASES[base])
