@@ -116,6 +116,13 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.skip(f"not started within {within_s:g} s")
 
 
+# Modules that run sessions in this process.
+_SIMULATING = (
+    "run.feasibility",
+    *(f"closed_loop.{name}" for name in ("starts.start", "campaigns.runs", "single_run.single")),
+)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _simulated_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Let runs that several tests need be simulated once, where test files that were read do so."""
@@ -123,19 +130,14 @@ def _simulated_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     if place is None:
         yield
         return
-    from tests.support.simulated_once import commanded_once, driven_once, remembered
+    from tests.support.simulated_once import remembered, run_once
 
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "simulated_once"
     folder.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(place, "why_not", remembered(place.why_not, folder))
-        for name, function, once in (
-            ("compile.targets.foreseen", "driven", driven_once),
-            ("closed_loop.starts.start", "run_in_process", commanded_once),
-            ("closed_loop.campaigns.runs", "run_in_process", commanded_once),
-            ("closed_loop.single_run.single", "run_in_process", commanded_once),
-        ):
+        for name in _SIMULATING:
             if (module := sys.modules.get(f"ssp_scenario_manager.{name}")) is not None:
-                patch.setattr(module, function, once)
+                patch.setattr(module, "run_in_process", run_once)
+        patch.setattr(place, "why_not", remembered(place.why_not, folder))
         yield

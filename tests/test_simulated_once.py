@@ -26,7 +26,9 @@ def test_only_the_same_run_is_not_simulated_again(
     run = RunSpec.model_validate(cut_in_run())
     other = run.model_copy(update={"seed": run.seed + 1})
     one, another = remembered(why_not, tmp_path), remembered(why_not, tmp_path)
+    renamed = run.model_copy(update={"run_id": "another", "event_version": "sha256:another"})
     for ask in (one, another):
+        assert ask(renamed) == [f"seed {run.seed}"]
         assert [ask(run), ask(other)] == [[f"seed {run.seed}"], [f"seed {other.seed}"]]
     assert asked == [run.seed, other.seed]
     monkeypatch.setattr(feasibility, "run_in_process", lambda _: None)
@@ -34,9 +36,7 @@ def test_only_the_same_run_is_not_simulated_again(
     assert asked == [run.seed, other.seed, run.seed]
 
 
-def test_of_driven_runs_only_those_that_no_plans_lead_are_run_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_session_is_run_once_unless_plans_lead_it(monkeypatch: pytest.MonkeyPatch) -> None:
     ran: list[str] = []
 
     def run_in_process(run: RunSpec, **_: object) -> str:
@@ -44,7 +44,7 @@ def test_of_driven_runs_only_those_that_no_plans_lead_are_run_once(
         return str(len(ran))
 
     monkeypatch.setattr(simulated_once, "run_in_process", run_in_process)
-    monkeypatch.setattr(simulated_once, "_COMMANDED", {})
+    monkeypatch.setattr(simulated_once, "_RUN", {})
     whole = RunSpec.model_validate(cut_in_run())
 
     def led_by(driver: str) -> RunSpec:
@@ -53,8 +53,8 @@ def test_of_driven_runs_only_those_that_no_plans_lead_are_run_once(
 
     for run in (whole, led_by("no_response"), led_by("oracle"), led_by("built_in")):
         for _ in range(2):
-            simulated_once.commanded_once(run)
-    assert ran == ["", "", "no_response", "oracle", "oracle", "built_in"]
-    simulated_once.commanded_once(led_by("built_in"), answers=["one"])
-    simulated_once.commanded_once(led_by("built_in").model_copy(update={"seed": 99}))
-    assert ran[6:] == ["built_in", "built_in"]
+            simulated_once.run_once(run)
+    assert ran == ["", "no_response", "oracle", "oracle", "built_in"]
+    simulated_once.run_once(led_by("built_in"), answers=["one"])
+    simulated_once.run_once(led_by("built_in").model_copy(update={"seed": 99}))
+    assert ran[5:] == ["built_in", "built_in"]

@@ -18,8 +18,8 @@ from ssp_scenario_manager.compile.targets.openscenario import export_openscenari
 from ssp_scenario_manager.compile.targets.player import play
 from ssp_scenario_manager.compile.task import Task
 from ssp_scenario_manager.maps.block import Block
+from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.run.result import instants
-from tests.support.simulated_once import driven_once as driven
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Each compiled run is simulated once in a run of the tests, whichever tests compile it."""
+"""Runs that several tests compile, or drive without plans, are simulated once."""
 
 from __future__ import annotations
 
@@ -14,10 +14,16 @@ from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.run import feasibility
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
 
+# Fields of a run that its session doesn't depend on.
+_NAMES = {
+    *("run_id", "scenario", "event_version", "task_version", "compiler"),
+    *("site", "site_version", "session_token"),
+}
+# The compiler's simulation renders nothing.
+_SEEN = {"camera", "look"}
 # A record takes some megabytes.
-_KEPT = 8
-_DRIVEN: dict[str, tuple[InProcessResult, Record]] = {}
-_COMMANDED: dict[str, tuple[InProcessResult, Record]] = {}
+_KEPT = 12
+_RUN: dict[str, tuple[InProcessResult, Record]] = {}
 WhyNot = Callable[[RunSpec], list[str]]
 
 
@@ -35,7 +41,8 @@ def remembered(why_not: WhyNot, folder: Path) -> WhyNot:
     def ask(run: RunSpec) -> list[str]:
         if feasibility.run_in_process is not simulation:
             return why_not(run)
-        key = hashlib.sha256(run.model_dump_json().encode()).hexdigest()
+        told = run.model_dump_json(exclude=_NAMES | _SEEN)
+        key = hashlib.sha256(told.encode()).hexdigest()
         file = folder / f"{key}.json"
         if not file.exists():
             write_text(file, json.dumps(why_not(run)))
@@ -45,32 +52,17 @@ def remembered(why_not: WhyNot, folder: Path) -> WhyNot:
     return ask
 
 
-def driven_once(run: RunSpec) -> tuple[InProcessResult, Record]:
-    """Return the session of a run as an export foresees it, driven once by a process's tests.
+def run_once(run: RunSpec, **given: Any) -> tuple[InProcessResult, Record]:
+    """Run a session in this process, once for all tests of it, which only read what it gives.
 
-    Tests only read it.
+    Those that plans lead, those with answers or a recording, and CARLA's are run each time.
     """
-    return _once(_DRIVEN, run, feasibility.driven)
-
-
-def commanded_once(run: RunSpec, **given: Any) -> tuple[InProcessResult, Record]:
-    """Run a session; those that a driver without plans leads are run once by a process's tests.
-
-    They are the twins of starts, and what is driven to draw them. Tests only read them.
-    """
-    if run.driven is None or run.driven.driver not in COMMANDED or any(given.values()):
+    plans = run.driven is not None and run.driven.driver not in COMMANDED
+    if plans or any(given.values()) or run.plant != "bodies":
         return run_in_process(run, **given)
-    return _once(_COMMANDED, run, run_in_process)
-
-
-def _once(
-    kept: dict[str, tuple[InProcessResult, Record]],
-    run: RunSpec,
-    drive: Callable[[RunSpec], tuple[InProcessResult, Record]],
-) -> tuple[InProcessResult, Record]:
-    key = run.model_dump_json()
-    if key not in kept:
-        kept[key] = drive(run)
-        if len(kept) > _KEPT:
-            del kept[next(iter(kept))]
-    return kept[key]
+    key = run.model_dump_json(exclude=_NAMES)
+    if key not in _RUN:
+        _RUN[key] = run_in_process(run)
+        if len(_RUN) > _KEPT:
+            del _RUN[next(iter(_RUN))]
+    return _RUN[key]

@@ -27,7 +27,7 @@ from ssp_scenario_manager.compile.targets.player import play
 from ssp_scenario_manager.compile.task import Task, sealed
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.maps.block import Block, BlockLane
-from tests.support.simulated_once import driven_once as driven
+from ssp_scenario_manager.run.feasibility import driven
 
 # A bend of 100 m all along, to the left.
 BEND = [CurvePiece(length_m=400.0, start_curvature_1pm=0.01, end_curvature_1pm=0.01)]

@@ -31,8 +31,8 @@ from ssp_scenario_manager.compile.targets.openscenario import ACT_DELAY_S, expor
 from ssp_scenario_manager.compile.targets.player import play
 from ssp_scenario_manager.compile.targets.ramps import legs, matched
 from ssp_scenario_manager.compile.task import PlaceLink, Task, sealed
+from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.scenarios.kinds import KINDS
-from tests.support.simulated_once import driven_once as driven
 
 # Where roads cross: test_maps_crossing_car.py.
 EVENTS = tuple(sorted(name for name, kind in KINDS.items() if not kind.at_junction))

@@ -38,6 +38,7 @@ from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.routes import with_routes
 from ssp_scenario_manager.maps.site import find_shipped
+from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.block_places import END_MARGIN_M, bend_speed_mps
@@ -54,7 +55,7 @@ from tests.support.junctions import (
     way_of,
 )
 from tests.support.several import behind_a_parked_truck
-from tests.support.simulated_once import driven_once as driven
+from tests.support.simulated_once import run_once
 
 # The connecting road that the car takes, by the side that it comes from.
 OVER = {"right": "south_north", "left": "north_south"}
@@ -93,7 +94,7 @@ def event(side: str = "right", object_class: str = "car", **constraints: Any) ->
 def test_it_runs_valid_over_the_connecting_roads(side: str, object_class: str, site: str) -> None:
     area = ground(site)
     run = made(event(side, object_class), area).task.run.model_copy(update={"camera": None})
-    result, record = run_in_process(run)
+    result, record = run_once(run)
     assert result.verdict is Verdict.VALID, result.reasons
     assert result.passing.other_first
     # The car keeps to the middle of the lane of its connecting road, while it is in the junction.

@@ -17,10 +17,10 @@ from ssp_scenario_manager.compile.task import sealed
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.load import load_library
-from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.merge import ramps
 from tests.support.junctions import ground, made, route, site_without_junction
+from tests.support.simulated_once import run_once
 
 MAIN = "junction entry: west_in > west_east lanes[0] > east_out"
 
@@ -55,7 +55,7 @@ def test_the_vut_doesnt_come_over_the_ramp_itself() -> None:
 def test_it_runs_valid_over_the_ramp_into_the_lane(object_class: str, site: str) -> None:
     area = ground(site)
     run = made(event(object_class), area, MAIN).task.run.model_copy(update={"camera": None})
-    result, record = run_in_process(run)
+    result, record = run_once(run)
     assert result.verdict is Verdict.VALID, result.reasons
     assert (result.passing.relation, result.passing.other_first) == ("merge", True)
     known = {block.block_id: block for block in area.library.blocks}
@@ -68,7 +68,7 @@ def test_it_runs_valid_over_the_ramp_into_the_lane(object_class: str, site: str)
         assert np.abs(there[:, 1] - lane_m).max() < 0.2
     # A VUT that keeps its speed drives into it.
     steady = run.driver.model_copy(update={"reacts": False})
-    result, _ = run_in_process(run.model_copy(update={"driver": steady}))
+    result, _ = run_once(run.model_copy(update={"driver": steady}))
     assert any("collision: ot1" in reason for reason in result.reasons)
 
 

@@ -35,6 +35,7 @@ from tests.support.junctions import (
     site_without_junction,
     way_of,
 )
+from tests.support.simulated_once import run_once
 
 # The connecting road that the vehicle takes, and the VUT's.
 OVER, OWN = "east_south", "west_east"
@@ -75,7 +76,7 @@ def offsets_m(record: Record, area: OperatingArea, who: str, over: str) -> np.nd
     ],
 )
 def test_it_runs_valid_over_the_connecting_roads(object_class: str, site: str) -> None:
-    result, record = run_in_process(run_on(site, object_class))
+    result, record = run_once(run_on(site, object_class))
     assert result.verdict is Verdict.VALID, result.reasons
     assert result.passing.relation == "crossing"
     assert result.passing.other_first

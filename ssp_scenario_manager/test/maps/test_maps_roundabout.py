@@ -28,6 +28,7 @@ from ssp_scenario_manager.scenarios import over_routes
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from tests.support.junctions import LEFT_TURN, ground, made, route, site_without_junction, way_of
 from tests.support.played import shown
+from tests.support.simulated_once import run_once
 
 AROUND = (
     "junction ring: south_in > south_entry lanes[0] > ring_east lanes[0] > north_exit lanes[0] > "
@@ -79,7 +80,7 @@ def test_two_routes_that_join_in_a_ring_and_part_again_conflict() -> None:
 @pytest.mark.parametrize("site", ["ring", "ring_track"])
 def test_it_runs_valid_and_the_vut_enters_the_ring_behind_the_vehicle(site: str) -> None:
     run = run_on(site)
-    result, record = run_in_process(run)
+    result, record = run_once(run)
     assert result.verdict is Verdict.VALID, result.reasons
     assert (result.passing.relation, result.passing.other_first) == ("crossing", True)
     blocks = {block.block_id: block for block in ground(site).library.blocks}
@@ -98,7 +99,7 @@ def test_it_runs_valid_and_the_vut_enters_the_ring_behind_the_vehicle(site: str)
 
 def test_without_a_conflict_a_session_is_off_spec() -> None:
     """Two seconds earlier the VUT passes behind the vehicle, and TTC stays over the threshold."""
-    result, _ = run_in_process(shifted(run_on("ring"), -2.0))
+    result, _ = run_once(shifted(run_on("ring"), -2.0))
     assert result.verdict is Verdict.OFF_SPEC
     assert result.phase_s(Phase.TRIGGER) is not None
     assert result.phase_s(Phase.CONFLICT) is None

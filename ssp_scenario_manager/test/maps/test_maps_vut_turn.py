@@ -30,6 +30,7 @@ from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from tests.support.junctions import LEFT_TURN, STRAIGHT, ground, made, site_without_junction
 from tests.support.played import shown
+from tests.support.simulated_once import run_once
 
 TEE = "junction tee: west_in > west_north lanes[0] > north_out"
 
@@ -63,7 +64,7 @@ def test_it_runs_valid_and_the_vut_turns_behind_the_vehicle(
     object_class: str, site: str, name: str
 ) -> None:
     run = run_on(site, name, object_class)
-    result, record = run_in_process(run)
+    result, record = run_once(run)
     assert result.verdict is Verdict.VALID, result.reasons
     assert result.passing.relation == "crossing"
     assert result.passing.other_first

@@ -28,11 +28,11 @@ from ssp_scenario_manager.compile.targets.openscenario import scenario_xml
 from ssp_scenario_manager.compile.targets.player import play
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
+from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.further import further_ids
 from tests.support.several import EXAMPLES, LEAD, ONCOMING, WAITING, several, with_further
-from tests.support.simulated_once import driven_once as driven
 
 SITES = ("boulevard", "south_loop")
 # esmini plays an export as the session does (docs/exports.md).
