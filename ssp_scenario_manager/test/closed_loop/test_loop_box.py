@@ -105,7 +105,7 @@ def begun(task: Task, event: Event, seed: int) -> tuple[RunSpec, dict[str, float
 
 
 def not_drawn(task: Task, event: Event, among: Iterable[str]) -> set[str]:
-    """Of some intervals of an event, those whose ends are nothing to its starts."""
+    """Return those of some intervals of an event whose ends are nothing to its starts."""
     spans, found = dict(intervals(event)), set()
     as_it_is = {seed: begun(task, event, seed) for seed in (1, 2)}
     for field in among:
