@@ -42,7 +42,7 @@ from ssp_scenario_manager.closed_loop.campaigns.plan_file import (
     ZERO,
     LoopPlan,
 )
-from ssp_scenario_manager.closed_loop.campaigns.runs import jobs_of, rows_of
+from ssp_scenario_manager.closed_loop.campaigns.runs import Job, JobRows, jobs_of, rows_of
 from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts
 from ssp_scenario_manager.closed_loop.outcomes.rates import rates_of, rising
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, read_row, rows_there
@@ -582,14 +582,24 @@ class TestOnACluster:
     """Work of a campaign on a Ray cluster."""
 
     def test_a_campaign_that_was_cut_off_has_the_files_of_one_process(
-        self, done: Path, tmp_path: Path
+        self, done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
+        """Its start is drawn there, and one driver driven; the rows of the others are kept ones."""
+        kept = rows_there(done / "runs.csv")
+
+        def rows_on_cluster(job: Job) -> JobRows:
+            if job.driver.driver == "no_response":
+                return rows_of(job)
+            found = [row for row in kept if row[4] == job.driver.shown]
+            return JobRows(found, [() for _ in found])
+
         def cut_off(count: int, _: int) -> None:
             if count == 4:
                 raise KeyboardInterrupt
 
+        monkeypatch.setattr(campaign, "rows_of", rows_on_cluster)
         with pytest.raises(KeyboardInterrupt):
-            run_campaign(plan_of(), make_folder(tmp_path), 2, cut_off, lambda _: None, "ray")
+            run_campaign(plan_of(), make_folder(tmp_path), 1, cut_off, lambda _: None, "ray")
         run(plan_of(), tmp_path, 2, "ray")
         for name in FILES:
             assert (tmp_path / name).read_bytes() == (done / name).read_bytes(), name
