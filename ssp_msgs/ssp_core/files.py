@@ -6,6 +6,7 @@ import errno
 import fcntl
 import json
 import os
+import pickle
 import re
 import shutil
 import stat
@@ -14,7 +15,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
+from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -171,6 +172,9 @@ def _text(data: bytes, file: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> st
         ) from error
 
 
+# Texts of so many characters are remembered: the event and the site of a campaign stand in each of
+# its recordings, and YAML takes milliseconds for them.
+_MOST_REMEMBERED = 1 << 16
 # PyYAML's constructors raise whatever they stumble over in a scalar with a tag of its own.
 _PARSE_ERRORS = (
     yaml.YAMLError,
@@ -192,7 +196,15 @@ def _parse(text: str) -> Any:
             return parse_strict(text)
     if text.count("\n%TAG") > _MOST_TAG_DIRECTIVES:  # libyaml compares each with all before it
         raise ValueError(f"it has more than {_MOST_TAG_DIRECTIVES} %TAG directives")
-    return yaml.load(text, Loader=CoreLoader)
+    if len(text) > _MOST_REMEMBERED:
+        return yaml.load(text, Loader=CoreLoader)
+    return pickle.loads(_pickled(text))
+
+
+@lru_cache(maxsize=32)
+def _pickled(text: str) -> bytes:
+    """Return the value of a YAML text in a form from which each caller gets one of its own."""
+    return pickle.dumps(yaml.load(text, Loader=CoreLoader))
 
 
 def check_characters(value: Any, text: str) -> None:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import jinja2
 from markupsafe import Markup
 
 
+@cache
 def templates(*folders: Path) -> jinja2.Environment:
     """Return the templates of some folders, which escape and refuse a value that they aren't given.
 
-    Of two with one name that of the first folder counts.
+    Of two with one name that of the first folder counts. All pages of a process share them, since
+    compiling a template takes longer than filling it in.
 
     Filters: ``svg`` takes markup as it is, ``words`` turns a name into words, ``short`` shortens a
     hash, ``json`` writes a value as JSON, ``g`` a number with six digits at most.

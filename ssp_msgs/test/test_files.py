@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,6 +29,7 @@ from ssp_core.files import (
     parse_json_line,
     parse_mapping,
     parse_model,
+    parse_value,
     put_in_place,
     read_json_mapping,
     read_mapping,
@@ -40,7 +42,7 @@ from ssp_core.files import (
 from ssp_core.model_errors import field_path
 from ssp_core.run_file.faults import FaultFile
 from ssp_core.run_file.values import Finite, Strict
-from ssp_core.yaml_core import number_remedy
+from ssp_core.yaml_core import CoreLoader, number_remedy
 
 FILE_PER_TEST = settings(
     max_examples=100,
@@ -240,6 +242,21 @@ def test_a_long_text_is_read_once() -> None:
     assert caught.value.field == "k59999"
     assert number_remedy("0" * 60_000 + "x") == "write a number"
     assert time.process_time() - began < 8.0
+
+
+def test_a_text_is_parsed_once_and_each_reader_has_a_value_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    text = "speeds: {ot1: [8.5, 9.0]}\nday: 2025-03-01  # read twice\n"
+    first = parse_value(text, "a.yaml")
+    as_it_was = {"speeds": {"ot1": [8.5, 9.0]}, "day": date(2025, 3, 1)}
+    assert first == as_it_was
+    first["speeds"]["ot1"].append(10.0)
+    with monkeypatch.context() as patch:
+        patch.setattr(CoreLoader, "__init__", None)
+        assert parse_value(text, "b.yaml") == as_it_was
+        with pytest.raises(InputError, match=r"^b\.yaml: is not valid"):
+            parse_value(text + "#", "b.yaml")
 
 
 def test_deep_nesting_is_an_input_error(tmp_path: Path) -> None:
