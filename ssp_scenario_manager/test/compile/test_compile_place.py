@@ -288,7 +288,7 @@ def test_a_thin_wall_across_the_lanes_is_part_of_the_fence(
         make(event_name, changed("boulevard", changes))
 
 
-@pytest.mark.parametrize(("y_m", "to_x_m"), [(1.0, 2.0), (1.75, 120.0)])
+@pytest.mark.parametrize(("y_m", "to_x_m"), [(1.0, 120.0), (1.75, 2.0)])
 def test_a_thin_wall_between_the_lanes_of_a_lane_change_is_part_of_the_fence(
     y_m: float, to_x_m: float
 ) -> None:
