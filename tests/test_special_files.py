@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from ssp_core.cli import main
+from tests.support.rows import check_rows
 from tests.support.waiting import DEADLINE_S
 
 # Longer than any refusal takes on a busy machine; what waits would do so for ever.
@@ -75,25 +76,27 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Path]
         }
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_what_is_no_file_is_refused(
-    command: str, kind: str, places: dict[str, Path], capfd: pytest.CaptureFixture[str]
+    command: str, places: dict[str, Path], capfd: pytest.CaptureFixture[str]
 ) -> None:
-    words = {"FILE": places[kind], "BAG": places["folder"], **places}
-    arguments = [str(words.get(word, word)) for word in command.split()]
+    def check(kind: str) -> None:
+        words = {"FILE": places[kind], "BAG": places["folder"], **places}
+        arguments = [str(words.get(word, word)) for word in command.split()]
 
-    def expired(*_: object) -> None:
-        raise AssertionError(f"{arguments} waits")
+        def expired(*_: object) -> None:
+            raise AssertionError(f"{arguments} waits")
 
-    before = signal.signal(signal.SIGALRM, expired)
-    signal.alarm(int(DEADLINE_S))
-    try:
-        status = main(arguments)
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
-        shutil.rmtree(places["OUT"], ignore_errors=True)
-    told = capfd.readouterr()
-    assert status == 1, told.err
-    assert "Traceback" not in told.err
+        before = signal.signal(signal.SIGALRM, expired)
+        signal.alarm(int(DEADLINE_S))
+        try:
+            status = main(arguments)
+        finally:
+            signal.alarm(0)
+            signal.signal(signal.SIGALRM, before)
+            shutil.rmtree(places["OUT"], ignore_errors=True)
+        told = capfd.readouterr()
+        assert status == 1, told.err
+        assert "Traceback" not in told.err
+
+    check_rows(check, [(kind,) for kind in KINDS])

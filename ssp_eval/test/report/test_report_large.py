@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,12 +26,18 @@ BagMaker = Callable[..., Path]
 CELLS = 400
 
 
-@pytest.fixture
-def source(make_bag: BagMaker, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def evaluated(bag_writer: BagMaker, tmp_path_factory: pytest.TempPathFactory) -> Path:
     models = [bridge_spec(name) for name in ("constant_velocity", "perfect")]
-    out = tmp_path / "source"
-    run_campaign([(make_bag(), None)], models, InProcessClients(), out, CellOptions(), True)
-    return out
+    folder = tmp_path_factory.mktemp("evaluated")
+    bags = [(bag_writer(folder / "bag"), None)]
+    run_campaign(bags, models, InProcessClients(), folder / "out", CellOptions(), True)
+    return folder / "out"
+
+
+@pytest.fixture
+def source(evaluated: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(evaluated, tmp_path / "source"))
 
 
 def rows(page: str) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -37,16 +38,22 @@ def evaluated(out: Path, bags: list[Path], *names: str, extractor: Extractor | N
     run_campaign([(bag, None) for bag in bags], models, InProcessClients(), out, options, True)
 
 
-@pytest.fixture
-def bags(make_bag: BagMaker) -> list[Path]:
-    return [make_bag(), make_bag("track", domain="physical")]
+@pytest.fixture(scope="module")
+def bags(bag_writer: BagMaker, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("bags")
+    return [bag_writer(folder / "bag"), bag_writer(folder / "track", domain="physical")]
 
 
-@pytest.fixture
-def campaign(bags: list[Path], tmp_path: Path) -> Path:
-    out = tmp_path / "out"
+@pytest.fixture(scope="module")
+def done(bags: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("evaluated") / "out"
     evaluated(out, bags, *MODELS)
     return out
+
+
+@pytest.fixture
+def campaign(done: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(done, tmp_path / "out"))
 
 
 def test_others_are_asked_about_a_driven_recording_and_the_page_says_who_drove(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -80,17 +81,24 @@ class Collector(HTMLParser):
             raise AssertionError(f"</{tag}> closes nothing")
 
 
-@pytest.fixture
-def campaign(make_bag: BagMaker, tmp_path: Path) -> Path:
-    out = tmp_path / "out"
-    bags = [make_bag(), make_bag("track", domain="physical", stand_in=True)]
+@pytest.fixture(scope="module")
+def evaluated(bag_writer: BagMaker, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("evaluated")
     lost = {"verdict": Verdict.FAILED_SAFETY, "reasons": ("<b>fence</b>",)}
-    bags.append(make_bag("lost", scenario="vru_crossing", **lost))
+    bags = [
+        bag_writer(folder / "bag"),
+        bag_writer(folder / "track", domain="physical", stand_in=True),
+        bag_writer(folder / "lost", scenario="vru_crossing", **lost),
+    ]
     models = [bridge_spec(name) for name in MODELS]
-    run_campaign(
-        [(bag, None) for bag in bags], models, InProcessClients(), out, CellOptions(), True
-    )
-    return out
+    given = [(bag, None) for bag in bags]
+    run_campaign(given, models, InProcessClients(), folder / "out", CellOptions(), True)
+    return folder / "out"
+
+
+@pytest.fixture
+def campaign(evaluated: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(evaluated, tmp_path / "out"))
 
 
 def test_the_page_stands_alone(campaign: Path) -> None:
@@ -326,10 +334,10 @@ def test_the_matrix_does_not_cut_its_last_square(campaign: Path) -> None:
 
 
 def test_the_audits_that_cells_go_by_are_linked_where_they_lie(
-    campaign: Path, tmp_path: Path
+    campaign: Path, evaluated: Path
 ) -> None:
     audit = campaign / "audits" / "cut_in"
-    bags = [tmp_path / "bag", tmp_path / "track"]
+    bags = [evaluated.parent / "bag", evaluated.parent / "track"]
     digest = sha256_file(audit_file(audit / "audit.json", "admitted", *bags))
     admitted = {"status": "admitted", "audit_sha256": digest, "reasons": []}
     for folder in (campaign / "cells").glob("cut_in__*"):

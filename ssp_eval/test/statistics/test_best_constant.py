@@ -91,7 +91,7 @@ SCENES = st.builds(
 @settings(max_examples=25, deadline=None)
 @given(
     st.lists(any_labels(), min_size=1, max_size=3),
-    st.lists(SCENES, min_size=1, max_size=30),
+    st.lists(SCENES, min_size=1, max_size=12),
 )
 def test_no_other_constant_scores_more(recordings, others):
     found = best_constant(tuple(recordings))
