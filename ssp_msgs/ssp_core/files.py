@@ -241,8 +241,10 @@ def read_json_mapping(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> dic
     Raises:
         InputError: the file can't be read, is no JSON or has a NaN, or its top is no mapping.
     """
+    text = read_text(path, most_bytes)
     try:
-        value = parse_strict(read_text(path, most_bytes))
+        value = parse_strict(text)
+        check_characters(value, text)
     except ValueError as error:
         raise InputError(
             f"is not valid JSON: {error}", file=path, remedy="mend it there, or put the file back"
@@ -254,6 +256,29 @@ def read_json_mapping(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> dic
             value=value,
             remedy="write names and values: `name: value`",
         )
+    return value
+
+
+def read_json(path: str | Path, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> Any:
+    """Return the value of a JSON file that a program of ours wrote; numbers may be NaN or infinite.
+
+    Args:
+        path: of the file.
+        remedy: what a person does without it.
+        most_bytes: where it may be larger than 8 MiB.
+
+    Raises:
+        InputError: the file can't be read, is no JSON, or has a key twice in an object.
+    """
+    try:
+        text = read_text(path, most_bytes)
+        value = json.loads(text, object_pairs_hook=_once)
+        check_characters(value, text)
+    except InputError as error:
+        raise InputError(error.problem, file=path, remedy=remedy) from error
+    except (ValueError, RecursionError) as error:
+        why = "it is nested too deeply" if isinstance(error, RecursionError) else error
+        raise InputError(f"can't be read: {why}", file=path, remedy=remedy) from error
     return value
 
 

@@ -13,6 +13,8 @@ from typing import Any
 import click
 
 from ssp_core import console
+from ssp_core.errors import InputError
+from ssp_core.files import read_json_mapping
 from ssp_core.options import Number, WholeNumber
 from ssp_eval.evaluate.clients.models import (
     ANSWERERS,
@@ -117,10 +119,9 @@ def driving_before(out: Path) -> set[str]:
 
 def _drives(cell: Path) -> bool:
     try:
-        told = json.loads((cell / CELL_FILE).read_bytes())
-    except (OSError, ValueError):
+        return not read_json_mapping(cell / CELL_FILE).get("control", False)
+    except InputError:
         return False
-    return isinstance(told, dict) and not told.get("control", False)
 
 
 _PATH = click.Path(path_type=Path)

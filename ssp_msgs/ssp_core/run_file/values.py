@@ -86,6 +86,20 @@ def _whole(value: Any) -> Any:
     return value
 
 
+def _finite_within(value: Any) -> Any:
+    """Return a value of any form that holds no NaN and no infinity, which can't be hashed."""
+    left = [value]
+    while left:
+        item = left.pop()
+        if isinstance(item, dict):
+            left += item.values()
+        elif isinstance(item, list):
+            left += item
+        elif isinstance(item, float) and not math.isfinite(item):
+            raise ValueError("must hold finite numbers alone")
+    return value
+
+
 def _of_files(schema: Any, quantity: Quantity = NUMBER) -> Any:
     """Return a core schema in which a number is one, and within the range of its quantity.
 
@@ -104,6 +118,8 @@ def _of_files(schema: Any, quantity: Quantity = NUMBER) -> Any:
             name: _of_files(field, quantity_of(name)) for name, field in schema["fields"].items()
         }
         return {**schema, "fields": fields}
+    if schema.get("type") == "any":
+        return core_schema.no_info_after_validator_function(_finite_within, schema)
     number = schema
     while number.get("type") == "function-after":
         number = number["schema"]

@@ -6,7 +6,6 @@ The run in one process, by which such a session is judged, repeats them.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,12 +13,15 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from ssp_core.errors import InputError, not_written
-from ssp_core.files import parse_json_line
+from ssp_core.files import parse_json_line, read_json, read_text
 from ssp_core.world.driver import RecordedAnswer
 
 # Beside the run file of a session of several processes.
 NODE_ANSWERS_FILE = "answers.jsonl"
 
+# An answer has a megabyte of text at most, and a run some hundred questions.
+_MOST_BYTES = 1 << 28
+_REMEDY = "put the file back, or drive the run again"
 _ANSWER: TypeAdapter[RecordedAnswer] = TypeAdapter(RecordedAnswer)
 
 
@@ -44,13 +46,11 @@ def given_answers(path: Path) -> tuple[RecordedAnswer, ...]:
     """
     try:
         # A last line without its end was cut off: the node ended while it wrote.
-        *lines, _ = path.read_text("utf-8").split("\n")
-    except FileNotFoundError:
-        return ()
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"can't be read: {error}", file=path, remedy="put the file back, or drive the run again"
-        ) from error
+        *lines, _ = read_text(path, _MOST_BYTES).split("\n")
+    except InputError as error:
+        if not path.exists():
+            return ()
+        raise InputError(error.problem, file=path, remedy=_REMEDY) from error
     return tuple(
         _answer(parse_json_line(line, path, k), path, k) for k, line in enumerate(lines, 1)
     )
@@ -62,22 +62,17 @@ def answers_in_event(path: Path) -> tuple[RecordedAnswer, ...]:
     Raises:
         InputError: it isn't such a file.
     """
-    try:
-        value: Any = json.loads(path.read_text("utf-8"))
-        found = value["event"]
-    except (OSError, ValueError, RecursionError, KeyError, TypeError) as error:
-        raise InputError(
-            f"can't be read: {error}", file=path, remedy="put the file back, or drive the run again"
-        ) from error
+    value = read_json(path, _REMEDY, _MOST_BYTES)
+    found = value.get("event") if isinstance(value, dict) else None
+    if not isinstance(found, list):
+        raise InputError("has no answers", file=path, field="event", remedy=_REMEDY)
     return tuple(_answer(one, path, k) for k, one in enumerate(found, 1))
 
 
-def _answer(value: Mapping[str, Any], path: Path, number: int) -> RecordedAnswer:
+def _answer(value: Any, path: Path, number: int) -> RecordedAnswer:
     try:
         return _ANSWER.validate_python(value)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = ".".join([str(number), *map(str, first["loc"])])
-        raise InputError(
-            first["msg"], file=path, field=field, remedy="put the file back, or drive the run again"
-        ) from None
+        raise InputError(first["msg"], file=path, field=field, remedy=_REMEDY) from None

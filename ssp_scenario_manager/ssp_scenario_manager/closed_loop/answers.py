@@ -8,12 +8,12 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import TypeAdapter, ValidationError
 
 from ssp_core.errors import InputError
-from ssp_core.files import write_text
+from ssp_core.files import read_json, write_text
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.driven import Driven
 from ssp_core.world.driver import LatencyParts, RecordedAnswer
@@ -24,6 +24,8 @@ ANSWERS_FOLDER = "answers"  # of a campaign, by row
 ANSWERS_SCHEMA: Literal["ssp.driven_answers/2"] = "ssp.driven_answers/2"
 
 _NO_TIME = LatencyParts(0)
+# An answer has a megabyte of text at most, and a run some hundred questions.
+MOST_ANSWER_BYTES = 1 << 28
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,12 +117,9 @@ def load_answers(path: Path, remedy: str, driven: Driven | None = None) -> KeptA
         InputError: it isn't there, isn't what was written, or is of another driver, options,
             latency or start.
     """
-    try:
-        value: Any = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError("isn't there", file=path, remedy=remedy) from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"can't be read: {error}", file=path, remedy=remedy) from None
+    if not path.exists():
+        raise InputError("isn't there", file=path, remedy=remedy)
+    value = read_json(path, remedy, MOST_ANSWER_BYTES)
     try:
         kept = _FORM.validate_python(value)
     except ValidationError as error:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Literal
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.errors import HostError, InputError
-from ssp_core.files import make_folder, read_mapping, write_json, write_text
+from ssp_core.errors import HostError
+from ssp_core.files import make_folder, write_json, write_text
 from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Fault, RunSpec
@@ -37,6 +37,7 @@ from ssp_scenario_manager.faults.judge import (
     missed_its_run,
     nominal_of,
 )
+from ssp_scenario_manager.faults.kept import CELL_FILE, load_cell
 from ssp_scenario_manager.faults.matrix import Cell, Expected, NotApplicable, Row, Stage
 from ssp_scenario_manager.run.faults import NEED_PROCESSES
 from ssp_scenario_manager.run.in_process import Record, judged
@@ -144,7 +145,6 @@ def left_behind(folder: Path) -> list[str]:
     return found
 
 
-CELL_FILE = "cell.json"
 SAID_FILE = "said.txt"
 NOMINAL = "nominal"
 ATTEMPTS = 3
@@ -274,13 +274,10 @@ def _evidence(run: RunSpec, folder: Path) -> tuple[Evidence, list[str]]:
 
 def _finished(folder: Path, key: str) -> list[str] | None:
     """Read the outcome that a finished run of this file left behind; None when there is none."""
-    try:
-        cell = read_mapping(folder / CELL_FILE)
-    except InputError:
+    cell = load_cell(folder)
+    if cell is None or cell.key != key or not (folder / RESULT_FILE).is_file():
         return None
-    if cell.get("key") != key or not (folder / RESULT_FILE).is_file():
-        return None
-    return [str(one) for one in cell.get("leftovers", ())]
+    return cell.leftovers
 
 
 def _run_session(run: RunSpec, folder: Path, key: str) -> list[str]:

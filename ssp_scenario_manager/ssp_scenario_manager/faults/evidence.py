@@ -17,16 +17,19 @@ from ssp_core.cdr.states import decode_state, decode_states
 from ssp_core.cdr.steps import decode_heartbeat, decode_tick
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.files import read_mapping
 from ssp_core.geometry import Box, FloatArray, Pose2, boxes_overlap
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.run_file.model import RunSpec, load_run
-from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.safety.fence import way_excess_m
 from ssp_core.safety.limits import STANDSTILL_MPS
 from ssp_core.safety.stopping import Stopping
 from ssp_core.vocabulary import ControlState, Phase, Role, SessionPhase
-from ssp_scenario_manager.run.faults import FAULTS_FILE, WITNESS_FILE
+from ssp_scenario_manager.faults.kept import (
+    WitnessFile,
+    load_notes,
+    load_result,
+    load_witness,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,27 +224,23 @@ def read_evidence(folder: Path) -> Evidence:
     """Read a run's folder.
 
     Raises:
-        InputError: run.yaml or result.json is missing or broken; a bag that can't be read is a
-            problem in the evidence.
+        InputError: run.yaml or result.json is missing, or a file isn't as it was written; a bag
+            that can't be read is a problem in the evidence.
     """
-    spec, result = load_run(folder / "run.yaml"), read_mapping(folder / RESULT_FILE)
-    notes, witness = (
-        read_mapping(folder / name) if (folder / name).is_file() else {}
-        for name in (FAULTS_FILE, WITNESS_FILE)
-    )
+    spec, result = load_run(folder / "run.yaml"), load_result(folder)
+    notes, witness = load_notes(folder), load_witness(folder)
     found = Evidence(
         spec=spec,
-        verdict=str(result["verdict"]),
-        reasons=tuple(result["reasons"]),
+        verdict=result.verdict,
+        reasons=tuple(result.reasons),
         truth={},
         heard=tuple(
-            HeardEvent(h["kind"], h["name"], h["detail"], h["session_s"], h["wall_s"])
-            for h in notes.get("heard", ())
+            HeardEvent(h.kind, h.name, h.detail, h.session_s, h.wall_s) for h in notes.heard
         ),
-        wall_s=float(result.get("wall_s", 0.0)),
+        wall_s=result.wall_s,
     )
     problems: list[str] = []
-    bag = folder / str(result["bag"])
+    bag = folder / result.bag
     if bag.is_dir():
         try:
             with BagReader(bag) as reader:
@@ -252,8 +251,7 @@ def read_evidence(folder: Path) -> Evidence:
     else:
         problems.append("the run left no bag")
     by_runner = [
-        FaultNote(one["session_s"], one["index"], one["active"], one["wall_s"])
-        for one in notes.get("injected", ())
+        FaultNote(one.session_s, one.index, one.active, one.wall_s) for one in notes.injected
     ]
     known = {(note.index, note.active) for note in by_runner}
     others = [note for note in found.faults if (note.index, note.active) not in known]
@@ -351,15 +349,18 @@ def track_of(rows: list[tuple[float, ObjectState]]) -> Track:
     return Track(t, x, y, yaw, speed)
 
 
-def _witnessed(witness: dict[str, Any]) -> dict[str, Track]:
-    times = np.array(witness.get("t_s", ()), dtype=np.float64)
+def _witnessed(witness: WitnessFile) -> dict[str, Track]:
+    times = np.array(witness.t_s, dtype=np.float64)
     keep = np.concatenate(([True], np.diff(times) > 0.0)) if len(times) else np.zeros(0, bool)
     return {
         object_id: Track(
             times[keep],
-            *(np.array(rows[key])[keep] for key in ("x_m", "y_m", "yaw_rad", "speed_mps")),
+            *(
+                np.array(values, dtype=np.float64)[keep]
+                for values in (rows.x_m, rows.y_m, rows.yaw_rad, rows.speed_mps)
+            ),
         )
-        for object_id, rows in witness.get("objects", {}).items()
+        for object_id, rows in witness.objects.items()
     }
 
 

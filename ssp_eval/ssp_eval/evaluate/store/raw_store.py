@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError, not_written
-from ssp_core.files import parse_json_line, write_text
+from ssp_core.files import parse_json_line, read_json_mapping, write_text
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.store.cell_file import CELL_FILE
 from ssp_eval.evaluate.store.requests import (
@@ -42,8 +42,8 @@ def check_unchanged(cell: Path) -> None:
         InputError: a file of them was changed.
     """
     try:
-        told = json.loads((cell / CELL_FILE).read_bytes())["hashes"]
-    except (OSError, ValueError, LookupError, TypeError):
+        told = read_json_mapping(cell / CELL_FILE).get("hashes")
+    except InputError:
         return  # no run has finished here
     for path in (cell / RAW_FILE, cell / EARLIER_FILE):
         if path.is_file() and isinstance(told, dict) and sha256_file(path) != told.get(path.stem):

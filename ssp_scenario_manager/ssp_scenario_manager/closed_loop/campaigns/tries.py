@@ -14,11 +14,12 @@ from typing import Literal
 from pydantic import TypeAdapter, ValidationError
 
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, write_text
+from ssp_core.files import make_folder, read_json, write_text
 from ssp_scenario_manager.closed_loop.answers import row_file
 from ssp_scenario_manager.closed_loop.outcomes.outcome import Outcome
 
 MOST_TRIES = 3
+_REMEDY = "name a new folder with --out"
 _SCHEMA: Literal["ssp.driven_tries/1"] = "ssp.driven_tries/1"
 
 
@@ -85,13 +86,12 @@ def load_tries(path: Path) -> Tries:
     Raises:
         InputError: the file isn't what was written.
     """
-    try:
-        return _FORM.validate_python(json.loads(path.read_text("utf-8")))
-    except FileNotFoundError:
+    if not path.exists():
         return Tries()
-    except (OSError, ValueError, RecursionError, ValidationError) as error:
-        raise InputError(
-            f"can't be read: {str(error).splitlines()[0]}",
-            file=path,
-            remedy="name a new folder with --out",
-        ) from error
+    value = read_json(path, _REMEDY)
+    try:
+        return _FORM.validate_python(value)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(map(str, first["loc"]))
+        raise InputError(first["msg"], file=path, field=field, remedy=_REMEDY) from None

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
+from ssp_core.files import read_json
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.closed_loop.outcomes.outcome import CHAIN, HARNESS
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, Row, cell
 
+_REMEDY = "remove it, and the run is held against nothing"
 _ABORTED = Verdict.ABORTED.name.lower()
 # Columns of runs.csv that result.json says, too, in the order in which people are told of them.
 _COMPARED = (
@@ -85,18 +86,16 @@ def before_of_folder(folder: Path) -> Before | None:
         InputError: its ``result.json`` is damaged, or is that of no driven run of this version.
     """
     path = folder / RESULT_FILE
+    if not path.exists():
+        return None
+    result = read_json(path, _REMEDY)
     try:
-        result = json.loads(path.read_text("utf-8"))
         cells = _cells_of(result["driven"])
         is_aborted = result["verdict"] == _ABORTED and not result["in_process"]
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         why = f"it lacks {error}" if isinstance(error, KeyError) else error
         raise InputError(
-            f"doesn't say what the run was: {why}",
-            file=path,
-            remedy="remove it, and the run is held against nothing",
+            f"doesn't say what the run was: {why}", file=path, remedy=_REMEDY
         ) from error
     return None if is_aborted or cells["outcome"] == HARNESS else Before(str(path), cells)
 
