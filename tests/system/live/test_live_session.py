@@ -18,6 +18,7 @@ import pytest
 
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.compile.task import RUN_FILE
+from ssp_scenario_manager.run.word import HOLDS_S
 from tests.system.live.conftest import ASKS, DATUM, GNSS, ODOMETRY
 
 PORT = 18000
@@ -167,11 +168,19 @@ def test_a_receiver_of_places_is_kept_from_arming_until_it_is_good_enough(
     navsat = told["navsat"]
     assert navsat["status"] == "ok" or "a pause of" in navsat["text"], navsat
     assert why in told["arming"]["text"]
-    stage.begin(run)
-    stage.wait_for(lambda: why in stage.said("ssp_run"), "the manager's reason")
+    assert run.stdin is not None
+    run.stdin.write(b"start\n")
+    run.stdin.flush()
+    stage.wait_for(lambda: stage.said("ssp_run").count(ASKS) == 2, "the word to run out")
+    asked = stage.said("ssp_run")
+    assert f"not started within {HOLDS_S:g} s: " in asked
+    assert why in asked.partition(f"not started within {HOLDS_S:g} s: ")[2].partition("\n")[0]
     poor.terminate()
     poor.wait()
     play_vut(stage, "good_vut", *GNSS)
+    stage.said_after(run, "vut: connected now")
+    assert "session ARM" not in stage.said("ssp_run"), "a word that ran out started it"
+    stage.begin(run)
     result = stage.finish(run)
     assert (result["verdict"], result["status"]) == ("valid", 0), result["reasons"]
 
