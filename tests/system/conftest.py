@@ -22,12 +22,14 @@ from typing import Any
 import pytest
 
 from ssp_core import names
+from tests.support.bags import last_speeds
 from tests.system.recordings import Recordings
 
 START_DEADLINE_S = 300.0
 END_DEADLINE_S = 300.0
 EVENTS = ("cut_in", "vru_crossing")
 Beside = Callable[..., subprocess.Popen[str]]
+LiveProcesses = Callable[[Path], dict[str, int]]
 # In lockstep, and with a trigger that never fires: a run that lasts until it is struck.
 LONG = """schema: ssp.faults/1
 faults: [{kind: trigger_never, at_s: 0.0}]
@@ -83,7 +85,7 @@ class Session:
         """Waits until this node's process has been started; the run itself gives up on it."""
         while node not in processes_of(self.folder):
             assert self.process.poll() is None, f"the run ended before {node} was started"
-            time.sleep(0.02)
+            time.sleep(0.1)
 
     def kill(self, node: str, number: signal.Signals = signal.SIGKILL) -> None:
         os.kill(self.pid_of(node), number)
@@ -112,6 +114,22 @@ class Session:
             self.lines += [self.out, err]
         result: dict[str, Any] = json.loads((self.folder / "result.json").read_text())
         return result
+
+
+def aborted_by(name: str, session: Session, live_processes: LiveProcesses) -> dict[str, Any]:
+    """Fails unless a signal ended the session in good order; returns result.json.
+
+    Nothing moves or runs any more, and the bag is closed.
+    """
+    result = session.finish()
+    assert session.process.returncode == 1
+    assert result["verdict"] == "aborted"
+    assert result["reasons"][0] == f"interrupted by {name}"
+    # Of the nodes; what a test started beside them ends with it.
+    assert live_processes(session.folder) == {}
+    assert (session.folder / "bag" / "metadata.yaml").is_file()
+    assert max(last_speeds(session.folder / "bag").values()) < 0.05
+    return result
 
 
 def in_terminal(command: list[str]) -> subprocess.Popen[str]:

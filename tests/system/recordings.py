@@ -177,12 +177,13 @@ class Recordings:
         return target
 
     def session(self, event: str, domain: str) -> Path:
-        """The folder of a session in processes, which left there what it said with ``--json``."""
-        bound = self.k_star(event)
-        target = self.folder / f"{event}-{domain}-session"
-        with self._once(target.name) as missing:
+        """The run of ``get`` in processes; its folder, with what it said with ``--json``."""
+        one_process = self.get(event, domain)
+        # The name of its folder becomes a run's id.
+        target = self.folder / "sessions" / one_process.name
+        with self._once(f"{target.name}-session") as missing:
             if missing:
-                run = ("run", bound, "--site", site_of(event, domain), "--seed", 11, "--json")
+                run = ("run", one_process, "--json")
                 command = [sys.executable, "-m", "ssp_core.cli", *map(str, run)]
                 done = subprocess.run(
                     [*command, "--out", str(target)],

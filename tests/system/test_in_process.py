@@ -7,8 +7,11 @@ which processes start.
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+import os
+import signal
+import threading
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +29,13 @@ from ssp_scenario_manager.run import over_dds as runner
 from ssp_scenario_manager.run.in_process import Record, result_json, run_in_process
 from ssp_scenario_manager.run.sweep import for_one_process
 from tests.support.bags import messages
+from tests.system.conftest import processes_of
 from tests.system.frames import check_frames
-from tests.system.recordings import Recordings, succeed
+from tests.system.recordings import Recordings
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
-# Faults that a run survives, so that all of its states can be compared.
+# Faults that a run survives, and a last one at which everything brakes.
 FAULTS = """schema: ssp.faults/1
 disturbance: {state_delay_s: 0.02, state_jitter_s: 0.02, reorder: 0.1, command_delay_s: 0.02,
               position_noise_m: 0.02, speed_noise_mps: 0.02, clock_offset_s: 0.01}
@@ -39,10 +43,7 @@ faults:
   - {kind: link_delay, target: ot1, at_s: 3.0, duration_s: 1.0, value: 0.06}
   - {kind: link_loss, target: ot1, at_s: 5.0, duration_s: 2.0, value: 0.2}
   - {kind: link_cut, target: vut, at_s: 6.0, duration_s: 0.1}
-"""
-# This one it doesn't survive: everything brakes.
-JUMP = """schema: ssp.faults/1
-faults: [{kind: position_jump, target: ot1, at_s: 6.0, value: 2.0}]
+  - {kind: position_jump, target: ot1, at_s: 11.0, value: 2.0}
 """
 
 # What result.json says of both. An end is seen by each in its own way, and latencies by one.
@@ -111,12 +112,11 @@ def differ(theirs: list[str], ours: list[str]) -> str:
 
 
 def test_a_recording_of_one_process_says_what_that_of_a_session_says(
-    recordings: Recordings, tmp_path: Path
+    recordings: Recordings,
 ) -> None:
     """Frames, states, poses, references, decisions and the run's end, to the last byte."""
     session = recordings.session("cut_in", "simulation")
-    again = tmp_path / session.name
-    succeed("run", session, "--out", again, "--in-process", "--record")
+    again = recordings.get("cut_in", "simulation")
     theirs, ours = contents(session / "bag"), contents(again / "bag")
     assert theirs.keys() == ours.keys()
     assert {name: differ(theirs[name], ours[name]) for name in theirs} == dict.fromkeys(theirs, "")
@@ -130,62 +130,56 @@ def test_a_recording_of_one_process_says_what_that_of_a_session_says(
 
 def test_faults_are_the_same(start_session: Any, tmp_path: Path) -> None:
     (tmp_path / "faults.yaml").write_text(FAULTS)
-    (tmp_path / "jump.yaml").write_text(JUMP)
-    plans = {
-        "faulty": ("vru_crossing", "--faults", str(tmp_path / "faults.yaml")),
-        "stopped": ("cut_in", "--faults", str(tmp_path / "jump.yaml")),
-    }
-    sessions = {
-        name: start_session(*plan, "--no-camera", name=name) for name, plan in plans.items()
-    }
-    results = {name: session.finish() for name, session in sessions.items()}
-    for name, session in sessions.items():
-        agreed(session.folder, results[name])
-    verdicts = {name: result["verdict"] for name, result in results.items()}
-    assert verdicts == {"faulty": "valid", "stopped": "failed_safety"}
-    # Who is stopped before the conflict rolls on, and has no gap.
-    assert results["faulty"]["time_gap_s"] is not None
-    assert results["stopped"]["time_gap_s"] is None
-    faults = {
-        name: [(f["number"], f["kind"], f["active"]) for f in result["faults"]]
-        for name, result in results.items()
-    }
-    assert faults["stopped"] == [(0, "position_jump", True)]
-    assert faults["faulty"] == [
+    plan = ("vru_crossing", "--faults", str(tmp_path / "faults.yaml"), "--no-camera")
+    session = start_session(*plan)
+    result = session.finish()
+    agreed(session.folder, result)
+    assert result["verdict"] == "failed_safety"
+    # Who is stopped in the conflict was the first in it, and has no gap.
+    assert (result["initiator_first"], result["time_gap_s"]) == (True, None)
+    assert [(f["number"], f["kind"], f["active"]) for f in result["faults"]] == [
         (0, "link_delay", True),
         (0, "link_delay", False),
         (1, "link_loss", True),
         (2, "link_cut", True),
         (2, "link_cut", False),
         (1, "link_loss", False),
+        (3, "position_jump", True),
     ]
 
 
+def stall_in_turn(folder: Path, stalled: list[str]) -> None:
+    """Stop each node process of a run for 50 ms, one after the other, until all have ended."""
+    while nodes := processes_of(folder):
+        for name, pid in nodes.items():
+            with suppress(ProcessLookupError):  # it has ended meanwhile
+                os.kill(pid, signal.SIGSTOP)
+                stalled.append(name)
+                time.sleep(0.05)
+                os.kill(pid, signal.SIGCONT)
+
+
 def test_states_depend_on_the_seed_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The runs have a camera, a busy machine, a reversed order of starts and disturbed links."""
+    """The runs have a camera, processes that are kept waiting, a reversed order of starts and
+    disturbed links.
+    """
     folder = make_folder(tmp_path / "filmed")
     spec = prepare_run("cut_in", "north_track", folder, seed=5, mode="lockstep")
     assert spec.disturbance.position_noise_m > 0.0
     assert spec.camera is not None
     small = spec.camera.model_copy(update={"width_px": 160, "height_px": 96})
     monkeypatch.setattr(runner, "NODE_MODULES", dict(reversed(runner.NODE_MODULES.items())))
-    busy: list[subprocess.Popen[bytes]] = []
+    stalled: list[str] = []
+    stalling = threading.Thread(target=stall_in_turn, args=(folder, stalled), daemon=True)
 
-    def make_busy(line: str) -> None:
-        """Keep the machine busy from the start of the run on: before, the camera may be
-        compiled.
-        """
+    def keep_waiting(line: str) -> None:
+        """Stall nodes from the start of the run on: before, the camera may be compiled."""
         if line == "session RUNNING":
-            code = "while True: pass"
-            busy.extend(subprocess.Popen([sys.executable, "-c", code]) for _ in range(2))
+            stalling.start()
 
-    try:
-        filmed = runner.run_session(spec.model_copy(update={"camera": small}), folder, make_busy)
-    finally:
-        for process in busy:
-            process.kill()
-            process.wait()
-    assert len(busy) == 2
+    filmed = runner.run_session(spec.model_copy(update={"camera": small}), folder, keep_waiting)
+    stalling.join()
+    assert len(set(stalled)) > 3, stalled
     assert (filmed.outcome.verdict.name, filmed.outcome.reasons) == ("VALID", ())
     with AnyReader([filmed.bag]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}

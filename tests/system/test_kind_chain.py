@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from ssp_core.bag.operations.check import check_bag
 from ssp_eval.twins.files import read_set
 from tests.system.live.scored import admitted_and_scored
 from tests.system.recordings import Recordings, ssp
@@ -39,4 +40,6 @@ def test_it_is_admitted_in_all_domains_and_scored_alike(
     assert found is not None
     (twin,) = found.twins
     assert twin.audit.holds
+    assert twin.audit.frames_redrawn_alike == twin.audit.frames > 50
     assert (twin.audit.outside_px, twin.audit.outside_judged) == (0, True)
+    assert check_bag(tmp_path / "simulation" / "twins" / "without.ot1" / "bag").ok

@@ -11,7 +11,7 @@ import pytest
 from ssp_core import names
 from ssp_core.safety.publishers import NAMELESS
 from tests.system import stranger
-from tests.system.conftest import Beside
+from tests.system.conftest import Beside, aborted_by
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 # Hears what it can of a session, as a page, a recorder or a plot do, and says when it has.
@@ -59,13 +59,14 @@ def test_a_stranger_is_named_and_the_run_is_not_valid(
     assert any(who in reasons for who in ("/ssp/stranger", nameless, RIVALS)), reasons
 
 
-def test_who_only_listens_is_no_stranger(start_long_session: Any, beside: Beside) -> None:
+def test_who_only_listens_is_no_stranger_and_an_interruption_leaves_nothing_behind(
+    start_long_session: Any, beside: Beside, live_processes: Any
+) -> None:
     """The session lasts until the listener has heard it, and ends for no other reason than us."""
     session = start_long_session("--no-camera")
     beside(session, "-c", LISTENER)
     session.wait_for("phase approach")
     session.process.send_signal(signal.SIGINT)
-    result = session.finish()
-    assert result["verdict"] == "aborted", result["reasons"]
+    result = aborted_by("SIGINT", session, live_processes)
     known = ("interrupted by SIGINT", "goal cancelled")
     assert [r for r in result["reasons"] if not any(one in r for one in known)] == []

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,8 @@ GNSS = ("--navsat", "/ins/fix", "--heading", "/ins/imu", "--velocity", "/ins/vel
 # Where the stand-in lies for those that have a receiver of places.
 DATUM = SiteDatum(latitude_deg=57.7775, longitude_deg=12.7805, altitude_m=201.3, yaw_rad=0.4)
 LEAD_S = 0.25
+# Longer than a row of the log of played bodies.
+TAIL_BYTES = 4096
 SITE = "north_track"
 # The prompt of a live run.
 ASKS = 'type "start" to connect'
@@ -49,6 +51,11 @@ class Row:
     x_m: float
     y_m: float
     speed_mps: float
+
+
+def _row(fields: Mapping[str, str]) -> Row:
+    where = (float(fields[name]) for name in ("x_m", "y_m", "speed_mps"))
+    return Row(int(fields["time_ns"]), *where)
 
 
 class Stage:
@@ -79,10 +86,21 @@ class Stage:
             return []
         text = self.log.read_text()
         whole = text[: text.rfind("\n") + 1]
-        return [
-            Row(int(r["time_ns"]), float(r["x_m"]), float(r["y_m"]), float(r["speed_mps"]))
-            for r in csv.DictReader(whole.splitlines())
-        ]
+        return [_row(fields) for fields in csv.DictReader(whole.splitlines())]
+
+    def last_row(self) -> Row | None:
+        """Return the last whole row of the log, without reading what is before it."""
+        if not self.log.is_file():
+            return None
+        with self.log.open("rb") as stream:
+            names = stream.readline().decode().rstrip("\r\n").split(",")
+            begins = stream.tell()
+            stream.seek(max(begins, stream.seek(0, os.SEEK_END) - TAIL_BYTES))
+            whole, newline, _ = stream.read().rpartition(b"\n")
+        if not newline:
+            return None
+        last = whole.rpartition(b"\n")[2].decode().rstrip("\r").split(",")
+        return _row(dict(zip(names, last, strict=True)))
 
     def wait_for(self, condition: Callable[[], bool], what: str) -> None:
         """Waits until a condition holds; waiting in vain fails the test."""
@@ -98,8 +116,8 @@ class Stage:
 
         def drives() -> bool:
             assert run.poll() is None, self.said("ssp_run")
-            found = self.rows()
-            return bool(found) and found[-1].speed_mps > speed_mps
+            last = self.last_row()
+            return last is not None and last.speed_mps > speed_mps
 
         self.wait_for(drives, f"an object faster than {speed_mps:g} m/s")
 

@@ -98,7 +98,7 @@ class Cut:
 def stops_inside_the_bound(stage: Any, cut: Cut) -> None:
     """Measured on the other host: from the cut to standstill, by the body's true states."""
     spec = load_run(stage.folder / "run" / "run.yaml")
-    stage.wait_for(lambda: stage.rows()[-1].speed_mps == 0.0, "the object's standstill")
+    stage.wait_for(lambda: stage.last_row().speed_mps == 0.0, "the object's standstill")
     since = [row for row in stage.rows() if row.time_ns >= cut.began_ns]
     stood = next(i for i, row in enumerate(since) if row.speed_mps == 0.0)
     way = since[: stood + 1]
@@ -119,6 +119,6 @@ def stands_after_the_link_is_back(stage: Any, network: Network) -> None:
     network.join()
     stands = stage.rows()[-1]
     until_ns = time.time_ns() + int(AFTERWARDS_S * 1e9)
-    stage.wait_for(lambda: stage.rows()[-1].time_ns > until_ns, "states after the link's return")
+    stage.wait_for(lambda: stage.last_row().time_ns > until_ns, "states after the link's return")
     after = stage.rows()[-1]
     assert (after.speed_mps, after.x_m, after.y_m) == (0.0, stands.x_m, stands.y_m)

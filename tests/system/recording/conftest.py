@@ -22,7 +22,7 @@ from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared
 from tests.support.waiting import DEADLINE_S, until
 
 from .disks import Disk
-from .load import LoadTopic, Sent, heard_file, read_log, write_spec
+from .load import LoadTopic, Sent, heard_file, read_log, sent_count, write_spec
 
 PROFILE = Path(ssp_core.__file__).parent / "config" / "fastdds_one_host.xml"
 LOAD = Path(__file__).with_name("load.py")
@@ -40,7 +40,7 @@ class Load:
         return read_log(self.log, self.topics)
 
     def count(self) -> int:
-        return len(self.sent())
+        return sent_count(self.log)
 
     def wait_until_heard(self) -> None:
         """Waits until all of its publishers have a subscription and 100 more messages were sent."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import select
 import struct
 import sys
@@ -20,6 +21,8 @@ NS_PER_S = 1_000_000_000
 RECORD = struct.Struct("<IIqq")
 # So long a busy reader may take for the last messages.
 END_S = 30.0
+# Between two looks at what is due, the fastest topic has 200 Hz, and at the subscriptions.
+ROUND_S, LOOK_S = 0.004, 0.1
 _ENCAPSULATION = b"\x00\x01\x00\x00"
 IMAGE, TEXT = "sensor_msgs/msg/CompressedImage", "std_msgs/msg/String"
 
@@ -91,9 +94,20 @@ def read_log(path: Path, topics: tuple[LoadTopic, ...]) -> list[Sent]:
     ]
 
 
+def sent_count(path: Path) -> int:
+    """Return how many messages were sent so far."""
+    return path.stat().st_size // RECORD.size if path.is_file() else 0
+
+
 def heard_file(log: Path) -> Path:
     """The file that is there as soon as each of a load's publishers has a subscription."""
     return log.with_suffix(".heard")
+
+
+def most_of(topic: LoadTopic) -> float:
+    """Return how many messages of a topic are sent, inf for as many as the load has time for."""
+    most = math.inf if topic.count is None else topic.count
+    return most if topic.rate_hz > 0.0 else min(1, most)
 
 
 def write_spec(path: Path, topics: tuple[LoadTopic, ...], log: Path) -> None:
@@ -133,15 +147,18 @@ def main(spec_file: str) -> None:
     ]
     began_ns = time.monotonic_ns()
     sent = [0] * len(topics)
-    is_heard = False
+    is_heard, look_s = False, 0.0
+    left = list(enumerate(topics))
     with open(spec["log"], "ab", buffering=0) as log:
         print("load: started", flush=True)
-        while not select.select([sys.stdin], [], [], 0.001)[0]:
+        while not select.select([sys.stdin], [], [], ROUND_S)[0]:
             run_s = (time.monotonic_ns() - began_ns) / NS_PER_S
-            if not is_heard and all(one.get_subscription_count() for one in publishers):
-                heard_file(Path(spec["log"])).touch()
-                is_heard = True
-            for index, topic in enumerate(topics):
+            if not is_heard and run_s >= look_s:
+                look_s = run_s + LOOK_S
+                is_heard = all(one.get_subscription_count() for one in publishers)
+                if is_heard:
+                    heard_file(Path(spec["log"])).touch()
+            for index, topic in left:
                 due = 1 + int(run_s * topic.rate_hz)
                 if topic.count is not None:
                     due = min(due, topic.count)
@@ -152,6 +169,7 @@ def main(spec_file: str) -> None:
                     publishers[index].publish(encode(topic, number, stamp_ns))
                     sent[index] += 1
                     log.write(RECORD.pack(index, number, time.monotonic_ns(), stamp_ns))
+            left = [(index, topic) for index, topic in left if sent[index] < most_of(topic)]
     # Of readers that were killed none is waited for longer than of a busy one.
     end_s = time.monotonic() + END_S
     for publisher, topic in zip(publishers, topics, strict=True):
