@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ssp_core.answer_text import Ending, ending
-from ssp_core.chat_endings import worst_end
+from ssp_core.chat_endings import blocked_for, worst_end
 from ssp_core.chat_errors import LOOKED_AT, PASSING, error_beside, error_in, error_text, is_filtered
 from ssp_core.credentials import gives_away, redact, without_userinfo
 from ssp_core.errors import PeerError
@@ -70,7 +70,8 @@ class Trouble:
     Args:
         kind: by which a remedy is found: ``unreachable``, ``lost``, ``too_large``, ``unsendable``,
             ``key``; what an error's message names, ``images``, ``length``, ``option``, ``filter``,
-            a model or a key that isn't known (``404``, ``401``); else the status as text.
+            a model or a key that isn't known (``404``, ``401``), too large a request or picture
+            (``413``); else the status as text.
         safe: nothing was answered, so that asking again costs nothing.
         lost: an answer may have been made.
         late: no whole answer came within the time that it had.
@@ -289,7 +290,8 @@ _TOPICS = (
             r"|(?:token|input|prompt|message|sequence)s?(?: token)? length\b[^.;\n]{0,20}"
             r"(?:should be|must be|exceed|limit)|(?:prompt|input) tokens exceed"
             r"|reduce (?:your|the) (?:prompt|length|input|message)"
-            r"|(?:prompt|input|request) (?:is |was )?too (?:long|large)",
+            r"|(?:prompt|input|request) (?:is |was )?too (?:long|large)"
+            r"|\btokens\b[^;\n]{0,80}\bexceeds? the (?:limit|maximum)",
             re.I,
         ),
     ),
@@ -309,7 +311,15 @@ _TOPICS_OF_REQUEST = (
         re.compile(
             r"\bmodel\b(?:[^.;,\n]|\.(?!\s)){0,80}\b(?:(?:do|does|is|was|could)(?: not|n[o'’]t)"
             r" (?:be )?(?:exist|found|available|served)|not (?:exist|found)|unknown)"
-            r"|(?:invalid|unknown|no such|unsupported) model\b",
+            r"|\bnot a valid model\b|(?:invalid|unknown|no such|unsupported) model\b",
+            re.I,
+        ),
+    ),
+    (
+        "413",
+        re.compile(
+            r"\b(?:body|payload|entity)\b[^.;\n]{0,20}\btoo (?:large|big|long)\b"
+            r"|\bimages?\b[^;\n]{0,60}\b(?:dimensions?|resolution|pixels?|[km]i?b|bytes|width)\b",
             re.I,
         ),
     ),
@@ -319,8 +329,10 @@ _TOPICS_OF_REQUEST = (
         "option",
         re.compile(
             r"temperature|\bseed\b|\btop_?[pk]\b|penalt(?:y|ies)|max_(?:\w+_)?tokens|logprobs"
-            r"|response_format|json_schema|grammar|guided_|\bstream|\bparam(?:eter)?s?\b"
-            r"|\barguments?\b|\b(?:extra|unknown|unexpected|additional|unrecogni[sz]ed) "
+            r"|response_format|json_schema|grammar|guided_|\bstream"
+            # One that is missing is none of ours.
+            r"|(?<!missing )(?<!missing required )\b(?:param(?:eter)?|argument)s?\b"
+            r"|\b(?:extra|unknown|unexpected|additional|unrecogni[sz]ed) "
             r"(?:\w+ )?(?:inputs?|fields?|keys?|propert\w+|options?|keyword)"
             r"|unsupported value",
             re.I,
@@ -425,6 +437,8 @@ def read_completion(body: bytes) -> Completion:
     choices = value.get("choices")
     if (wrong := error_in(value)) is not None:
         return _of_error(wrong, "it")
+    if not choices and (why := blocked_for(value)):
+        return Completion(None, refusal=f"filtered by the server: {_word(why)}")
     if "choices" in value and not choices:
         raise BrokenOff("it holds no choices")
     if not isinstance(choices, list):

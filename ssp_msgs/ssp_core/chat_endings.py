@@ -24,6 +24,8 @@ _IF_TRUE = ("truncated", "stopped_limit", "incomplete", "interrupted", "aborted"
 _IF_FALSE = ("done", "finished", "is_finished", "completed")
 _FILTERS = "content_filter_results"
 _WITHIN = ("type", "reason", "finish_reason")
+# The question itself was blocked, so that there may be no choice.
+_FEEDBACK = (("promptFeedback", "blockReason"), ("prompt_feedback", "block_reason"))
 _NAME = re.compile(r"[A-Za-z]+(?:[_-][A-Za-z]+)*")
 _RANK = {Ending.LIMIT: 1, Ending.FILTERED: 2, Ending.BROKEN: 3}
 
@@ -53,6 +55,16 @@ def worst_end(*places: Mapping[str, Any]) -> StatedEnd:
     """
     stated = (one for place in places for one in _stated(place))
     return max(stated, key=lambda one: _RANK.get(one.ending, 0), default=StatedEnd())
+
+
+def blocked_for(reply: Mapping[str, Any]) -> str:
+    """Return why a filter blocked the question of a reply; empty where none did."""
+    for key, name in _FEEDBACK:
+        feedback = reply.get(key)
+        reason = feedback.get(name) if isinstance(feedback, dict) else None
+        if isinstance(reason, str) and reason and "UNSPECIFIED" not in reason:
+            return f"{name} {reason}"
+    return ""
 
 
 def _stated(place: Mapping[str, Any]) -> Iterator[StatedEnd]:

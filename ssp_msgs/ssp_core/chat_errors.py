@@ -19,7 +19,8 @@ _WITHIN = ("error", "errors", "innererror", "detail", "metadata", "raw")
 # Names of refusals by a filter, among them those that services quote in messages.
 _NAMED = (
     r"content_?filter|content_?policy|responsibleaipolicyviolation|data_?inspection_?failed"
-    r"|prohibited_?content|inappropriate[ _]?content"
+    r"|prohibited_?content|inappropriate[ _]?content|sensitive (?:content|words?)"
+    r"|敏感(?:内容|词|信息)"
 )
 _CODE = re.compile(rf"{_NAMED}|content_?moderation|moderation|safety_?system|usage_?polic", re.I)
 _CODE_OF_SERVICE = re.compile(

@@ -19,6 +19,7 @@ from ssp_eval.extract.movement import (
     is_behind,
     is_over_by_then,
     motion_of,
+    passed_side,
 )
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.world import Actor, Statement, World
@@ -408,6 +409,8 @@ class Binder(ClauseFacts):
         meaning = self.known.verbs[hit.value]
         if self._adjective(index, hit, meaning.other):
             return
+        if self.field == "forecast" and not flags & Scope.POSSIBLE:
+            return
         if flags == Scope.POSSIBLE and self.subject in (None, SCENE) and self.near is None:
             if self.subject is None and self.last is not None and (self._may(index)):
                 self._move(self.last, index, hit, flags)
@@ -514,6 +517,10 @@ class Binder(ClauseFacts):
         value = motion_of(actor, kind, goals, hit, self.words)
         if hit.value == "trail" and not flags and is_behind(actor, []):
             value = "same_direction"
+        if side := passed_side(hit, self.words):
+            if not self._goes_on(index):
+                return  # slow truck ahead, overtaking on the left
+            actor.hints[:] = actor.hints or [self._said(side, hit)]
         if value is None:
             return
         stop = max([hit.stop, *(goal.stop for goal in goals)]) if "_from_" in value else hit.stop
@@ -536,9 +543,8 @@ class Binder(ClauseFacts):
             self.subject.motions.append(self._said("same_direction", hit))
         if (theirs and hit.kind == "noun") or self._hindered(index, hit):
             return
-        if self.field in ("motion", "position", "objects") and hit.kind == "noun":
-            return
-        if hit.kind == "action" and self.field in ("motion", "position", "objects", "conflict"):
+        others = ("motion", "position", "objects", "forecast")
+        if self.field in others or (hit.kind == "action" and self.field == "conflict"):
             return
         after = self._after(index)
         if (
@@ -584,7 +590,8 @@ class Binder(ClauseFacts):
         elif hit.kind == "risk":
             risky = self.words[hit.first] in ("risk", "danger", "hazard", "threat")
             asserted = self.words[hit.first - 1] in ("a", "is", "some", "the")
-            value = "potential" if flags & Scope.POSSIBLE or (risky and asserted) else ""
+            told = (risky and asserted) or self._is_rated(index)
+            value = "potential" if flags & Scope.POSSIBLE or told else ""
             if {"none", "nil", "no"} & set(self.words[hit.stop : hit.stop + 2]):
                 value = "no_conflict"
             if flags & Scope.IMAGINED:

@@ -502,19 +502,31 @@ class ClauseFacts:
                 return False
         return False
 
-    def _has_ended(self, index: int) -> bool:
-        """Tell whether the named conflict is over: the conflict with the van has now cleared."""
-        ends = self.known.sets["ended"]
+    def _goes_on(self, index: int) -> bool:
+        """Tell whether a verb stands right behind its subject, or behind "is"."""
+        before = self._before(index)
+        return before.kind in ("user", "pronoun", "relative") or before.value == "is"
+
+    def _told_of(self, index: int) -> list[str]:
+        """Return the words behind the "is" of a named conflict, or "has": with the van is low."""
         for at in range(index + 1, min(index + ENDS_WITHIN, self.stop)):
             hit = self.hits[at]
             if hit.kind == "cue" and self.words[hit.first] in _PRESENT and not self.flags[at]:
-                behind = self.words[hit.stop : hit.stop + 3]
-                return "not" not in behind and not ends.isdisjoint(behind)
-            if hit.kind not in ("user", "place", "ego", "state", "risk", "conflict") and (
-                hit.value not in ("parked", "oncoming")
-            ):
-                return False
-        return False
+                return self.words[hit.stop : hit.stop + 3]
+            named = ("user", "pronoun", "place", "ego", "state", "risk", "conflict")
+            if hit.kind not in named and hit.value not in ("parked", "oncoming"):
+                break
+        return []
+
+    def _has_ended(self, index: int) -> bool:
+        """Tell whether the named conflict is over: the conflict with the van has now cleared."""
+        told = self._told_of(index)
+        return "not" not in told and not self.known.sets["ended"].isdisjoint(told)
+
+    def _is_rated(self, index: int) -> bool:
+        """Tell whether the named risk is said to be there: the risk with the truck is low."""
+        told = self._told_of(index)
+        return "not" not in told and not self.known.sets["rated"].isdisjoint(told)
 
     def _unless(self) -> bool:
         """Tell whether something happens unless something is done: without braking."""

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from ssp_eval.extract.movement import ALONG, BLOCKING, COMING, CROSSING, CUTTING_IN
+from ssp_eval.extract.movement import (
+    ALONG,
+    BLOCKING,
+    COMING,
+    CROSSING,
+    CUTTING_IN,
+    OTHER_SIDE,
+)
 from ssp_eval.extract.world import Actor, Statement, World
 
 Found = tuple[str | tuple[str, ...], tuple[Statement, ...]]
@@ -151,7 +158,9 @@ def _position(actor: Actor, frames: bool) -> Found | None:
     """Return the last sentence's place, put together from its parts: ahead + on the right."""
     places = [place for place in actor.places if place.value != "beside"]
     if not places and actor.hints and not actor.places and not actor.parked:
-        return actor.hints[-1].value, (actor.hints[-1],)
+        hint = actor.hints[-1]
+        # One that overtakes on a side and pulls in isn't there any more.
+        return None if hint.value in OTHER_SIDE and actor.intruding else (hint.value, (hint,))
     if not places:
         return None
     parts: dict[int, set[str]] = {}
@@ -208,7 +217,7 @@ def _has_passed(actor: Actor, said: Statement) -> bool:
 
 
 def _complete(value: str, actor: Actor) -> str | None:
-    place = "_".join(said.value for said in actor.places)
+    place = "_".join(said.value for said in (*actor.places, *actor.hints))
     if value == ALONG:
         last = actor.places[-1].value if actor.places else ""
         along = last and not last.startswith("rear") and actor.name not in _NEVER_ALONG

@@ -139,6 +139,7 @@ class _Reader:
         self.hits: list[Hit] = []
         self.header: list[str] = []
         self.column = 0
+        self.named = False  # a road user was named
 
     def run(self) -> list[Hit]:
         """Read all words."""
@@ -257,6 +258,7 @@ class _Reader:
         for back in range(max(at - 2, 0), at):
             if self.words[back] in _LEADING:
                 self._put("place", "front", "lead", back, stop)
+        self.named = True
         self._put("user", name, form, at, stop)
 
     def _riding(self, at: int, stop: int) -> None:
@@ -341,6 +343,8 @@ class _Reader:
 
     def _field(self, mark: int) -> int:
         first, slot = self._label(mark)
+        if slot == "forecast" and not self.named:
+            slot = None
         if slot is None:
             return self._put("field", "", "", mark, mark + 1)
         last = self.hits.pop()

@@ -18,6 +18,8 @@ _MERGES = ("merg", "join", "intrud", "encroach", "filter")
 _INTO = frozenset({"into", "onto", "over", "across"})
 _OVER = frozenset({"over", "across"})
 _NAMES = frozenset({"user", "pronoun", "relative"})
+_PASSES = ("overtak", "pass")
+_GAPS = frozenset({"gap", "gaps", "break", "opening", "space", "chance"})
 
 
 def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[str]) -> str | None:  # noqa: C901  # a table of cases, one a line
@@ -38,6 +40,10 @@ def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[s
     light = people or actor.name == "cyclist"
     if kind in ("stand", "parked"):
         return ALONG if hit.value == "stop" and hit.form == "ing" else "stationary"
+    if passed_side(hit, words):
+        return "same_direction"
+    if words[hit.first].startswith("wait") and not _GAPS.isdisjoint(words[hit.stop : hit.stop + 3]):
+        return "stationary"  # waits for a gap
     if kind in ("oncoming", "recede", "with"):
         return {"recede": "receding", "with": "same_direction"}.get(kind, kind)
     if kind == "leave":
@@ -88,6 +94,13 @@ def motion_of(actor: Actor, kind: str, goals: list[Hit], hit: Hit, words: list[s
     if kind in ("along", "go") and not side:
         return ALONG
     return None
+
+
+def passed_side(hit: Hit, words: list[str]) -> str:
+    """Return the side on which somebody overtakes: is overtaking on the left; empty: none."""
+    side = hit.value.removeprefix("to_")
+    passes = side in OTHER_SIDE and words[hit.first].startswith(_PASSES)
+    return side if passes and "on" in words[hit.first : hit.stop] else ""
 
 
 def is_behind(actor: Actor, goals: list[Hit]) -> bool:

@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 
 from ssp_vla_bridge.adapters.candidates import LabelledList, not_chosen
 from ssp_vla_bridge.adapters.number_lists import CUT, NESTED, UNREAD, NumberList, scan_lists
-from ssp_vla_bridge.adapters.plain_rows import with_brackets
+from ssp_vla_bridge.adapters.plain_rows import with_brackets, with_pairs
 from ssp_vla_bridge.adapters.plan_label import Label, Owner, label_of
 from ssp_vla_bridge.adapters.stated import ConvertedRows, Meaning, Rows, convert
 from ssp_vla_bridge.adapters.stated_beside import said_beside
@@ -130,6 +130,7 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
     text = _INVISIBLE.sub("", text)
     if form.label:
         text = with_brackets(text)
+    text = with_pairs(text)
     text = with_lists_for_tables(text, "forward" in form.meaning.columns, text_is_cut)
     lists: Sequence[NumberList] = scan_lists(text)
     if text_is_cut:
@@ -158,7 +159,7 @@ def choose_answer(text: str, form: Form, history: Rows | None, text_is_cut: bool
     if others:
         notes.append(f"{others} lists that aren't the own plan were left out")
     answers, left = _without_options(text, answers, notes)
-    others += left
+    others += left + len(answers)
     answers = _own(answers, form, notes)
     if not answers:
         what = "no list of numbers"
@@ -227,6 +228,8 @@ def _own(answers: list[_Candidate], form: Form, notes: list[str]) -> list[_Candi
         notes.append("a list that its label calls no plan was left out")
         answers = [one for one in answers if one not in named]
     bare = [one for one in answers if one.one.cut or one.one.fault or _is_asked_for(one, form)]
+    if not bare:  # of as many rows, at times or in columns that aren't known
+        bare = [one for one in answers if one.read.problem and len(one.one.rows) == form.rows]
     if bare:
         notes.append(f"no list stands behind {form.label!r}")
     elif answers:

@@ -83,7 +83,8 @@ _IS_STEP = r"[ -]*(?:steps?|apart|intervals?|spac|increments?|each|between|per|r
 # How far a plan reaches.
 _HORIZON = re.compile(
     r"\b(?:next|over|for|horizon|within|future|coming|following|total|duration|until|up to|lasting"
-    r"|length|long|covering|covers?|spanning|(?<!step )(?<!interval )spans?)\b"
+    r"|length|long|covering|covers?|spanning|(?<!step )(?<!interval )spans?"
+    r"|(?:h|t_?(?:h|f|end|max|total|horizon))(?=\s*[:=≈]))\b"
     r"(?:\W+(?:the|a|of|is|next|coming|following|future|time|horizon|period|window"
     rf"|span|about|approximately))*\W*(?P<behind>{_NUMBER})\W?(?P<unit>{_UNIT})\b(?!{_IS_STEP})"
     rf"|(?<![\w.])(?P<before>{_NUMBER})\W?(?P<of>{_UNIT})[ -]"
@@ -115,6 +116,7 @@ REACHING = STATING | frozenset(
     {"horizon", "over", "within", "future", "coming", "following", "total", "duration", "up"}
     | {"lasting", "length", "long", "ahead", "look", "lookahead", "in", "all", "into", "window"}
     | {"covering", "covers", "spanning", "span", "planning", "prediction", "predicted", "about"}
+    | {"h", "th", "t_h", "tf", "t_f", "tend", "t_end", "tmax", "t_max", "t_total", "t_horizon"}
 )
 _HORIZON_LINE = re.compile(r"^\W*(?:\w+ ){0,2}horizon\b[^\n]*", re.MULTILINE)
 _WORDS = re.compile(r"[^\W\d_]+(?:_[^\W\d_]+)*")
@@ -265,6 +267,8 @@ def heading_times(said: str, rows: Sequence[Sequence[float]], raster: Raster) ->
         return Times(problem=_unread(said, count, raster))
     scaled = _scaled((step,), unit)
     step_s = scaled.values[0]
+    if (ranged_s := _range_of(said, count, step_s)) is not None:
+        return Times(tuple(ranged_s + k * step_s for k in range(count)), scaled.unit_is_known)
     whole = step_s > 0 and abs(raster.horizon_s / step_s + 1 - count) < _TOLERANCE
     begin = 0 if starts_at_origin and whole else 1
     return Times(tuple(step_s * (k + begin) for k in range(count)), scaled.unit_is_known)
@@ -316,6 +320,16 @@ def _from_first(first_s: float, step: float | None, unit: str, count: int, raste
     scaled = _scaled((step,), unit)
     values = tuple(first_s + k * scaled.values[0] for k in range(count))
     return Times(values, scaled.unit_is_known)
+
+
+def _range_of(said: str, count: int, step_s: float) -> float | None:
+    """Return the first time of a range that so many rows fill at a step; None: there is none."""
+    for match in _RANGE.finditer(said):
+        unit = match["unit"] or match["of"] or ("s" if match["key"] else "")
+        first, last = _scaled((float(match["first"]), float(match["last"])), unit).values
+        if unit and first > 0 and abs(first + (count - 1) * step_s - last) < _TOLERANCE * count:
+            return first
+    return None
 
 
 def _ranged(said: str, rows: Sequence[Sequence[float]], raster: Raster) -> Times:

@@ -69,8 +69,8 @@ _FIELD = re.compile(
     # brake (80 %), 80 % brake
     rf"|(?P<before>{NAME})\s*[(\[](?P<beside>{_SHARE}|{_WORD_VALUE})[)\]]"
     rf"|(?P<first>\d+(?:\.\d+)?\s*%)\s+(?:for\s+|to\s+)?(?P<behind>{NAME}){_FIELD_END}"
-    # brake 80 %, keep 20 %
-    rf"|(?P<ahead>{NAME})\s+(?P<follows>\d+(?:\.\d+)?\s*%){_FIELD_END}"
+    # brake 80 %, keep 20 %; brake 0.8, keep 0.2
+    rf"|(?P<ahead>{NAME})\s+(?P<follows>\d+(?:\.\d+)?\s*%|[01]?\.\d+){_FIELD_END}"
     # brake ✗, keep ✓
     rf"|(?P<ticked>{NAME})[ \t]+(?P<sign>{_SIGN}){_FIELD_END}",
     re.IGNORECASE,
@@ -114,7 +114,7 @@ _RATED = re.compile(
 )
 _MAY_HOLD_FIELD = re.compile(
     rf"(?:[:=>|→?]|[-–—]\s)[\s\"'*_]{{0,4}}(?:{_WORD_VALUE}|{_SHARE}[\"'*]*(?:[\s,;}}\])|<]|$))"
-    rf"|[(\[](?:{_SHARE}|{_WORD_VALUE})[)\]]|%[\s,;.]|=[\"']|\w[ \t]+{_SIGN}"
+    rf"|[(\[](?:{_SHARE}|{_WORD_VALUE})[)\]]|%[\s,;.]|=[\"']|\w[ \t]+(?:{_SIGN}|[01]?\.\d)"
     rf"|[a-z][\"']?\s*,\s*{_SHARE}\s*[\])]",
     re.IGNORECASE,
 )
@@ -181,7 +181,8 @@ def fields(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
                 behind = match.start() + len(match.group().rstrip())
                 rest = _REST.match(text, behind)
                 after = after if rest is None else rest.end()
-            found.append(_Field(said, match.span(), span, slots, alone, after, name == "paired"))
+            paired = name == "paired" or (name == "ahead" and "%" not in said)
+            found.append(_Field(said, match.span(), span, slots, alone, after, paired))
     for group in _groups(text, found):
         for one, holds in zip(group, _holding(group), strict=True):
             if holds is False:

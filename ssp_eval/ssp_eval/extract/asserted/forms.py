@@ -23,6 +23,12 @@ _REPLIED = re.compile(
     r"(?!\W{0,3}(?:if|unless|but|when|once|only|as|in|provided|not|until)\b)",
     re.IGNORECASE,
 )
+# What asks for something else than for an order: "Keep the lane? Yes."
+_NO_ORDER = re.compile(
+    r"(?:is|are|was|were|can|could|may|might|would|will|do|does|did|should|shall|must|has|have|had"
+    r"|why|what|which|how|when|where|who|any|safe|ok|okay|possible|able|allowed|room|time|clear)\b",
+    re.IGNORECASE,
+)
 _PRESENT = re.compile(
     r"(?:(?:is|are) there|(?:do|can) (?:you|we|i) see) (?:an?|any)\b", re.IGNORECASE
 )
@@ -74,13 +80,15 @@ def questions(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
         question, yes = match["question"], match["reply"].lower() == "yes"
         present, moves = _PRESENT.match(question), _MOVES.match(question) if yes else None
         asks = present or _ASKS.match(question) or moves
-        if asks is None:
+        if asks is None and _NO_ORDER.match(question) is not None:
             continue
-        rest = question[asks.end() :]
-        if asks is moves:  # it is no crosswalk
+        begin = 0 if asks is None else asks.end()
+        rest = question[begin:]
+        is_of_motion = moves is not None and asks is moves
+        if is_of_motion:  # it is no crosswalk
             rest = _CROSSES.sub(",", rest)
         read = values_of(f"a {rest}." if present is not None else f"{rest}.")
-        if present is not None or asks is moves:
+        if present is not None or is_of_motion:
             told = bool(read.get("objects")) and (present or not ACTIONS & read.keys())
         else:
             told = bool(read) and read.keys() <= ACTIONS
@@ -88,7 +96,7 @@ def questions(text: str, values_of: Values) -> Iterator[tuple[int, str]]:
             continue
         denied = "no" if present is not None else ""
         kept = rest if yes or denied else " " * len(rest)
-        head = ("" if yes else denied).ljust(asks.end())
+        head = ("" if yes else denied).ljust(begin)
         stop = match.end() - match.start("question") - len(question) - 1
         yield match.start("question"), head + kept + "." + " " * stop
 

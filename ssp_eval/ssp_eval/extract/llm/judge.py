@@ -267,6 +267,8 @@ class TextUnderReview:
         opening = next((h for h in self.hits if first <= h.first < stop), None)
         if opening is not None and opening.kind in _SUBJECTS and opening.first <= first + 3:
             subject = opening
+        elif hits[place].kind == "action" and self._is_of_forecast(stop):
+            return "user"
         else:
             subject = None
             finite = any(
@@ -286,6 +288,14 @@ class TextUnderReview:
         if subject is None or hits[place].kind != "action":
             return subject.kind if subject is not None else ""
         return self._antecedent(hits[:place]) if subject.kind == "pronoun" else self._who(subject)
+
+    def _is_of_forecast(self, stop: int) -> bool:
+        """Tell whether a quote is the value of what a road user is predicted to do."""
+        before = [one for one in self.hits if one.first < stop][-_FAR:]
+        ends = (one.kind == "mark" and one.value in _SENTENCE for one in reversed(before))
+        said = before[len(before) - next((i for i, end in enumerate(ends) if end), len(before)) :]
+        fields = [one.value for one in said if one.kind == "field"]
+        return fields[-1:] == ["forecast"]
 
     def _antecedent(self, hits: list[Hit]) -> str:
         """Return the kind that a pronoun refers to: its sentence's subject, or the last one's."""

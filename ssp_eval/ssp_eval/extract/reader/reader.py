@@ -26,6 +26,7 @@ from ssp_eval.extract.reader.weights import (
     share_of_class,
     shares_of_labels,
 )
+from ssp_eval.extract.scope import Scope
 
 _MOST_WORDS = 8  # of a quote
 _PRICE = 5.0  # hundredths that a further word of a quote must add
@@ -73,6 +74,9 @@ def complete(text: str, reading: Reading) -> Judgement:
             found = None
         else:
             found = support.slot(name, best)
+        is_replaced = name == "lon_action" and slot is not None and found is not None
+        if is_replaced and support.is_later(found) and not support.is_later(slot):
+            continue  # I brake, then keep my speed
         if found is not None or (slot is not None and len(seen.clauses) > FEW_CLAUSES):
             changed[name] = found
     filled = tuple(name for name, slot in changed.items() if slot is not None)
@@ -127,6 +131,14 @@ class Support:
         if len(spans) < len(places):
             return None
         return check(self.text, name, Slot(candidate.value, spans))
+
+    def is_later(self, slot: Slot | None) -> bool:
+        """Tell whether an action's evidence is a later step of a plan."""
+        return slot is not None and any(
+            flags & Scope.LATER and start <= self.reading.tokens.span(hit.first, hit.stop)[0] < end
+            for hit, flags in zip(self.reading.hits, self.reading.flags, strict=True)
+            for start, end in slot.evidence
+        )
 
     def _place(self, name: str, label: str, quotes: Iterable[str]) -> tuple[int, int] | None:
         """Find the place of the first quote that supports a label."""
