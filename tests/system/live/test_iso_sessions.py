@@ -90,7 +90,7 @@ def test_the_link_to_an_iso_object_is_cut_while_it_drives(
     run = stage.run_live(compiled, "--no-camera", *body_at(OBJECTS, 53241), host=on(network.a))
     played = play_object(stage, on(network.b), "--host", OBJECTS)
     stage.play("vut", "--play", "vut", host=on(network.a))
-    stage.ask_doctor(host=on(network.a))
+    # What the doctor says of such an object, and over two hosts: above, and test_two_hosts.
     stage.begin(run)
     stage.wait_for_motion(run, 5.0)
     cut = Cut(stage, network, played)
