@@ -15,6 +15,7 @@ of the machine in one round says nothing about the node.
 from __future__ import annotations
 
 import gc
+import os
 import struct
 import sys
 import tempfile
@@ -55,6 +56,7 @@ from ssp_core.run_file.participants import Motion
 from ssp_msgs import msg
 from ssp_scenario_manager.run.over_dds import PROFILE
 
+HERE = Path(__file__).parent
 ROUNDS = 5 if LONG else 3
 PLAYED_S = FIRST_TRIGGER_S + TRIGGERS * TRIGGER_SPACING_S + 1.2
 EVERY = round(TRIGGER_SPACING_S / PERIOD_S)
@@ -123,6 +125,8 @@ def measure(spec: RunSpec, run_file: Path, who: str) -> Heard:
             context=context, domain_id=domain_id, signal_handler_options=SignalHandlerOptions.NO
         )
         env = session_environment(domain_id, PROFILE)
+        # The bare node is a module of this folder, where a node isn't looked for.
+        env["PYTHONPATH"] = os.pathsep.join(filter(None, (str(HERE), env.get("PYTHONPATH"))))
         try:
             with ProcessGroup(env, Path(folder)) as group:
                 track = Track(spec, context)
