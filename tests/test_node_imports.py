@@ -8,6 +8,8 @@ import sys
 
 import pytest
 
+from ssp_core.host.environment import session_environment
+
 # Packages that take long to import, or stand for a peer that most sessions don't have.
 HEAVY = frozenset(
     (
@@ -38,22 +40,33 @@ for name in sys.argv[1:]:
     sys.stdout.flush()
     if not (child := os.fork()):
         importlib.import_module(name)
-        print(json.dumps([name, sorted(sys.modules)]), flush=True)
+        threads = len(os.listdir("/proc/self/task"))
+        print(json.dumps([name, sorted(sys.modules), threads]), flush=True)
         os._exit(0)
     os.waitpid(child, 0)
 """
 
 
 @pytest.fixture(scope="module")
-def loaded() -> dict[str, frozenset[str]]:
-    """The modules in a node's process once the node's own module is imported, by node."""
+def loaded() -> dict[str, tuple[frozenset[str], int]]:
+    """The modules and threads in a node's process once its own module is imported, by node."""
     command = [sys.executable, "-c", _PROGRAM, *NEEDED]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
-    return {name: frozenset(found) for name, found in map(json.loads, done.stdout.splitlines())}
+    env = session_environment(0)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True, env=env)
+    lines = map(json.loads, done.stdout.splitlines())
+    return {name: (frozenset(found), threads) for name, found, threads in lines}
 
 
 @pytest.mark.parametrize("node", NEEDED)
 def test_a_node_imports_the_heavy_packages_that_it_needs_and_no_others(
-    loaded: dict[str, frozenset[str]], node: str
+    loaded: dict[str, tuple[frozenset[str], int]], node: str
 ) -> None:
-    assert loaded[node] & HEAVY == NEEDED[node]
+    assert loaded[node][0] & HEAVY == NEEDED[node]
+
+
+@pytest.mark.parametrize("node", NEEDED)
+def test_importing_a_node_starts_no_thread(
+    loaded: dict[str, tuple[frozenset[str], int]], node: str
+) -> None:
+    """Another node is forked from the process that imported it."""
+    assert loaded[node][1] == 1

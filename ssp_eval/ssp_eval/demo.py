@@ -23,8 +23,8 @@ from ssp_core import __version__, console
 from ssp_core.errors import InputError, PeerError
 from ssp_core.files import make_folder, write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
+from ssp_core.host.children import die_with_parent
 from ssp_core.host.locks import folder_of_locks
-from ssp_core.host.processes import die_with_parent
 from ssp_core.host.terminal import on_stop_signals
 from ssp_eval.demo_plan import (
     AT_ONCE,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ssp_core import __version__
 from ssp_core.hashing import sha256_json
-from ssp_core.host.processes import AS_MODULE
+from ssp_core.host.children import AS_MODULE
 from ssp_eval.data.provenance import labels_places
 from ssp_eval.twins.files import twins_folder
 from ssp_scenario_manager.event_spec.load import load_event

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from ssp_core.host.processes import die_with_parent
+from ssp_core.host.children import die_with_parent
 from ssp_msgs.msg import NativeArray, VlaRequest, VlaResponse
 
 DIED = 3

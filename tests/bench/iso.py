@@ -31,9 +31,9 @@ from ssp_core.cdr.references import encode_reference
 from ssp_core.cdr.states import decode_states, encode_state
 from ssp_core.cdr.steps import Heartbeat, encode_heartbeat
 from ssp_core.clock import seconds_to_ns
+from ssp_core.host.children import die_with_parent
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
-from ssp_core.host.processes import die_with_parent
 from ssp_core.motion.approach import approach_points
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState as State
@@ -43,6 +43,7 @@ from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
 from ssp_ot_controller.bodies.iso22133.units import QUARTER_MS_NS
+from tests.support.patience import WAITS
 from tests.system.test_page import run_of_many
 
 MEASURED_S = 10.0
@@ -64,7 +65,8 @@ OBJECTS = Path(__file__).with_name("iso_objects.py")
 def make_run() -> RunSpec:
     """Twenty objects that drive along x; a busy machine shows in the figures, and ends nothing."""
     given = run_of_many().model_dump(mode="json", by_alias=True, exclude_unset=True)
-    wide = {"state_age_s": 5.0, "heartbeat_s": 5.0, "link_delay_s": 5.0, "duration_s": 600.0}
+    # An object may go on for so long without hearing its commander, inside the fence.
+    wide = {**dict.fromkeys(WAITS, 5.0), "duration_s": 600.0}
     given |= {"mode": "live", "domain": "physical", "step_s": PERIOD_S, "datum": DATUM}
     given["limits"] |= wide
     for target in given["targets"]:

@@ -31,9 +31,9 @@ from ssp_core import names
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import leading_stamp_ns
 from ssp_core.errors import HostError
+from ssp_core.host.children import die_with_parent
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
-from ssp_core.host.processes import die_with_parent
 from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
 from ssp_scenario_manager.run.over_dds import PROFILE
 

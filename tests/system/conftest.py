@@ -41,7 +41,10 @@ def ssp_command(*arguments: str) -> list[str]:
 
 
 def processes_of(folder: Path) -> dict[str, int]:
-    """Live node processes whose command line names a run's folder: node name to pid."""
+    """Live processes of a run: pid by node name, and by last argument those that name its folder.
+
+    A node writes into its log there; its command line is that of the process it was forked from.
+    """
     found = {}
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit():
@@ -49,11 +52,15 @@ def processes_of(folder: Path) -> dict[str, int]:
         try:
             words = (entry / "cmdline").read_bytes().decode(errors="replace").split("\0")
             state = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
+            output = (entry / "fd" / "1").readlink()
         except OSError:
             continue
-        if state != "Z" and any(str(folder) in w for w in words):
-            names = [w.removeprefix("__node:=") for w in words if w.startswith("__node:=")]
-            found[names[0] if names else words[-1]] = int(entry.name)
+        if state == "Z":
+            continue
+        if output.suffix == ".log" and output.is_relative_to(folder.resolve()):
+            found[output.stem] = int(entry.name)
+        elif any(str(folder) in word for word in words):
+            found[words[-1]] = int(entry.name)
     return found
 
 
@@ -91,18 +98,6 @@ class Session:
         os.kill(self.pid_of(node), number)
 
     def pid_of(self, node: str) -> int:
-        if node == "scenario_manager":
-            # It gets its run file with the goal, so its command line doesn't name the folder.
-            log = (self.folder / "logs" / f"{node}.log").resolve()
-            for entry in Path("/proc").iterdir():
-                if not entry.name.isdigit():
-                    continue
-                try:
-                    if (entry / "fd" / "1").resolve() == log:
-                        return int(entry.name)
-                except OSError:
-                    continue
-            pytest.fail("the scenario manager has no process")
         return processes_of(self.folder)[node]
 
     def finish(self) -> dict[str, Any]:

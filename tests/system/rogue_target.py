@@ -18,6 +18,6 @@ def _disguised(state: ObjectState) -> bytes:
     return _honest(state)
 
 
-if __name__ == "__main__":
+def main() -> None:
     object_target.encode_state = _disguised
     object_target.main()

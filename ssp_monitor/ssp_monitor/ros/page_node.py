@@ -24,7 +24,7 @@ from ssp_core.cdr.references import decode_ack
 from ssp_core.clock import NS_PER_S
 from ssp_core.credentials import TOKEN_VARIABLE, check_token
 from ssp_core.errors import HostError
-from ssp_core.host.processes import outlive_parent
+from ssp_core.host.children import outlive_parent
 from ssp_core.host.terminal import catch_stop_signals
 from ssp_core.run_file.model import load_run
 from ssp_core.run_file.verdict import EndWord

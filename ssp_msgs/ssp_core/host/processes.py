@@ -2,44 +2,24 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ssp_core.host.forked import ForkedProcess, node_server
+from ssp_core.host.node_server import Request
 from ssp_core.host.shared_memory import (
     remove_dead_ports,
     remove_shared_ports,
     remove_stale_shared_memory,
 )
 
-# Between Python and the name of a module of ours. Without -P the working folder comes before all
-# packages, and what lies there under the name of one would run.
-AS_MODULE = ("-P", "-m")
-
-_PR_SET_PDEATHSIG = 1
 _ANSWER_S = 1.0
-# Loaded here: between fork and exec as little as possible may happen.
-_LIBC = ctypes.CDLL(None)
-
-
-def die_with_parent() -> None:
-    """Let a child receive SIGTERM when its parent dies, however that happens.
-
-    For its preexec_fn.
-    """
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-
-
-def outlive_parent() -> None:
-    """Let this process go on after the parent that it was to die with."""
-    _LIBC.prctl(_PR_SET_PDEATHSIG, 0)
 
 
 @dataclass
@@ -47,7 +27,7 @@ class NodeProcess:
     """One node in a process (and a process group) of its own, its output in a log file."""
 
     name: str
-    process: subprocess.Popen[bytes]
+    process: ForkedProcess | subprocess.Popen[bytes]
     log: Path
     expected_to_stop: bool = False
 
@@ -120,34 +100,28 @@ class ProcessGroup:
         *,
         pipe: bool = False,
     ) -> NodeProcess:
-        """Start ``python -P -m module`` as a ROS node with parameters and remappings ``from:=to``.
+        """Start ``module`` as a ROS node with parameters and remappings ``from:=to``.
 
-        It receives SIGTERM when this process dies, however that happens, and no SIGINT from the
+        What it imports is imported once for all nodes that this process starts (node_server). It
+        receives SIGTERM when this process dies, however that happens, and no SIGINT from the
         terminal: the session's runner ends it in order.
 
         Args:
             name: of the node, and of its log.
-            module: its Python module.
+            module: its Python module, which has a ``main``.
             parameters: values by name, as ``--ros-args -p`` takes them.
             remappings: each as ``from:=to``.
             pipe: its standard input is a pipe from here; otherwise it has none.
         """
-        arguments = [sys.executable, *AS_MODULE, module, "--ros-args", "-r", f"__node:={name}"]
+        arguments = ["--ros-args", "-r", f"__node:={name}"]
         for key, value in parameters.items():
             arguments += ["-p", f"{key}:={value}"]
         for rule in remappings:
             arguments += ["-r", rule]
         log = self.log_dir / f"{name}.log"
+        request = Request(name, module, arguments, self.env, os.getcwd())
         with log.open("ab") as stream:
-            process = subprocess.Popen(
-                arguments,
-                env=self.env,
-                stdin=subprocess.PIPE if pipe else subprocess.DEVNULL,
-                stdout=stream,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-                preexec_fn=die_with_parent,
-            )
+            process = node_server(self.env).start(request, stream.fileno(), pipe=pipe)
         node = NodeProcess(name, process, log)
         self.processes[name] = node
         return node

@@ -22,15 +22,17 @@ from tests.support.waiting import DEADLINE_S, until
 # A stand-in for a node: says that it is up, and does what the first word of its name says.
 NODE = """
 import faulthandler, os, signal, sys, time
-faulthandler.enable()
-kind = sys.argv[sys.argv.index("-r") + 1].removeprefix("__node:=").split("_")[0]
-if kind == "stubborn":
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-if kind == "failing":
-    print("what went wrong")
-    sys.exit(3)
-print("up", os.getpid(), *sys.argv[1:], flush=True)
-time.sleep(600)
+
+def main():
+    faulthandler.enable()
+    kind = sys.argv[sys.argv.index("-r") + 1].removeprefix("__node:=").split("_")[0]
+    if kind == "stubborn":
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    if kind == "failing":
+        print("what went wrong")
+        sys.exit(3)
+    print("up", os.getpid(), *sys.argv[1:], flush=True)
+    time.sleep(600)
 """
 
 
@@ -137,7 +139,9 @@ def test_who_ends_without_being_asked_is_noticed(group: ProcessGroup) -> None:
 def test_no_code_of_the_working_folder_runs_in_a_node(
     group: ProcessGroup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    (tmp_path / "ssp_importing_node.py").write_text("import ssp_core, yaml\nprint('up')\n")
+    (tmp_path / "ssp_importing_node.py").write_text(
+        "import ssp_core, yaml\ndef main(): print('up')\n"
+    )
     astray = tmp_path / "astray"
     astray.mkdir()
     (astray / f"{name}.py").write_text("raise SystemExit(f'{__file__} ran')\n")

@@ -28,7 +28,7 @@ from typing import Any
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError, PeerError, SspError
-from ssp_core.host.processes import die_with_parent
+from ssp_core.host.children import die_with_parent
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.world.driver import GivenAnswer, LatencyParts
 from ssp_vla_bridge.adapters.registry import adapt

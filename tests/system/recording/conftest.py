@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 
 import ssp_core
+from ssp_core.host.children import die_with_parent
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
-from ssp_core.host.processes import die_with_parent
 from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
 from tests.support.waiting import DEADLINE_S, until
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from ssp_core.host.processes import die_with_parent
+from ssp_core.host.children import die_with_parent
 
 _HOLD = 'mount "$@" && echo mounted && exec cat'
 

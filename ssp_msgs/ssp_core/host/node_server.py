@@ -1,0 +1,135 @@
+"""The process that node processes are forked from, which has imported what they need once.
+
+A node that is started by itself imports rclpy, numpy and much of SSP for most of a second of
+processor time, and a session has five nodes and more. This process imports the module of each node
+that it is asked for, and forks; the node's process calls the module's ``main``.
+
+Nothing may be running in it: a thread that held a lock at the fork would hold it in the node for
+ever. So it starts no middleware, and importing a node's module starts no thread.
+
+Requests and answers go over a socket that keeps messages whole (SOCK_SEQPACKET). A request is a
+byte, and with it the file descriptors of a file with a JSON of ``Request``, of the node's output
+and, where it has one, its standard input. An answer is a JSON: the ``pid`` of a node that was
+forked, with ``status`` once it has ended, as waitpid has it. The end of the other side ends this
+process, and with it, by SIGTERM, the nodes.
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import json
+import os
+import selectors
+import signal
+import socket
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+
+from ssp_core.host.children import call_process, die_with_parent
+
+
+@dataclass(frozen=True)
+class Request:
+    """A node to be started.
+
+    Args:
+        name: of the process, as ``ps -e`` and ``top`` show it (15 bytes).
+        module: whose ``main`` is called.
+        arguments: of its command line.
+        environment: all variables that it has.
+        folder: its working folder.
+    """
+
+    name: str
+    module: str
+    arguments: list[str]
+    environment: dict[str, str]
+    folder: str
+
+
+def serve(channel: socket.socket) -> Request | None:
+    """Fork a process for each request, and say when each has ended.
+
+    Args:
+        channel: to whom asks.
+
+    Returns:
+        In a forked process: what it was asked for. In this one, once the other side is gone: None.
+    """
+    given = set(os.environ)
+    pid_of: dict[int, int] = {}  # by file descriptor of the process
+    with selectors.DefaultSelector() as selector:
+        selector.register(channel, selectors.EVENT_READ)
+        while True:
+            for key, _ in selector.select():
+                if key.fd in pid_of:
+                    selector.unregister(key.fd)
+                    os.close(key.fd)
+                    pid, status = os.waitpid(pid_of.pop(key.fd), 0)
+                    _answer(channel, pid=pid, status=status)
+                    continue
+                word, handed, *_ = socket.recv_fds(channel, 1, 3)
+                if not word:
+                    return None
+                with open(handed[0], encoding="utf-8") as file:
+                    request = Request(**json.load(file))
+                # One that can't be imported says so in its own log, where it is imported again.
+                with suppress(BaseException):
+                    importlib.import_module(request.module)
+                here = os.getpid()
+                gc.freeze()  # what is here stays, in pages that are shared as long as they are
+                pid = os.fork()
+                if not pid:
+                    channel.close()
+                    for descriptor in pid_of:
+                        os.close(descriptor)
+                    set_by_imports = {
+                        name: value for name, value in os.environ.items() if name not in given
+                    }
+                    _become(request, set_by_imports, handed[1:], here)
+                    return request
+                for descriptor in handed[1:]:
+                    os.close(descriptor)
+                descriptor = os.pidfd_open(pid)
+                pid_of[descriptor] = pid
+                selector.register(descriptor, selectors.EVENT_READ)
+                _answer(channel, pid=pid)
+
+
+def _answer(channel: socket.socket, **values: int) -> None:
+    with suppress(OSError):  # nobody is there any more, as is found at the next look
+        channel.send(json.dumps(values).encode())
+
+
+def _become(
+    request: Request, set_by_imports: dict[str, str], output_and_input: list[int], parent: int
+) -> None:
+    """Make this process, just forked, that of the node."""
+    os.setsid()
+    die_with_parent()
+    if os.getppid() != parent:
+        os.kill(os.getpid(), signal.SIGTERM)
+    call_process(request.name)
+    output, *given = output_and_input
+    source = given[0] if given else os.open(os.devnull, os.O_RDONLY)
+    for descriptor, target in ((source, 0), (output, 1), (output, 2)):
+        os.dup2(descriptor, target)
+    os.close(source)
+    os.close(output)
+    os.environ.clear()
+    os.environ.update({**set_by_imports, **request.environment})
+    os.chdir(request.folder)
+    sys.argv = [request.module, *request.arguments]
+
+
+def main() -> None:
+    """Serve on the socket whose file descriptor is this program's argument."""
+    request = serve(socket.socket(fileno=int(sys.argv[1])))
+    if request is not None:
+        sys.exit(importlib.import_module(request.module).main())
+
+
+if __name__ == "__main__":
+    main()
