@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
+from textwrap import indent
 
 import pytest
 from click.testing import CliRunner
@@ -35,12 +36,17 @@ time.sleep(600)
 @pytest.fixture
 def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ProcessGroup:
     """A session without processes; the page is a stand-in that says where it is."""
-    (tmp_path / "stand_in_page.py").write_text(STAND_IN)
+    write_page(tmp_path, STAND_IN)
     monkeypatch.setattr(companions, "PAGE_MODULE", "stand_in_page")
     monkeypatch.delenv("SSP_PAGE_TOKEN", raising=False)
     env = {**os.environ, "ROS_DOMAIN_ID": "0", "PYTHONPATH": str(tmp_path)}
     (tmp_path / "logs").mkdir()
     return ProcessGroup(env, tmp_path / "logs", owns_domain=False)
+
+
+def write_page(folder: Path, text: str) -> None:
+    """A stand-in of the page, by what its process does."""
+    (folder / "stand_in_page.py").write_text(f"def main():\n{indent(text, '    ')}")
 
 
 def wait_until_said(said: list[str], part: str) -> None:
@@ -70,9 +76,10 @@ def test_says_where_it_is_with_the_token_that_no_log_has(session: ProcessGroup) 
 def test_a_token_that_was_given_is_kept_and_not_shown(session: ProcessGroup) -> None:
     token = "chosen-by-the-operator-and-kept-in-all-tabs"
     session.env["SSP_PAGE_TOKEN"] = token
-    (session.log_dir.parent / "stand_in_page.py").write_text(
+    write_page(
+        session.log_dir.parent,
         f"import os, time\nassert os.environ['SSP_PAGE_TOKEN'] == {token!r}\n"
-        "print('page: http://127.0.0.1:4711/', flush=True)\ntime.sleep(600)\n"
+        "print('page: http://127.0.0.1:4711/', flush=True)\ntime.sleep(600)\n",
     )
     said: list[str] = []
     with beside(session, "run.yaml", said):
@@ -123,7 +130,7 @@ print("gone", flush=True)
 def test_a_page_that_is_told_the_end_may_stay_and_is_not_waited_for(
     session: ProcessGroup, stays: bool
 ) -> None:
-    (session.log_dir.parent / "stand_in_page.py").write_text(HEARING)
+    write_page(session.log_dir.parent, HEARING)
     said: list[str] = []
     with beside(session, "stay" if stays else "run.yaml", said) as tell:
         wait_until_said(said, "operator page: ")
@@ -162,7 +169,7 @@ for line in sys.stdin:
 def test_a_page_that_hangs_holds_up_no_verdict(
     session: ProcessGroup, kind: str, words: str
 ) -> None:
-    (session.log_dir.parent / "stand_in_page.py").write_text(HANGING)
+    write_page(session.log_dir.parent, HANGING)
     said: list[str] = []
     with beside(session, kind, said) as tell:
         wait_until_said(said, "operator page: ")
@@ -178,7 +185,7 @@ def test_a_page_that_hangs_holds_up_no_verdict(
 
 
 def test_a_page_that_is_told_no_end_ends_with_the_run(session: ProcessGroup) -> None:
-    (session.log_dir.parent / "stand_in_page.py").write_text(HEARING)
+    write_page(session.log_dir.parent, HEARING)
     said: list[str] = []
     with beside(session, "stay", said) as tell:
         wait_until_said(said, "operator page: ")
