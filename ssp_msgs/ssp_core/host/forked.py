@@ -20,10 +20,10 @@ from ssp_core.errors import HostError
 from ssp_core.host.children import AS_MODULE
 from ssp_core.host.node_server import Request
 
-# Variables that a node reads when it starts: all others may count while its module is imported.
 # The server imports a node's module, and forks, in a second.
 _ANSWER_S = 60.0
-_READ_AT_START = ("ROS_", "RMW_", "FAST", "CYCLONEDDS_", "TMPDIR", "SSP_PAGE_TOKEN", "PYTEST_")
+# Variables that a node reads when it starts: all others may count while its module is imported.
+_READ_AT_START = ("ROS_", "FASTRTPS_", "TMPDIR", "SSP_PAGE_TOKEN", "PYTEST_")
 
 
 class ForkedProcess:

@@ -143,7 +143,7 @@ def test_nodes_end_with_their_server_and_the_next_has_a_new_one(
 ) -> None:
     server = node_server(environment)
     assert node_server({**environment, "ROS_DOMAIN_ID": "5", "TMPDIR": "/x"}) is server
-    assert node_server({**environment, "SSP_INTERPRETED": ""}) is not server
+    assert node_server({**environment, "RMW_IMPLEMENTATION": "another"}) is not server
     server = node_server(environment)
     node = Started(server, environment, tmp_path, "waiting").up()
     parent = int(Path(f"/proc/{node.process.pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
