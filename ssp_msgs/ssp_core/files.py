@@ -228,7 +228,7 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
     Raises:
         InputError: the file can't be read or parsed, or its top is no mapping.
     """
-    return _mapping(read_text(path), path)
+    return _mapping(parse_value(read_text(path), path), path)
 
 
 def read_json_mapping(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> dict[str, Any]:
@@ -249,14 +249,7 @@ def read_json_mapping(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> dic
         raise InputError(
             f"is not valid JSON: {error}", file=path, remedy="mend it there, or put the file back"
         ) from error
-    if not isinstance(value, dict):
-        raise InputError(
-            "must hold a mapping at its top",
-            file=path,
-            value=value,
-            remedy="write names and values: `name: value`",
-        )
-    return value
+    return _mapping(value, path)
 
 
 def read_json(path: str | Path, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> Any:
@@ -292,11 +285,10 @@ def parse_mapping(data: bytes, file: str | Path) -> dict[str, Any]:
     Raises:
         InputError: the data can't be parsed, or its top is no mapping.
     """
-    return _mapping(_text(data, file), file)
+    return _mapping(parse_value(_text(data, file), file), file)
 
 
-def _mapping(text: str, file: str | Path) -> dict[str, Any]:
-    value = parse_value(text, file)
+def _mapping(value: Any, file: str | Path) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise InputError(
             "must hold a mapping at its top",

@@ -1,4 +1,4 @@
-"""How a process of ours is started from another: by which arguments, and for how long it lives."""
+"""Starts of processes by others of ours: arguments, names, and for how long a child lives."""
 
 from __future__ import annotations
 

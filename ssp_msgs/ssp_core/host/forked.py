@@ -27,12 +27,12 @@ _READ_AT_START = ("ROS_", "FASTRTPS_", "TMPDIR", "SSP_PAGE_TOKEN", "PYTEST_")
 
 
 class ForkedProcess:
-    """A process of a node, with what of subprocess.Popen its supervision asks for.
+    """The process of a node, with the methods of subprocess.Popen that supervision calls.
 
     Attributes:
         pid: of the process, which leads a session and a process group.
         stdin: pipe to its standard input, if it has one.
-        returncode: exit status, −N for signal N; None as long as nobody asked after its end.
+        returncode: exit status, −N for signal N; None until poll or wait finds its end.
     """
 
     def __init__(self, server: NodeServer, pid: int, stdin: IO[bytes] | None) -> None:
