@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 from ssp_core.motion.corridor import Corridor, Extent
 from ssp_core.motion.encounter import AGAINST_RAD, is_crossing, swept_stations
 from ssp_core.motion.event import Instant, RecordedEvent
+from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Packed
 
 
@@ -90,6 +91,37 @@ def passing_of(
     return seen.followed(next((i for i, now in enumerate(instants) if now.t_s >= since_s), 0))
 
 
+def crossed_zone(
+    after: Iterable[ObjectState],
+    before: Iterable[ObjectState],
+    own: Extent,
+    corridor: Corridor,
+    *,
+    turns: bool,
+) -> Zone:
+    """Compute the zone that both swept corridors share.
+
+    It counts from before the entry to after the exit. An object that turns is at its entry mostly
+    beside the corridor still. Beside a bend its swept corridor, laid along the path at its
+    reference point, may cover nothing while its body does: then the body's part counts.
+
+    Args:
+        after: states of the object that crosses, from its entry into the corridor on.
+        before: those before its entry, the last one first.
+        own: extent at the entry.
+        corridor: of the other one.
+        turns: it comes against the corridor's direction, and turns.
+    """
+    start_m, end_m = (math.inf, -math.inf) if turns else (own.s_min_m, own.s_max_m)
+    for way in (after, before):
+        for other in way:
+            span = swept_stations(other, corridor.path, corridor.half_width_m)
+            if span is None:
+                break
+            start_m, end_m = min(start_m, span[0]), max(end_m, span[1])
+    return Zone(start_m, end_m) if start_m <= end_m else Zone(own.s_min_m, own.s_max_m)
+
+
 class _Seen:
     """The places of both along the corridor at each instant."""
 
@@ -132,7 +164,10 @@ class _Seen:
             covered = extents[entry:left]
             zone = Zone(min(e.s_min_m for e in covered), max(e.s_max_m for e in covered))
         elif against or is_crossing(direction):
-            relation, zone = "crossing", self._crossed(entry, turns=against)
+            after = (instants[i].other for i in range(entry, len(instants)))
+            before = (instants[i].other for i in range(entry - 1, -1, -1))
+            zone = crossed_zone(after, before, extents[entry], self._corridor, turns=against)
+            relation = "crossing"
         else:
             relation, departure_s = "merge", instants[entry].t_s
             whole = (i for i in range(entry, left) if self._corridor.holds(extents[i]))
@@ -161,24 +196,6 @@ class _Seen:
             return True
         before, after = (self._extents[i] for i in (entry - 1, left))
         return (before.l_min_m + before.l_max_m) * (after.l_min_m + after.l_max_m) < 0.0
-
-    def _crossed(self, entry: int, *, turns: bool) -> Zone:
-        """Compute the zone that both swept corridors share.
-
-        It counts from before the entry to after the exit. An object that turns is at its entry
-        mostly beside the corridor still. Beside a bend its swept corridor, laid along the path at
-        its reference point, may cover nothing while its body does: then the body's part counts.
-        """
-        own = self._extents[entry]
-        start_m, end_m = (math.inf, -math.inf) if turns else (own.s_min_m, own.s_max_m)
-        for way in (range(entry, len(self._instants)), range(entry - 1, -1, -1)):
-            for i in way:
-                other = self._instants[i].other
-                span = swept_stations(other, self._corridor.path, self._corridor.half_width_m)
-                if span is None:
-                    break
-                start_m, end_m = min(start_m, span[0]), max(end_m, span[1])
-        return Zone(start_m, end_m) if start_m <= end_m else Zone(own.s_min_m, own.s_max_m)
 
     def _reached_s(self, station_m: float) -> float | None:
         """Find when the observer's front reaches a station, between instants.

@@ -272,7 +272,7 @@ RULES: dict[str, Rule] = {
 TRIGGER_FIELD = "constraints.trigger.below"
 _TRIGGER = {
     "relative_distance": Rule("length", "range", Span(2.0, 100.0)),
-    "time_to_arrival": Rule("time", "range", Span(0.5, 10.0)),
+    "time_to_arrival": Rule("time", "range", Span(0.5, 20.0)),
 }
 MANOEUVRE_FIELD = "constraints.manoeuvre"
 _MANOEUVRE = {

@@ -128,7 +128,8 @@ def wrong_order(event: Event, still: Prediction) -> list[str]:
     if initiator_first(event) == still.initiator_first:
         return []
     first, other = event.interaction.passing_order[0], event.interaction.initiator
-    own_s, vut_s = still.overlap_s - still.fired_s, still.vut_arrival_s - still.fired_s
+    own_s = still.overlap_s - still.fired_s
+    vut_s = min(still.vut_arrival_s, still.vut_in_zone_s) - still.fired_s
     if math.isinf(own_s):
         return [f"{other} wouldn't come into the VUT's corridor"]
     return [

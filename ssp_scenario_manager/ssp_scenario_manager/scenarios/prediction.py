@@ -9,9 +9,19 @@ from itertools import combinations
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline, box_distance
-from ssp_core.motion.encounter import Encounter, Observable, encounter, is_conflict, is_observable
+from ssp_core.motion.corridor import Corridor
+from ssp_core.motion.encounter import (
+    Encounter,
+    Observable,
+    corridor_half_m,
+    encounter,
+    is_conflict,
+    is_crossing,
+    is_observable,
+)
 from ssp_core.motion.event import NO_CONFLICT_S
 from ssp_core.motion.intrusion import Intrusion, intrusion_of
+from ssp_core.motion.passing import crossed_zone
 from ssp_core.motion.reference import Reference, sample
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import ConflictThresholds
@@ -172,6 +182,8 @@ class Prediction:
         left_s: it left the corridor, or its rear left the conflict point.
         conflict_station_m: the conflict point: where the conflict zone begins at overlap_s.
         vut_arrival_s: the VUT's front reaches the conflict point; inf: not foreseen.
+        vut_in_zone_s: it reaches what the initiator covers of its corridor on the whole, which of
+            one that turns as it crosses may begin before that point.
         vut_station_end_m: of the VUT when the run ends.
         vut_end_mps: its speed then.
         separation_m: smallest distance between VUT and a target from the trigger on.
@@ -194,6 +206,7 @@ class Prediction:
     left_s: float
     conflict_station_m: float
     vut_arrival_s: float
+    vut_in_zone_s: float
     vut_station_end_m: float
     vut_end_mps: float
     separation_m: float
@@ -211,8 +224,8 @@ class Prediction:
 
     @property
     def initiator_first(self) -> bool:
-        """Tell whether the initiator reaches the conflict point before the VUT."""
-        return self.overlap_s < self.vut_arrival_s
+        """Tell whether the initiator reaches the conflict zone before the VUT."""
+        return self.overlap_s < min(self.vut_arrival_s, self.vut_in_zone_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,6 +237,7 @@ class _Instant:
     conflict: bool
     zone_m: float
     separation_m: float
+    initiator: ObjectState
 
 
 def predict(plan: Motions, observable: Observable, thresholds: ConflictThresholds) -> Prediction:
@@ -273,6 +287,7 @@ def predict(plan: Motions, observable: Observable, thresholds: ConflictThreshold
                     conflict and visible,
                     front + meeting.zone_gap_m,
                     min(box_distance(vut.box, other.box) for other in others),
+                    subject,
                 )
             )
             if _is_over(instants, t):
@@ -358,7 +373,8 @@ def _summary(
         overlap_s=overlap_s,
         left_s=left_s,
         conflict_station_m=point,
-        vut_arrival_s=next((i.t_s for i in instants if i.front_m >= point), math.inf),
+        vut_arrival_s=_reached_s(instants, point),
+        vut_in_zone_s=_reached_s(instants, _covered_from_m(players, instants, point)),
         vut_station_end_m=at_end.front_m - front if at_end is not None else players.station_m,
         vut_end_mps=end_speed,
         separation_m=min((i.separation_m for i in instants), default=math.inf),
@@ -367,6 +383,25 @@ def _summary(
         vut_fired=replace(vut, speed_mps=speed),
         targets_fired=others,
     )
+
+
+def _reached_s(instants: Sequence[_Instant], station_m: float) -> float:
+    """Return when the VUT's front is at a station; inf: it isn't."""
+    return next((i.t_s for i in instants if i.front_m >= station_m), math.inf)
+
+
+def _covered_from_m(players: Players, instants: Sequence[_Instant], point_m: float) -> float:
+    """Return the first station that an initiator that crosses covers, as a session measures it."""
+    entry = next((k for k, i in enumerate(instants) if i.meeting.in_corridor), None)
+    half_m = corridor_half_m(players.plan.vut.size.width_m)
+    corridor = Corridor(players.path, half_m)
+    if entry is None or not is_crossing(corridor.heading_rad(instants[entry].initiator)):
+        return point_m
+    others = [instant.initiator for instant in instants]
+    own = corridor.extent(others[entry])
+    return crossed_zone(
+        others[entry:], reversed(others[:entry]), own, corridor, turns=False
+    ).start_m
 
 
 def _has_left(instant: _Instant, point_m: float) -> bool:

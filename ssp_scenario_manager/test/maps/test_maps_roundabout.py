@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,10 @@ from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios import over_routes
 from ssp_scenario_manager.scenarios.base import CannotPlace
+from ssp_scenario_manager.scenarios.motions import motions
+from ssp_scenario_manager.scenarios.planning import wrong_order
+from ssp_scenario_manager.scenarios.prediction import predict
+from ssp_scenario_manager.scenarios.values import classes_of, thresholds_of
 from tests.support.junctions import LEFT_TURN, ground, made, route, site_without_junction, way_of
 from tests.support.played import shown
 from tests.support.simulated_once import run_once
@@ -156,6 +161,30 @@ def test_a_shift_of_the_vehicle_changes_what_the_vut_does(
 
 
 @pytest.mark.parametrize(
+    ("below_s", "ot1_first"),
+    [(8.3, False), (8.5, False), (8.55, False), (8.7, True), (8.9, True)],
+)
+def test_who_is_first_is_foreseen_as_a_session_measures_it(below_s: float, ot1_first: bool) -> None:
+    """The car was foreseen first at 8.5 s, as if it went on straight, and the VUT was first."""
+    site, shipped = ground("ring"), event()
+    plan, block = made(shipped, site, AROUND).plan, route(site, AROUND)
+    told = motions(
+        block.line,
+        classes_of(shipped),
+        shipped.vut_id,
+        plan.vut,
+        plan.targets,
+        replace(plan.trigger, below=below_s),
+    )
+    steady = replace(told, driver=told.driver.model_copy(update={"reacts": False}))
+    seen = predict(steady, "lateral", thresholds_of(shipped))
+    assert bool(wrong_order(shipped, seen)) is not ot1_first
+    run = run_on("ring").model_copy(update={"triggers": [told.trigger], "driver": steady.driver})
+    result, _ = run_in_process(run)
+    assert result.passing.other_first is ot1_first
+
+
+@pytest.mark.parametrize(
     ("wanted", "site", "name", "words"),
     [
         (event(), "crossroads", LEFT_TURN, "0 routes of its junction come from the left, share"),
@@ -248,11 +277,12 @@ def test_a_vehicle_may_come_a_long_way_before_it_shows() -> None:
         made(event(manoeuvre=slow), ground("ring"), AROUND)
 
 
-def test_the_intervals_for_places_of_maps_pass_the_checks() -> None:
-    page = (Path(__file__).parents[3] / "docs" / "roundabout.md").read_text()
+@pytest.mark.parametrize("name", ["roundabout", "oncoming_turn"])
+def test_the_intervals_for_places_of_maps_pass_the_checks(name: str) -> None:
+    page = (Path(__file__).parents[3] / "docs" / f"{name.replace('_', '-')}.md").read_text()
     given = re.search(r"```yaml\n(.*?)```", page, re.DOTALL)
     assert given is not None
-    whole = load_event("roundabout")[0].model_dump(mode="json", by_alias=True)
+    whole = load_event(name)[0].model_dump(mode="json", by_alias=True)
 
     def change(value: dict[str, Any], parts: dict[str, Any]) -> None:
         for name, part in parts.items():
