@@ -255,13 +255,8 @@ def read_json_mapping(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> dic
 def read_json(path: str | Path, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> Any:
     """Return the value of a JSON file that a program of ours wrote; numbers may be NaN or infinite.
 
-    Args:
-        path: of the file.
-        remedy: what a person does without it.
-        most_bytes: where it may be larger than 8 MiB.
-
     Raises:
-        InputError: the file can't be read, is no JSON, or has a key twice in an object.
+        InputError: it can't be read, is no JSON, or has a key twice in an object; with the remedy.
     """
     try:
         text = read_text(path, most_bytes)
