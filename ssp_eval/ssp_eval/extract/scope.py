@@ -94,7 +94,7 @@ class _Sentence:
             quoting = (hit for hit in cues if hit.value in ("quoted", "rejected"))
             disowns = any(self.words[hit.first] in _DISOWNING for hit in quoting)
             return Scope.QUOTED if disowns else Scope(0)
-        says_nothing = cues[-1].stop == last.first - 1  # as you provided:
+        says_nothing = bool(cues) and cues[-1].stop == last.first - 1  # as you provided:
         return Scope(0) if says_nothing else self.wide & Scope.IMAGINED
 
     def _opens_main_clause(self, hit: Hit) -> bool:

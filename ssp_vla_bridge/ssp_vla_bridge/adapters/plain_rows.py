@@ -74,6 +74,9 @@ _LEAST = 2  # rows of a list
 # Two numbers, and rows of them: "5.0, 0.0; 9.0, 0.0", "t=0.5: 5.0, 0.0; t=1.0: 9.0, 0.0".
 _X, _Y = (rf"(?:{axis}[ \t]*[=:][ \t]*)?{_NUMBER}{_LENGTH}" for axis in "xy")
 _PAIR = rf"{_X}[ \t]*,[ \t]*{_Y}"
+# "5,0; 9,0" may be pairs, or numbers with a decimal comma.
+_MAY_BE_DECIMAL = re.compile(r"\s*[+-]?\d+,\d+\s*(?:;\s*[+-]?\d+,\d+\s*)+")
+_UNREAD_LIST = "[[0 ?, 0 ?], [0 ?, 0 ?]]"
 _PAIR_AT_END = re.compile(rf"{_PAIR}\Z", re.IGNORECASE)
 _TIMED_PAIR = rf"(?:(?:t[ \t]*=[ \t]*)?{_NUMBER}[ \t]*s?[ \t]*:[ \t]*)?{_PAIR}"
 _SEMICOLONS = re.compile(
@@ -145,6 +148,8 @@ def _field(name: str, value: str) -> tuple[str, str]:
 
 
 def _between_semicolons(match: re.Match[str]) -> str:
+    if _MAY_BE_DECIMAL.fullmatch(match["rows"]) is not None:
+        return _UNREAD_LIST
     rows = [_PAIR_AT_END.sub(r"(\g<0>)", one.strip()) for one in match["rows"].split(";")]
     rest = match["rest"] or ""
     if _BEGUN_PAIR.fullmatch(rest.strip()) is not None:
@@ -160,7 +165,11 @@ def _with_rows_for_lines(text: str) -> str:
         end = at
         while end < len(lines) and _ROW_LINE.fullmatch(lines[end]) is not None:
             end += 1
-        if end - at >= _LEAST:
+        run = ";".join(lines[at:end])
+        if end - at >= _LEAST and _MAY_BE_DECIMAL.fullmatch(run) is not None:
+            lines[at:end] = [_UNREAD_LIST]
+            end = at + 1
+        elif end - at >= _LEAST:
             for i in range(at, end):
                 one = _ROW_LINE.fullmatch(lines[i])
                 lines[i] = lines[i] if one is None else f"{one['start']}({one['row']}){one['end']}"
