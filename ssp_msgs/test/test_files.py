@@ -638,24 +638,10 @@ def test_a_file_of_many_values_is_refused_within_seconds(
     assert "not valid" not in caught.value.problem
 
 
-@pytest.mark.parametrize(
-    ("text", "remedy"),
-    [
-        (
-            "a: [" + "1," * 600_000 + "]",
-            "give fewer, or write the file as JSON, which may have more",
-        ),
-        ('{"a": [' + "1," * 600_000 + "NaN]}", "may have more: NaN is no number"),
-        ('{"a": 1, "a": [' + "1," * 600_000 + "1]}", "may have more: key 'a' stands twice"),
-    ],
-)
-def test_a_file_of_too_many_values_is_valid_and_the_remedy_is_json(
-    text: str, remedy: str, tmp_path: Path
-) -> None:
-    error = failure(put(tmp_path, text))
+def test_a_file_of_too_many_values_says_what_keeps_it_from_being_json(tmp_path: Path) -> None:
+    error = failure(put(tmp_path, '{"a": [' + "1," * 600_000 + "NaN]}"))
     assert error.problem == "has more than 500000 keys and values, the most that are read as YAML"
-    assert error.line == 1
-    assert str(error.remedy).endswith(remedy)
+    assert str(error.remedy).endswith("the JSON, which may have more: NaN is no number")
 
 
 def test_a_file_of_many_errors_names_each_up_to_a_bound(tmp_path: Path) -> None:

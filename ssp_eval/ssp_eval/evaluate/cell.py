@@ -32,6 +32,7 @@ from ssp_eval.evaluate.store.cell_file import (
     CellPlace,
     CellResult,
     LabelledClip,
+    remove_file,
     write_cell,
 )
 from ssp_eval.evaluate.store.raw_store import check_unchanged
@@ -158,4 +159,4 @@ def _write_labels(folder: Path, labels: Labels) -> None:
 
 def _remove(folder: Path, *files: str) -> None:
     for file in files:
-        (folder / file).unlink(missing_ok=True)
+        remove_file(folder / file)

@@ -296,3 +296,13 @@ def test_the_audit_that_cells_go_by_is_kept_once(made: Path) -> None:
     evaluated(made / "bag", made / "out", made / "audit.json")
     (kept,) = kept_audits(made / "out").values()
     assert kept.read_bytes() == (made / "audit.json").read_bytes()
+
+
+def test_a_folder_in_place_of_a_cells_file_is_named(made: Path, campaign: Path) -> None:
+    file = campaign / "cells" / CELL / "cell.json"
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(InputError, match="is a folder") as caught:
+        evaluated(made / "bag", campaign, made / "audit.json")
+    assert caught.value.file == str(file)
+    assert caught.value.remedy

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import RULES_VERSION, __version__
+from ssp_core.errors import InputError, not_written
 from ssp_core.files import write_json
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.data.labels import Labels, phase_counts
@@ -217,6 +218,23 @@ def holds_answers(out: Path) -> bool:
 def frame_path(out: Path, sha256: str) -> Path:
     """Return the path at which the campaign keeps a frame."""
     return out / FRAMES / f"{sha256.removeprefix('sha256:')[:32]}.jpg"
+
+
+def remove_file(path: Path) -> None:
+    """Remove a file of a cell, if it is there.
+
+    Raises:
+        InputError: a folder is in its place.
+        HostError: the system doesn't let it.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except IsADirectoryError as error:
+        raise InputError(
+            "is a folder", file=path, remedy="remove it, or name a new --out"
+        ) from error
+    except OSError as error:
+        raise not_written(path, error) from error
 
 
 def _file_hashes(folder: Path) -> dict[str, str]:

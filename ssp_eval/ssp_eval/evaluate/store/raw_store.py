@@ -19,7 +19,7 @@ from typing import Any
 from ssp_core.errors import InputError, not_written
 from ssp_core.files import parse_json_line, read_json_mapping, write_text
 from ssp_core.hashing import sha256_file
-from ssp_eval.evaluate.store.cell_file import CELL_FILE
+from ssp_eval.evaluate.store.cell_file import CELL_FILE, remove_file
 from ssp_eval.evaluate.store.requests import (
     EARLIER_FILE,
     RAW_FILE,
@@ -109,7 +109,7 @@ class RawStore:
             HostError: the disk doesn't take it.
         """
         line = json.dumps(response_to_json(response), allow_nan=False) + "\n"
-        self._cell_path.unlink(missing_ok=True)
+        remove_file(self._cell_path)
         try:
             with open(self._path, "ab+") as stream:
                 if self._unfinished_at is not None:
@@ -135,10 +135,10 @@ class RawStore:
         sent = [one.request.request_id for one in asked if one.request is not None]
         now = {key_of(one) for one in (*sent, *(answer.request_id for answer in answers))}
         earlier = {key: answer for key, answer in self._stored.items() if key not in now}
-        self._cell_path.unlink(missing_ok=True)
+        remove_file(self._cell_path)
         # First: an answer that stands in both files is found, one that stands in none is lost.
         if not earlier:
-            self._earlier_path.unlink(missing_ok=True)
+            remove_file(self._earlier_path)
         elif earlier != self._earlier:
             _write_lines(self._earlier_path, [response_to_json(one) for one in earlier.values()])
         _write_lines(self._path, [response_to_json(answer) for answer in answers])
