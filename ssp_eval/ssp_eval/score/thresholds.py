@@ -99,6 +99,8 @@ def _sha256(thresholds: Thresholds) -> str:
 
 
 DEFAULT = Thresholds()
+# METHOD's are below a hundred.
+_LARGEST = 10_000
 
 
 WEIGHTS = "weight_"
@@ -175,6 +177,17 @@ def thresholds_of(values: Any, file: str | Path) -> Thresholds:
             value=", ".join(apart),
             remedy="evaluate it again; stored answers aren't asked again",
         )
+    for name, known in asdict(DEFAULT).items():
+        given = values[name]
+        is_whole = isinstance(given, int) or not isinstance(known, int)
+        if not is_whole or not abs(given) <= _LARGEST:
+            raise InputError(
+                "is no such number",
+                file=file,
+                field=f"thresholds.{name}",
+                value=given,
+                remedy="put the file back, or evaluate the cell again",
+            )
     return Thresholds(**values)
 
 

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.admission import kept_audits, load_admissions
 from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.report.page import write_report
+from ssp_eval.score.thresholds import DEFAULT, thresholds_of
 
 Value = dict[str, Any]
 MODELS = ("constant_velocity", "opencv_baseline")
@@ -306,3 +308,14 @@ def test_a_folder_in_place_of_a_cells_file_is_named(made: Path, campaign: Path) 
         evaluated(made / "bag", campaign, made / "audit.json")
     assert caught.value.file == str(file)
     assert caught.value.remedy
+
+
+@pytest.mark.parametrize("number", [1e308, 10**400, 2.5, 10**9])
+def test_thresholds_that_no_scorer_can_use_are_refused(number: float) -> None:
+    values = {**asdict(DEFAULT), "response_count": number}
+    with pytest.raises(
+        InputError, match=r"thresholds\.response_count: is no such number"
+    ) as caught:
+        thresholds_of(values, "cell.json")
+    assert caught.value.remedy
+    assert thresholds_of(asdict(DEFAULT), "cell.json") == DEFAULT
