@@ -200,12 +200,14 @@ def _files(folder: Path, out: Path) -> Iterator[Path]:
         raise not_read(folder, error) from error
     for entry in entries:
         path = Path(entry.path)
-        if entry.name.startswith(".") or path.resolve() == out or entry.name == "__pycache__":
+        # Unlike Path.resolve, it takes a link that leads to itself.
+        is_out = os.path.realpath(path) == str(out)
+        if entry.name.startswith(".") or is_out or entry.name == "__pycache__":
             continue
         if entry.is_dir(follow_symlinks=False):
             if not is_package(path):
                 yield from _files(path, out)
-        elif entry.is_file():
+        elif path.is_file():
             yield path
         else:
             kind = "a link to a folder or to nothing" if entry.is_symlink() else "no plain file"

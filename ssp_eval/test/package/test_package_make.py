@@ -284,7 +284,9 @@ def test_an_interrupted_make_leaves_the_earlier_package(
     assert files_below(tmp_path) == before
 
 
-@pytest.mark.parametrize("which", ["nothing", "file", "twice", "nested", "pipe", "loop", "empty"])
+@pytest.mark.parametrize(
+    "which", ["nothing", "file", "twice", "nested", "pipe", "loop", "link to itself", "empty"]
+)
 def test_folders_that_cannot_be_taken_in(
     which: str, own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -301,6 +303,8 @@ def test_folders_that_cannot_be_taken_in(
         os.mkfifo(own / "pipe")
     elif which == "loop":
         (own / "loop").symlink_to(own)
+    elif which == "link to itself":
+        (own / "loop").symlink_to("loop")
     else:
         folders = [tmp_path / "empty"]
         folders[0].mkdir()
