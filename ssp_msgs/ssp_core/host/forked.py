@@ -35,13 +35,15 @@ class ForkedProcess:
         returncode: exit status, −N for signal N; None until poll or wait finds its end.
     """
 
-    def __init__(self, server: NodeServer, pid: int, stdin: IO[bytes] | None) -> None:
+    def __init__(
+        self, server: NodeServer, pid: int, descriptor: int, stdin: IO[bytes] | None
+    ) -> None:
         self.pid = pid
         self.stdin = stdin
         self.returncode: int | None = None
         self._server = server
-        self._descriptor = os.pidfd_open(pid)
-        weakref.finalize(self, os.close, self._descriptor)
+        self._descriptor = descriptor
+        weakref.finalize(self, os.close, descriptor)
 
     def poll(self) -> int | None:
         """Return its exit status, None while it lives."""
@@ -125,9 +127,9 @@ class NodeServer:
                 file.flush()
                 file.seek(0)
                 socket.send_fds(self._channel, [b"n"], [file.fileno(), *handed])
-                while "status" in (answer := self._answer()):
-                    self._status_of[answer["pid"]] = answer["status"]
-                self._status_of.pop(answer["pid"], None)  # of one that had this number before
+                while not (started := self._hear())[1]:
+                    pass
+                pid, (descriptor,) = started
         except OSError as error:
             raise HostError(
                 f"{request.name}: the process that starts nodes doesn't answer ({error}); "
@@ -137,7 +139,7 @@ class NodeServer:
             if source is not None:
                 os.close(source)
         stdin = None if sink is None else os.fdopen(sink, "wb")
-        return ForkedProcess(self, answer["pid"], stdin)
+        return ForkedProcess(self, pid, descriptor, stdin)
 
     def status_of(self, pid: int) -> int:
         """Return the exit status of a process that has ended, −N for signal N.
@@ -147,19 +149,27 @@ class NodeServer:
         try:
             with self._lock:
                 while pid not in self._status_of:
-                    answer = self._answer()
-                    self._status_of[answer["pid"]] = answer["status"]
+                    self._hear()
                 return os.waitstatus_to_exitcode(self._status_of[pid])
         except OSError:
             return -signal.SIGTERM
 
-    def _answer(self) -> dict[str, int]:
-        """Return the next answer; raise OSError when there is none in time or any more."""
-        data = self._channel.recv(1024)
+    def _hear(self) -> tuple[int, list[int]]:
+        """Take in the next answer; raise OSError when there is none in time or any more.
+
+        Returns:
+            Number of a process; its file descriptor if it was started, none if it has ended.
+        """
+        data, descriptors, *_ = socket.recv_fds(self._channel, 1024, 1)
         if not data:
             raise ConnectionError("it has ended")
         answer: dict[str, int] = json.loads(data)
-        return answer
+        pid = answer["pid"]
+        if descriptors:
+            self._status_of.pop(pid, None)  # of one that had this number before
+        else:
+            self._status_of[pid] = answer["status"]
+        return pid, descriptors
 
 
 def _end(channel: socket.socket, process: subprocess.Popen[bytes]) -> None:

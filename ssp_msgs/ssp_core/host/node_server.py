@@ -10,8 +10,9 @@ ever. So it starts no middleware, and importing a node's module starts no thread
 Requests and answers go over a socket that keeps messages whole (SOCK_SEQPACKET). A request is a
 byte, and with it the file descriptors of a file with a JSON of ``Request``, of the node's output
 and, where it has one, its standard input. An answer is a JSON: the ``pid`` of a node that was
-forked, with ``status`` once it has ended, as waitpid has it. The end of the other side ends this
-process, and with it, by SIGTERM, the nodes.
+forked, and with it a file descriptor of the process; and its ``pid`` and ``status``, as waitpid has
+it, once it has ended. The end of the other side ends this process, and with it, by SIGTERM, the
+nodes.
 """
 
 from __future__ import annotations
@@ -95,12 +96,12 @@ def serve(channel: socket.socket) -> Request | None:
                 descriptor = os.pidfd_open(pid)
                 pid_of[descriptor] = pid
                 selector.register(descriptor, selectors.EVENT_READ)
-                _answer(channel, pid=pid)
+                _answer(channel, descriptor, pid=pid)
 
 
-def _answer(channel: socket.socket, **values: int) -> None:
+def _answer(channel: socket.socket, *descriptors: int, **values: int) -> None:
     with suppress(OSError):  # nobody is there any more, as is found at the next look
-        channel.send(json.dumps(values).encode())
+        socket.send_fds(channel, [json.dumps(values).encode()], descriptors)
 
 
 def _become(

@@ -28,6 +28,12 @@ def main():
     print(*sorted(os.listdir("/proc/self/fd"), key=int), flush=True)
     sys.exit(int(sys.stdin.readline() or 7))
 """
+BRIEF = """
+import os
+
+def main():
+    os._exit(3)
+"""
 WAITING = """
 import time
 
@@ -42,6 +48,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
     for name, text in {
         "telling": TELLING,
         "waiting": WAITING,
+        "brief": BRIEF,
         "broken": "import no_such\n",
     }.items():
         (tmp_path / f"ssp_{name}_node.py").write_text(text)
@@ -126,6 +133,13 @@ def test_signals_reach_a_node_until_it_has_ended(
     assert first.process.wait(600) == -signal.SIGTERM
     assert second.process.wait(600) == -signal.SIGKILL
     first.process.terminate()  # which is nobody's process any more
+
+
+def test_a_node_may_have_ended_before_anybody_looks(
+    server: NodeServer, environment: dict[str, str], tmp_path: Path
+) -> None:
+    nodes = [Started(server, environment, tmp_path, "brief") for _ in range(50)]
+    assert {node.process.wait(600) for node in nodes} == {3}
 
 
 def test_several_threads_await_one_node(
