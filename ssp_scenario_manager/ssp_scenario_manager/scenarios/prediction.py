@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, takewhile
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.geometry import Polyline, box_distance
@@ -391,17 +391,22 @@ def _reached_s(instants: Sequence[_Instant], station_m: float) -> float:
 
 
 def _covered_from_m(players: Players, instants: Sequence[_Instant], point_m: float) -> float:
-    """Return the first station that an initiator that crosses covers, as a session measures it."""
+    """Return the first station that an initiator that crosses covers, as a session measures it.
+
+    A session ends with a collision.
+    """
     entry = next((k for k, i in enumerate(instants) if i.meeting.in_corridor), None)
     half_m = corridor_half_m(players.plan.vut.size.width_m)
     corridor = Corridor(players.path, half_m)
     if entry is None or not is_crossing(corridor.heading_rad(instants[entry].initiator)):
         return point_m
-    others = [instant.initiator for instant in instants]
-    own = corridor.extent(others[entry])
-    return crossed_zone(
-        others[entry:], reversed(others[:entry]), own, corridor, turns=False
-    ).start_m
+    before = (instant.initiator for instant in reversed(instants[:entry]))
+    after = (
+        instant.initiator
+        for instant in takewhile(lambda instant: instant.separation_m > 0.0, instants[entry:])
+    )
+    own = corridor.extent(instants[entry].initiator)
+    return crossed_zone(after, before, own, corridor, turns=False).start_m
 
 
 def _has_left(instant: _Instant, point_m: float) -> bool:
