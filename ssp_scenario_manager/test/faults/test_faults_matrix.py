@@ -68,6 +68,15 @@ def test_the_rows_are_those_that_were_asked_for() -> None:
     assert all(re.fullmatch(r"[a-z0-9_]+", row.name) for row in MATRIX)
 
 
+@pytest.mark.parametrize("name", ["state_nan", "state_frozen"])
+def test_a_session_whose_standstill_nothing_confirms_ends_while_it_aborts(name: str) -> None:
+    (row,) = (row for row in MATRIX if row.name == name)
+    for stage in (Stage.BEFORE, Stage.AFTER, Stage.CONFLICT):
+        expected = row.cells[stage]
+        assert isinstance(expected, Expected)
+        assert "the recording ends while the session is" in expected.also
+
+
 def test_every_stage_has_a_cell_with_its_reason() -> None:
     for row in MATRIX:
         assert set(row.cells) == set(Stage), row.name
