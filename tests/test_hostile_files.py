@@ -29,6 +29,7 @@ from ssp_scenario_manager.closed_loop.campaigns.forms import (
     read_sealed,
 )
 from ssp_scenario_manager.closed_loop.campaigns.tries import load_tries
+from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
 from ssp_scenario_manager.closed_loop.single_run.before import before_of_folder
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.faults.kept import load_cell, load_notes, load_result, load_witness
@@ -132,3 +133,13 @@ def test_a_number_in_a_value_of_any_form_is_finite(text: str, tmp_path: Path) ->
     assert (caught.value.field, caught.value.file) == ("options.x", str(file))
     write_json(file, {"options": {"x": [1, 2.5, None, "a"]}})
     assert load_model(Options, file).options["x"][1] == 2.5
+
+
+def test_a_number_of_400_digits_in_a_driven_result_is_no_number(tmp_path: Path) -> None:
+    driven = {**dict.fromkeys(RUN_COLUMNS, 10**400), "chain": {}}
+    file = tmp_path / "result.json"
+    write_json(file, {"verdict": "valid", "in_process": True, "driven": driven})
+    with pytest.raises(InputError, match="doesn't say what the run was") as caught:
+        before_of_folder(tmp_path)
+    assert caught.value.file == str(file)
+    assert caught.value.remedy

@@ -41,7 +41,7 @@ class ResultFile(_Part):
 
     verdict: str
     reasons: list[str]
-    bag: Annotated[str, Field(pattern=r"^[^/]+$")]
+    bag: Annotated[str, Field(pattern=r"^[^/]+$", max_length=255)]
     wall_s: Finite = 0.0
 
 

@@ -92,7 +92,7 @@ def before_of_folder(folder: Path) -> Before | None:
     try:
         cells = _cells_of(result["driven"])
         is_aborted = result["verdict"] == _ABORTED and not result["in_process"]
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         why = f"it lacks {error}" if isinstance(error, KeyError) else error
         raise InputError(
             f"doesn't say what the run was: {why}", file=path, remedy=_REMEDY
