@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+import tracemalloc
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -143,3 +144,16 @@ def test_a_number_of_400_digits_in_a_driven_result_is_no_number(tmp_path: Path) 
         before_of_folder(tmp_path)
     assert caught.value.file == str(file)
     assert caught.value.remedy
+
+
+def test_a_file_beyond_its_limit_is_refused_unread(tmp_path: Path) -> None:
+    """Of 20 GiB a gibibyte was read, which took two of memory."""
+    file = tmp_path / "plan.json"
+    with file.open("wb") as stream:
+        stream.truncate(20 << 30)
+    tracemalloc.start()
+    with pytest.raises(InputError, match="is larger than 1024 MiB"):
+        read_sealed(file)
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak_bytes < 16 << 20

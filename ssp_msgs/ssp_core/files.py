@@ -147,6 +147,8 @@ def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
     try:
         refuse_named_pipe(path)
         with open(path, "rb") as stream:
+            if os.fstat(stream.fileno()).st_size > most_bytes:
+                raise _too_large(path, most_bytes)
             # In blocks: a single read would take the memory of the largest file for each.
             blocks = iter(partial(stream.read, _BLOCK_BYTES), b"")
             data = b"".join(islice(blocks, most_bytes // _BLOCK_BYTES + 1))
@@ -159,11 +161,14 @@ def read_text(path: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
     return _text(data, path, most_bytes)
 
 
+def _too_large(file: str | Path, most_bytes: int) -> InputError:
+    problem = f"is larger than {most_bytes >> 20} MiB"
+    return InputError(problem, file=file, remedy="give a smaller file")
+
+
 def _text(data: bytes, file: str | Path, most_bytes: int = MAX_TEXT_BYTES) -> str:
     if len(data) > most_bytes:
-        raise InputError(
-            f"is larger than {most_bytes >> 20} MiB", file=file, remedy="give a smaller file"
-        )
+        raise _too_large(file, most_bytes)
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
