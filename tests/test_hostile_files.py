@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 import tracemalloc
 from collections.abc import Callable
 from contextlib import suppress
@@ -35,8 +34,6 @@ from ssp_scenario_manager.closed_loop.single_run.before import before_of_folder
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.faults.kept import load_cell, load_notes, load_result, load_witness
 
-# Of one refusal; the largest of these files take a second of it.
-MOST_CPU_S = 5.0
 READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "cell": ("cell.json", load_facts),
     "score": ("score.json", load_score),
@@ -93,14 +90,12 @@ def test_each_reader_refuses_a_hostile_file_by_its_name(kind: str, tmp_path: Pat
         file = tmp_path / what.replace(" ", "_") / name
         file.parent.mkdir()
         put(file, kind)
-        began_s = time.process_time()
         if kind == "link to itself":  # no file is there, without which some may go
             with suppress(InputError):
                 read(file)
             continue
         with pytest.raises(InputError) as caught:
             read(file)
-        assert time.process_time() - began_s < MOST_CPU_S, what
         error = caught.value.parts[0] if caught.value.parts else caught.value
         assert str(file) in str(caught.value), what
         assert error.remedy, (what, str(error))
@@ -113,11 +108,9 @@ def test_a_cell_that_can_not_be_read_is_asked_again(kind: str, tmp_path: Path) -
     file = tmp_path / "cells" / "a__simulation__constant_velocity" / "cell.json"
     file.parent.mkdir(parents=True)
     put(file, kind)
-    began_s = time.process_time()
     check_unchanged(file.parent)
     driving_before(tmp_path)
     assert load_cell(file.parent) is None
-    assert time.process_time() - began_s < MOST_CPU_S
 
 
 class Options(Strict):

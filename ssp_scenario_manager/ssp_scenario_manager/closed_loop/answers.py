@@ -8,9 +8,9 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import FailFast, TypeAdapter, ValidationError
 
 from ssp_core.errors import InputError
 from ssp_core.files import read_json, write_text
@@ -64,8 +64,8 @@ class KeptAnswers:
     """
 
     asked: Question
-    event: tuple[RecordedAnswer, ...]
-    free: tuple[RecordedAnswer, ...]
+    event: Annotated[tuple[RecordedAnswer, ...], FailFast()]
+    free: Annotated[tuple[RecordedAnswer, ...], FailFast()]
     schema: Literal["ssp.driven_answers/2"] = ANSWERS_SCHEMA
 
 
