@@ -140,7 +140,7 @@ def test_a_number_of_400_digits_in_a_driven_result_is_no_number(tmp_path: Path) 
 
 
 def test_a_file_beyond_its_limit_is_refused_unread(tmp_path: Path) -> None:
-    """Of 20 GiB a gibibyte was read, which took two of memory."""
+    """A gibibyte of 20 was read, which took two of memory."""
     file = tmp_path / "plan.json"
     with file.open("wb") as stream:
         stream.truncate(20 << 30)
