@@ -20,7 +20,7 @@ from ssp_core.world.driver import RecordedAnswer
 NODE_ANSWERS_FILE = "answers.jsonl"
 
 # An answer has a megabyte of text at most, and a run some hundred questions.
-_MOST_BYTES = 1 << 28
+MOST_ANSWER_BYTES = 1 << 28
 _REMEDY = "put the file back, or drive the run again"
 _ANSWER: TypeAdapter[RecordedAnswer] = TypeAdapter(RecordedAnswer)
 
@@ -46,7 +46,7 @@ def given_answers(path: Path) -> tuple[RecordedAnswer, ...]:
     """
     try:
         # A last line without its end was cut off: the node ended while it wrote.
-        *lines, _ = read_text(path, _MOST_BYTES).split("\n")
+        *lines, _ = read_text(path, MOST_ANSWER_BYTES).split("\n")
     except InputError as error:
         if not path.exists():
             return ()
@@ -62,7 +62,7 @@ def answers_in_event(path: Path) -> tuple[RecordedAnswer, ...]:
     Raises:
         InputError: it isn't such a file.
     """
-    value = read_json(path, _REMEDY, _MOST_BYTES)
+    value = read_json(path, _REMEDY, MOST_ANSWER_BYTES)
     found = value.get("event") if isinstance(value, dict) else None
     if not isinstance(found, list):
         raise InputError("has no answers", file=path, field="event", remedy=_REMEDY)

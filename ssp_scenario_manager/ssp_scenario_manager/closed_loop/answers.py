@@ -17,6 +17,7 @@ from ssp_core.files import read_json, write_text
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.driven import Driven
 from ssp_core.world.driver import LatencyParts, RecordedAnswer
+from ssp_core.world.driver_answers import MOST_ANSWER_BYTES
 from ssp_scenario_manager.run.in_process import Record
 
 ANSWERS_FILE = "answers.json"
@@ -24,8 +25,6 @@ ANSWERS_FOLDER = "answers"  # of a campaign, by row
 ANSWERS_SCHEMA: Literal["ssp.driven_answers/2"] = "ssp.driven_answers/2"
 
 _NO_TIME = LatencyParts(0)
-# An answer has a megabyte of text at most, and a run some hundred questions.
-MOST_ANSWER_BYTES = 1 << 28
 
 
 @dataclass(frozen=True, slots=True)
