@@ -24,6 +24,7 @@ from ssp_core.cdr.messages import object_state
 from ssp_core.files import make_folder
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import load_run
+from ssp_core.safety.arming import ARM_FAILED
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.run import over_dds as runner
 from ssp_scenario_manager.run.in_process import Record, result_json, run_in_process
@@ -96,6 +97,9 @@ def contents(bag: Path) -> dict[str, list[str]]:
         known = {name: topic.msgtype for name, topic in reader.topics.items()}
         for message in reader.messages():
             value = typestore().deserialize_cdr(message.data, known[message.topic])
+            # On a busy machine an object may refuse to arm at first, and is asked again.
+            if getattr(value, "event", "") == ARM_FAILED:
+                continue
             # Of these, how often the manager has spoken, and how long it took to decide.
             for name in ("heartbeat", "vut_states_sent", "processing"):
                 if hasattr(value, name):
