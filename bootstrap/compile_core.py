@@ -39,7 +39,7 @@ from ssp_core.compiled import (
     sources_of,
 )
 from ssp_core.errors import HostError, SspError
-from ssp_core.files import remove_folder
+from ssp_core.files.folders import remove_folder
 
 ROOT = Path(__file__).resolve().parent.parent
 MODULES = {

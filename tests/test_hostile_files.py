@@ -13,7 +13,8 @@ import pytest
 
 from ssp_core.carla.probe_report import load_report as load_carla_report
 from ssp_core.errors import InputError
-from ssp_core.files import load_model, write_json
+from ssp_core.files.reading import load_model
+from ssp_core.files.writing import write_json
 from ssp_core.run_file.faults import load_faults
 from ssp_core.run_file.values import Strict
 from ssp_core.world.driver_answers import answers_in_event, given_answers

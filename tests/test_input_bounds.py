@@ -18,7 +18,7 @@ from pydantic import BaseModel, RootModel, TypeAdapter, ValidationError
 from ssp_core.bag.seals.declaration import Declaration
 from ssp_core.carla.probe_report import CarlaProbeReport
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
+from ssp_core.files.reading import parse_model
 from ssp_core.run_file.faults import FaultFile
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import RunSpec

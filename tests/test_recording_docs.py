@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from ssp_core.bag.writing.split import REPEATED_KEY
-from ssp_core.files import MAX_TEXT_BYTES
+from ssp_core.files.reading import MAX_TEXT_BYTES
 from ssp_monitor.recorder.disk import LEAST_S
 from ssp_monitor.recorder.encoding import ORIGINAL
 from ssp_monitor.recorder.recorder import BATCH_BYTES

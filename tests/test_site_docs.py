@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
+from ssp_core.files.reading import parse_model
 from ssp_core.geometry import point_in_polygon
 from ssp_core.run_file.model import Camera, Limits, LinkDisturbance, Look
 from ssp_core.run_file.quantities import NUMBER, QUANTITIES

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ssp_core.cli import main
-from ssp_core.files import taken_folder
+from ssp_core.files.folders import taken_folder
 
 SPEC_EXTRACT = "spec extract VIDEO --base-url http://127.0.0.1:9 --model m --name n"
 

@@ -15,7 +15,7 @@ import click
 from ssp_core import console
 from ssp_core.compiled import FOLDER, OFF, state_of_core
 from ssp_core.errors import HostError, InputError
-from ssp_core.files import make_folder, remove_folder
+from ssp_core.files.folders import make_folder, remove_folder
 from ssp_core.options import WholeNumber
 from ssp_eval.import_graph import distances, keep_tests, read_graph
 

@@ -21,7 +21,8 @@ from rich.progress import Progress as ProgressBar
 
 from ssp_core import __version__, console
 from ssp_core.errors import InputError, PeerError
-from ssp_core.files import make_folder, write_json
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_core.host.children import die_with_parent
 from ssp_core.host.locks import folder_of_locks

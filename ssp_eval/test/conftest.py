@@ -17,7 +17,7 @@ import pytest
 from ssp_core.bag.metadata import offered_qos
 from ssp_core.bag.types import serialize, typestore
 from ssp_core.bag.writing.writer import BagWriter
-from ssp_core.files import write_json, write_text
+from ssp_core.files.writing import write_json, write_text
 from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase, Verdict
 from ssp_scenario_manager.compile.task import Task, sealed
 from ssp_scenario_manager.event_spec.load import load_event

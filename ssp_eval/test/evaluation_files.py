@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.bag.reading.reader import BagReader
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.data.audit import FIELDS, Audit

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.bag.reading.reader import BagReader
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_eval.data.provenance import read_provenance
 from ssp_eval.observations.files import Footage, sealed_observation, write_observation
 from ssp_eval.observations.model import REASONS

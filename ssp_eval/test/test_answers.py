@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_core.chat import Reply
+from ssp_core.chat.client import Reply
 from ssp_eval.evaluate.store.answer_records import record_of
 from ssp_vla_bridge.backend import make_backend, respond
 from ssp_vla_bridge.messages import EgoSample, Frame, Request

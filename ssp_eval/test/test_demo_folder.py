@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_eval.demo import MARKER, own_folder
 from ssp_eval.demo_plan import Step
 

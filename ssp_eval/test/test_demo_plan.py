@@ -8,7 +8,7 @@ import click
 import pytest
 
 from ssp_core.cli import cli
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_eval import demo_plan as plan
 from ssp_eval.demo import MADE
 from ssp_scenario_manager.event_spec.load import load_event, write_event

@@ -11,7 +11,7 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder
+from ssp_core.files.folders import make_folder
 from ssp_eval.importers import target
 from ssp_eval.statistics.rows import COLUMNS
 from support.full_disk import largest_file
@@ -116,7 +116,7 @@ def test_what_stands_in_the_way_is_named(tmp_path: Path, monkeypatch: pytest.Mon
             make_folder(path)
         assert caught.value.file == str(path)
     # Root may write anywhere, so the system's answer stands in for a missing permission.
-    monkeypatch.setattr("ssp_core.files.os.access", lambda path, mode: False)
+    monkeypatch.setattr("ssp_core.files.folders.os.access", lambda path, mode: False)
     with pytest.raises(InputError, match="can't be written to; name another"):
         make_folder(tmp_path)
 

@@ -11,7 +11,7 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.run_file.shortlist import Limits, ListedEvent, Shortlist, load_candidate
 from ssp_eval.evaluate.campaign import run_campaign

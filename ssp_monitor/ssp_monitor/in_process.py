@@ -23,8 +23,8 @@ from ssp_core.carla.record import encode_server
 from ssp_core.cdr.references import encode_ack
 from ssp_core.cdr.states import StateArray, encode_state, encode_states
 from ssp_core.cdr.steps import Heartbeat, WorldTick, encode_clock, encode_heartbeat, encode_tick
+from ssp_core.closing import Closing
 from ssp_core.errors import SspError
-from ssp_core.files import Closing
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import SessionPhase

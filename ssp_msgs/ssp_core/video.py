@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ssp_core.closing import Closing
 from ssp_core.errors import InputError
-from ssp_core.files import Closing
 
 # OpenCV and the FFmpeg inside it write to standard error on their own; our message says what is
 # wrong. FFmpeg's level is read when a file is opened.

@@ -24,7 +24,7 @@ from ssp_core.compiled import (
     use_compiled,
 )
 from ssp_core.errors import HostError
-from ssp_core.files import remove_folder
+from ssp_core.files.folders import remove_folder
 
 ROOT = Path(__file__).parents[2]
 SOURCE = b"VALUE = 'interpreted'\n"

@@ -13,7 +13,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from ssp_core.errors import InputError
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_scenario_manager.compile.targets.folder import Mode, prepare_run
 
 

@@ -13,10 +13,10 @@ from operator import index
 from pathlib import Path
 from typing import Any, Protocol
 
-from ssp_core.answer_text import Ending, ending
+from ssp_core.chat.answer_text import Ending, ending
 from ssp_core.credentials import check_key, is_http_address
 from ssp_core.errors import InputError, PeerError, SspError
-from ssp_core.files import parse_strict
+from ssp_core.files.strict_json import parse_strict
 from ssp_vla_bridge.messages import (
     Answer,
     ErrorCode,

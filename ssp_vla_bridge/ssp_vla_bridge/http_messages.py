@@ -21,7 +21,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Strict, TypeAdapter
 
 from ssp_core.errors import InputError
-from ssp_core.files import check_characters
+from ssp_core.files.reading import check_characters
 from ssp_vla_bridge.messages import Answer, NativeArray, Request, of_schema, read_json
 
 HTTP_SCHEMA = "ssp.vla_http/1"

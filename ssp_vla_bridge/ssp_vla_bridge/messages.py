@@ -28,8 +28,8 @@ from pydantic import (
 )
 
 from ssp_core.errors import InputError
+from ssp_core.files.model_errors import field_path
 from ssp_core.hashing import sha256_bytes
-from ssp_core.model_errors import field_path
 from ssp_core.vocabulary import CONFLICTS, LAT_ACTIONS, LON_ACTIONS, MOTIONS, OBJECTS, POSITIONS
 
 

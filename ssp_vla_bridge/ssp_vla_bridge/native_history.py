@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ssp_core.answer_text import split_answer
+from ssp_core.chat.answer_text import split_answer
 from ssp_vla_bridge.messages import EgoSample, Request, Response
 
 STEP_S = 0.5  # of all three systems: 2 Hz, as in nuScenes

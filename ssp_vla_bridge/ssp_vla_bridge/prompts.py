@@ -14,7 +14,7 @@ from typing import Any
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.files import read_mapping
+from ssp_core.files.reading import read_mapping
 from ssp_core.hashing import sha256_json
 from ssp_vla_bridge.backend import SERVICES, interface_of, is_blind
 from ssp_vla_bridge.messages import DrivingTask, Request

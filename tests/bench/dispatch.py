@@ -44,7 +44,7 @@ from track import (
 
 from ssp_core import names, ros
 from ssp_core.cdr.references import encode_reference
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_core.geometry import Polyline
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment

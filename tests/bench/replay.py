@@ -17,7 +17,7 @@ from measure import report
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.states import encode_state
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.clients.model_client import InProcessClients

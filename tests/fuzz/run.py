@@ -39,7 +39,7 @@ FOLLOWED = {
     "answer": _BRIDGE,
     "response": _BRIDGE,
     "extract": ("ssp_eval.extract",),
-    "reply": ("ssp_eval.extract.llm", "ssp_core.files"),
+    "reply": ("ssp_eval.extract.llm", "ssp_core.files.reading"),
 }
 
 

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ssp_core.chat import OpenAIChat, Policy
+from ssp_core.chat.client import OpenAIChat, Policy
 from ssp_eval.data.records import SLOT_NAMES
 from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.extract import extract

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.compile.task import RUN_FILE, load_task
 from ssp_scenario_manager.maps.site import LIBRARY

@@ -11,7 +11,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
-from ssp_core.chat import OpenAIChat, Policy
+from ssp_core.chat.client import OpenAIChat, Policy
 from ssp_eval.extract.combined.extractor import Extractor
 
 TEXT = "A velocipede wobbles along up the road from us. We take the pace out."

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_core.run_file.driven import COMMANDED
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.run import feasibility

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.twins.files import (
     SET_FILE,

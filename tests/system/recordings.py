@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.cli import main
-from ssp_core.files import make_folder, write_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_text
 from ssp_core.run_file.model import load_run
 from ssp_scenario_manager.compile.changes import value_at, with_value
 from ssp_scenario_manager.event_spec.load import load_event

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from ssp_core.bag.reading.reader import BagReader
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.run_file.model import load_run
 from ssp_eval.audit.judge import judge

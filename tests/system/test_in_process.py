@@ -21,7 +21,7 @@ from rosbags.highlevel import AnyReader
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import typestore
 from ssp_core.cdr.messages import object_state
-from ssp_core.files import make_folder
+from ssp_core.files.folders import make_folder
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.arming import ARM_FAILED

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
-from ssp_core.files import TAKEN_FILE, taken_folder
+from ssp_core.files.folders import TAKEN_FILE, taken_folder
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.safety.object_rules import rules_of
 from tests.support.bags import messages

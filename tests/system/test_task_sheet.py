@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from ssp_core.cli import main
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_scenario_manager.compile.targets.task_sheet import sheet
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.event_spec.load import write_event

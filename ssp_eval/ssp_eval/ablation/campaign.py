@@ -18,7 +18,8 @@ import ssp_ot_controller
 import ssp_scenario_manager
 from ssp_core import __version__
 from ssp_core.errors import InputError
-from ssp_core.files import read_mapping, write_json, write_text
+from ssp_core.files.reading import read_mapping
+from ssp_core.files.writing import write_json, write_text
 from ssp_core.hashing import sha256_file, sha256_sources
 from ssp_core.run_file.model import RunSpec
 from ssp_eval.ablation.ground import (

@@ -11,7 +11,7 @@ from rich.progress import Progress
 from rich.table import Table as Shown
 
 from ssp_core import console
-from ssp_core.files import new_files, taken_folder
+from ssp_core.files.folders import new_files, taken_folder
 from ssp_core.options import WholeNumber
 from ssp_eval.ablation.campaign import Plan, Realisation, run_ablation
 from ssp_eval.ablation.figure import figures

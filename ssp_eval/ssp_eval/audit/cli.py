@@ -12,7 +12,8 @@ from rich.table import Table
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import taken_folder, write_json, write_text
+from ssp_core.files.folders import taken_folder
+from ssp_core.files.writing import write_json, write_text
 from ssp_eval.audit.judge import ACCEPTED, judge_files
 from ssp_eval.audit.page import draw, render
 from ssp_eval.data.audit import AUDIT_FILE, HARDLY_VISIBLE_PX, PAGE_FILE, Audit, RecordingEntry

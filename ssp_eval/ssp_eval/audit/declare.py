@@ -12,7 +12,7 @@ from ssp_core import console
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.seals.declaration import SCHEMA, day_of, load_declaration, seal_declaration
 from ssp_core.errors import InputError
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_core.host.terminal import pasteable
 from ssp_core.names import absolute, declared_topic
 from ssp_core.run_file.participation import ParticipantKind

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_core.files import load_model
+from ssp_core.files.reading import load_model
 from ssp_core.run_file.values import Strict
 
 

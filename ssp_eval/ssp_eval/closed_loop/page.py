@@ -10,7 +10,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.templates import templates

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_json_line
+from ssp_core.files.strict_json import parse_json_line
 from ssp_core.run_file.latency import Latency
 from ssp_eval.closed_loop.folder import LoopCampaign
 from ssp_eval.extract.combined.extractor import Extractor

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import load_model
+from ssp_core.files.reading import load_model
 from ssp_core.run_file.values import Finite, NonNegative, Strict
 from ssp_core.vocabulary import DOMAINS, DomainWord, PhaseWord
 from ssp_eval.data.response import ResponseEntry

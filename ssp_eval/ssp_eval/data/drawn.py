@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 
 from ssp_core.bag.reading.reader import BagReader
-from ssp_core.files import parse_mapping, parse_model
+from ssp_core.files.reading import parse_mapping, parse_model
 from ssp_core.run_file.values import Strict
 
 DRAWN_SCHEMA: Literal["ssp.drawn/1"] = "ssp.drawn/1"

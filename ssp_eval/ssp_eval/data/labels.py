@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, RootModel, Strict
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, parse_value, read_text
+from ssp_core.files.reading import parse_model, parse_value, read_text
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.quantities import quantity_of
 from ssp_core.vocabulary import (

@@ -17,7 +17,7 @@ from ssp_core.bag.seals.verdict import check_verdict
 from ssp_core.carla.record import CarlaPlantRecord, CarlaScene
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.errors import InputError
-from ssp_core.files import parse_mapping, parse_model
+from ssp_core.files.reading import parse_mapping, parse_model
 from ssp_core.hashing import sha256_file
 from ssp_core.names import CAMERA_RENDERER, SESSION_STATE, WORLD_PLANT, absolute
 from ssp_core.run_file.model import RunSpec

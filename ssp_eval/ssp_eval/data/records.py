@@ -14,7 +14,8 @@ from pydantic import RootModel, Strict, ValidationError, with_config
 from typing_extensions import TypedDict
 
 from ssp_core.errors import InputError
-from ssp_core.files import Model, parse_json_line, parse_model, read_text
+from ssp_core.files.reading import Model, parse_model, read_text
+from ssp_core.files.strict_json import parse_json_line
 from ssp_core.vocabulary import (
     CONFLICTS,
     LAT_ACTIONS,

@@ -12,7 +12,7 @@ from ssp_core.carla.probe_report import CarlaProbeReport, load_report
 from ssp_core.carla.record import CarlaPlantRecord, CarlaScene
 from ssp_core.cdr.codec import START, read_text
 from ssp_core.errors import InputError
-from ssp_core.files import parse_mapping, parse_model
+from ssp_core.files.reading import parse_mapping, parse_model
 from ssp_core.hashing import sha256_file
 from ssp_core.names import absolute
 

@@ -13,7 +13,7 @@ from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.carla.record import CarlaScene, encode_server
 from ssp_core.cdr.images import COMPRESSED_TYPE
 from ssp_core.cdr.messages import peek_stamp_ns
-from ssp_core.files import new_folder
+from ssp_core.files.folders import new_folder
 from ssp_core.names import CAMERA_RENDERER, absolute
 from ssp_core.run_file.verdict import VERDICT_FILE
 from ssp_core.world.camera import intrinsics

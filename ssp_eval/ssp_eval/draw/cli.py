@@ -15,7 +15,8 @@ from ssp_core.carla.acceptance import opendrive_sha256, read_map
 from ssp_core.carla.address import SCHEME, CarlaAddress, parse_address
 from ssp_core.carla.record import CarlaScene
 from ssp_core.errors import InputError, PeerError
-from ssp_core.files import parse_model, taken_folder
+from ssp_core.files.folders import taken_folder
+from ssp_core.files.reading import parse_model
 from ssp_core.hashing import sha256_file
 from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Redrawing
 from ssp_eval.data.provenance import bag_folder, find_bag, read_provenance

@@ -13,7 +13,8 @@ from pydantic import ConfigDict, Field
 
 from ssp_core.carla.record import CarlaScene, with_bodies
 from ssp_core.errors import InputError
-from ssp_core.files import load_model, write_bytes, write_json
+from ssp_core.files.reading import load_model
+from ssp_core.files.writing import write_bytes, write_json
 from ssp_core.run_file.values import Strict
 from ssp_eval.data.drawn import Digest
 

@@ -14,7 +14,7 @@ from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.cdr.steps import decode_tick
 from ssp_core.clock import NS_PER_S, seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
+from ssp_core.files.reading import parse_model
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
 from ssp_core.run_file.model import Camera, Look

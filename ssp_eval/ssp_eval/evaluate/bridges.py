@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import ssp_core
+from ssp_core.closing import Closing
 from ssp_core.errors import HostError
-from ssp_core.files import Closing
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import adopted, session_environment
 from ssp_core.host.processes import NodeProcess, ProcessGroup

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, taken_folder
+from ssp_core.files.folders import make_folder, taken_folder
 from ssp_core.hashing import sha256_file
 from ssp_eval.data.labels import Labels, compare_by_scenario, load_labels
 from ssp_eval.data.provenance import SAFE_NAME, bag_folder, beside_bag, find_labels

@@ -13,7 +13,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ssp_core.files import make_folder, write_json, write_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_json, write_text
 from ssp_core.hashing import sha256_file
 from ssp_eval.data.labels import Labels, labels_to_json
 from ssp_eval.data.records import record_to_json

@@ -14,7 +14,7 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import read_json_mapping
+from ssp_core.files.reading import read_json_mapping
 from ssp_core.options import Number, WholeNumber
 from ssp_eval.evaluate.clients.models import (
     ANSWERERS,

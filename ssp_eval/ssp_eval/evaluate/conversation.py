@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ssp_core.errors import PeerError
-from ssp_core.files import write_bytes
+from ssp_core.files.writing import write_bytes
 from ssp_core.hashing import sha256_json
 from ssp_eval.data.labels import labels_to_json
 from ssp_eval.evaluate.clients.model_client import ModelClient, ModelClients

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.files import read_mapping
+from ssp_core.files.reading import read_mapping
 from ssp_core.world.driver import RecordedAnswer, SeeingDriver
 from ssp_eval.evaluate.clients.models import (
     CONTROLS,

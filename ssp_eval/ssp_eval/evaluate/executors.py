@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core import console
+from ssp_core.closing import Closing
 from ssp_core.errors import HostError, InputError, SspError
-from ssp_core.files import Closing
 from ssp_core.host.children import die_with_parent
 from ssp_core.host.ray_cluster import first_line, import_ray, joined
 from ssp_core.host.terminal import ignore_stop_signals

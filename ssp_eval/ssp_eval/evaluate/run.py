@@ -11,7 +11,7 @@ from rich.table import Table
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import taken_folder
+from ssp_core.files.folders import taken_folder
 from ssp_core.host.ray_cluster import import_ray
 from ssp_core.host.terminal import pasteable
 from ssp_core.vocabulary import PHASES

@@ -13,9 +13,9 @@ import click
 from pydantic import StrictInt
 
 from ssp_core import console
-from ssp_core.answer_text import AnswerText, split_answer
+from ssp_core.chat.answer_text import AnswerText, split_answer
 from ssp_core.errors import InputError, not_read
-from ssp_core.files import MAX_TEXT_BYTES, refuse_named_pipe
+from ssp_core.files.reading import MAX_TEXT_BYTES, refuse_named_pipe
 from ssp_core.hashing import sha256_file
 from ssp_core.options import WholeNumber
 from ssp_core.run_file.values import Strict

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from ssp_core.answer_text import plain_width
+from ssp_core.chat.answer_text import plain_width
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.asserted.blanked import asserted

@@ -20,7 +20,7 @@ from typing import Any, Literal, NamedTuple, Self, get_args
 from pydantic import model_validator
 
 from ssp_core.errors import InputError
-from ssp_core.files import read_text
+from ssp_core.files.reading import read_text
 from ssp_core.proportion import wilson_interval
 from ssp_core.run_file.values import Strict
 from ssp_core.vocabulary import OBJECTS

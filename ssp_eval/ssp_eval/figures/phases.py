@@ -9,7 +9,7 @@ import cv2
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from ssp_core.files import make_folder
+from ssp_core.files.folders import make_folder
 from ssp_core.vocabulary import DOMAINS, PHASES
 from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.figures.moments import RIGHT, WRONG, CellMoments, Moment, cell_moments

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, write_bytes, write_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_bytes, write_text
 from ssp_eval.figures.scores import Scores
 from ssp_eval.statistics.notices import caption_text
 from ssp_eval.statistics.rows import CellRow

@@ -25,8 +25,9 @@ from ssp_core.bag.seals.seal import Seal, check_unaltered, read_seal
 from ssp_core.bag.types import TypeDefinition, store_from
 from ssp_core.cdr.messages import leading_stamp_ns
 from ssp_core.clock import ns_to_seconds
+from ssp_core.closing import Closing
 from ssp_core.errors import InputError
-from ssp_core.files import Closing, read_mapping
+from ssp_core.files.reading import read_mapping
 from ssp_core.geodesy import Datum
 from ssp_core.geometry import yaw_of
 from ssp_core.hashing import sha256_file, sha256_json

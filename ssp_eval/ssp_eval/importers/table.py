@@ -17,7 +17,7 @@ import numpy as np
 from ssp_core.clock import seconds_to_ns
 from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
-from ssp_core.files import read_text
+from ssp_core.files.reading import read_text
 from ssp_core.geometry import FloatArray
 from ssp_core.motion.state import DEFAULT_SIZES, Size
 from ssp_core.vocabulary import OBJECTS, ObjectClass

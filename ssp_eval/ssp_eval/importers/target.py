@@ -22,7 +22,7 @@ from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.states import encode_state
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
-from ssp_core.files import new_folder
+from ssp_core.files.folders import new_folder
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import TF_STATIC, VUT_ID
 from ssp_core.world.camera import Intrinsics, Mounting

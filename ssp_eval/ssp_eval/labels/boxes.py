@@ -16,7 +16,9 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import object_state, peek_stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, parse_model, read_mapping, write_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.reading import parse_model, read_mapping
+from ssp_core.files.writing import write_text
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute
 from ssp_core.run_file.model import Camera

@@ -10,7 +10,9 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import load_model, make_folder, read_mapping, write_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.reading import load_model, read_mapping
+from ssp_core.files.writing import write_text
 from ssp_core.host.terminal import pasteable
 from ssp_core.options import Number
 from ssp_core.vocabulary import PHASES

@@ -15,7 +15,7 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder
+from ssp_core.files.folders import make_folder
 from ssp_core.hashing import sha256_file
 from ssp_core.host.terminal import pasteable
 from ssp_core.options import Domain, Number

@@ -10,7 +10,8 @@ from typing import Any
 
 from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
-from ssp_core.files import read_mapping, write_json
+from ssp_core.files.reading import read_mapping
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_bytes, sha256_file
 from ssp_core.vocabulary import (
     CONFLICTS,

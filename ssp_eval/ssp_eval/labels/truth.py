@@ -14,7 +14,8 @@ from pydantic import ConfigDict, Field
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, parse_strict, read_text
+from ssp_core.files.reading import parse_model, read_text
+from ssp_core.files.strict_json import parse_strict
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.motion.state_series import StateSeries, between

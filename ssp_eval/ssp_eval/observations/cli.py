@@ -11,7 +11,8 @@ from rich.table import Table
 from ssp_core import console
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, write_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_text
 from ssp_core.host.terminal import pasteable
 from ssp_core.names import VUT_ID
 from ssp_core.options import Number

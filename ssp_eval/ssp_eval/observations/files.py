@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_mapping, write_json
+from ssp_core.files.reading import parse_model, read_mapping
+from ssp_core.files.writing import write_json
 from ssp_eval.data.provenance import bag_folder
 from ssp_eval.observations.model import Observation
 

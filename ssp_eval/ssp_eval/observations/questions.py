@@ -9,7 +9,7 @@ from itertools import permutations
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from ssp_core.files import parse_value
+from ssp_core.files.reading import parse_value
 from ssp_core.run_file.values import Strict
 from ssp_core.templates import templates
 from ssp_core.vocabulary import MOTIONS, OBJECTS

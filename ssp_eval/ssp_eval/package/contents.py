@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from ssp_core.bag.pictures.frames import Frames
 from ssp_core.bag.reading.reader import BagReader, bag_files
 from ssp_core.errors import InputError
-from ssp_core.files import Model, parse_mapping, parse_model
+from ssp_core.files.reading import Model, parse_mapping, parse_model
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.run_file.model import RunSpec

@@ -9,7 +9,8 @@ from typing import Any
 
 from ssp_core.bag.seals.declaration import DECLARATION_FILE
 from ssp_core.errors import InputError
-from ssp_core.files import parse_json_line, parse_model
+from ssp_core.files.reading import parse_model
+from ssp_core.files.strict_json import parse_json_line
 from ssp_core.hashing import sha256_bytes
 from ssp_eval.data.audit import Audit, RecordingEntry
 from ssp_eval.data.labels import Labels, parse_labels

@@ -13,7 +13,9 @@ from typing import Any
 
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.errors import InputError
-from ssp_core.files import check_folder, parse_mapping, parse_model, write_text
+from ssp_core.files.folders import check_folder
+from ssp_core.files.reading import parse_mapping, parse_model
+from ssp_core.files.writing import write_text
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_eval.data.provenance import RUN_ATTACHMENT
 from ssp_scenario_manager.compile.changes import (

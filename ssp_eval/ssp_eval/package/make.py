@@ -16,14 +16,9 @@ from typing import Any
 from ssp_core import __version__
 from ssp_core.bag.metadata import ROOT_KEY
 from ssp_core.errors import HostError, InputError, not_read
-from ssp_core.files import (
-    MAX_TEXT_BYTES,
-    check_folder,
-    parse_mapping,
-    put_in_place,
-    scratch_beside,
-    write_bytes,
-)
+from ssp_core.files.folders import check_folder, put_in_place, scratch_beside
+from ssp_core.files.reading import MAX_TEXT_BYTES, parse_mapping
+from ssp_core.files.writing import write_bytes
 from ssp_core.hashing import sha256_bytes
 from ssp_eval.data.audit import SCHEMA as AUDIT_SCHEMA
 from ssp_eval.data.labels import SCHEMA as LABELS_SCHEMA

@@ -17,7 +17,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, ConfigDict, Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import check_folder, parse_model
+from ssp_core.files.folders import check_folder
+from ssp_core.files.reading import parse_model
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.values import Strict
 

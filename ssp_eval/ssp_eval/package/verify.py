@@ -15,7 +15,8 @@ from typing import Any
 
 from ssp_core import __version__
 from ssp_core.errors import InputError
-from ssp_core.files import check_folder, parse_model
+from ssp_core.files.folders import check_folder
+from ssp_core.files.reading import parse_model
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.page import PagePictures, draw, render
 from ssp_eval.audit.recording import Recording, read_recording

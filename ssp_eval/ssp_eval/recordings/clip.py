@@ -21,8 +21,8 @@ from ssp_core.bag.types import BagMessage
 from ssp_core.cdr.images import IMAGE_TYPES
 from ssp_core.cdr.messages import object_state, peek_stamp_ns
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.closing import Closing
 from ssp_core.errors import InputError, not_read
-from ssp_core.files import Closing
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import CAMERA_IMAGE, CAMERA_INFO, CAMERA_MOUNT, VUT_ID, absolute, state_topic
 from ssp_core.world.camera import Intrinsics, Mounting

@@ -19,7 +19,7 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import new_files
+from ssp_core.files.folders import new_files
 from ssp_core.geometry import Polyline, box_distance
 from ssp_core.hashing import sha256_file
 from ssp_core.motion.event import find_event, instants_of

@@ -17,7 +17,7 @@ from ssp_core.bag.reading.reader import BagReader, object_states
 from ssp_core.cdr.messages import object_state, peek_stamp_ns, stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError
-from ssp_core.files import Model, parse_mapping, parse_model
+from ssp_core.files.reading import Model, parse_mapping, parse_model
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Packed, Series, StateSeries
 from ssp_core.names import CAMERA_IMAGE, WORLD_TICK, absolute

@@ -11,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 from ssp_core import console
-from ssp_core.files import new_files, taken_folder
+from ssp_core.files.folders import new_files, taken_folder
 from ssp_core.options import WholeNumber
 from ssp_eval.causes.answers import CellAnswers
 from ssp_eval.causes.findings import answers_in, moved_by

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ssp_core import __version__
 from ssp_core.errors import InputError
-from ssp_core.files import parse_mapping, parse_model
+from ssp_core.files.reading import parse_mapping, parse_model
 from ssp_core.run_file.values import Strict
 from ssp_eval.evaluate.store.results import CellData, cell_files, load_cells
 from ssp_eval.report.page import write_report

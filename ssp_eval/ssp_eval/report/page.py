@@ -9,7 +9,8 @@ from pathlib import Path
 
 import jinja2
 
-from ssp_core.files import make_folder, write_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_text
 from ssp_core.hashing import sha256_file
 from ssp_eval.causes.answers import CellAnswers, asked, wanted_cells
 from ssp_eval.causes.findings import answers_in, compared

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ssp_core.files import load_model
+from ssp_core.files.reading import load_model
 from ssp_core.geometry import FloatArray
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.data.response import (

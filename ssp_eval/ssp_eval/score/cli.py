@@ -16,7 +16,7 @@ from rich.text import Text
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import check_folder
+from ssp_core.files.folders import check_folder
 from ssp_eval.score.columns import load_columns
 from ssp_eval.score.engine import score_columns
 from ssp_eval.score.metrics import COMPONENTS, RATIOS, CellMetrics

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ssp_core.files import read_text
+from ssp_core.files.reading import read_text
 from ssp_core.vocabulary import LAT_ACTIONS, LON_ACTIONS
 from ssp_eval.data.labels import Label, Labels, parse_labels_text
 from ssp_eval.data.records import (

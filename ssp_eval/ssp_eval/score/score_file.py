@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import ConfigDict, Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_json_mapping
+from ssp_core.files.reading import parse_model, read_json_mapping
 from ssp_core.run_file.values import NonNegative, Strict
 
 Count = Annotated[int, Field(ge=0, lt=2**63)]

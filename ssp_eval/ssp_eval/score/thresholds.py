@@ -12,7 +12,7 @@ import click
 from pydantic import Field, create_model
 
 from ssp_core.errors import InputError
-from ssp_core.files import load_model
+from ssp_core.files.reading import load_model
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.values import NonNegative, Positive, Strict
 from ssp_vla_bridge.trajectory import SUPPORT_END_S, TOLERANCE_S

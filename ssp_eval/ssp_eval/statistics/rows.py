@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model, model_validator
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_text
+from ssp_core.files.reading import parse_model, read_text
 from ssp_core.vocabulary import DOMAINS_READ, read_domain
 from ssp_eval.data.labels import LabelComparison, compare_by_scenario
 from ssp_eval.evaluate.clients.models import is_control_name

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from ssp_core import __version__, console
 from ssp_core.errors import InputError
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_core.hashing import sha256_file
 from ssp_core.options import Number, WholeNumber
 from ssp_core.run_file.shortlist import LeftOut, Limits, ListedEvent, Shortlist

@@ -7,7 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ssp_core import __version__
-from ssp_core.files import make_folder, write_json
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_json
 from ssp_eval.evaluate.store.results import CellData
 from ssp_eval.score.cell import STAGES
 from ssp_eval.score.cli import DISCLAIMER

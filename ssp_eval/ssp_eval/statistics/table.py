@@ -11,7 +11,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from ssp_core.files import new_files, write_text
+from ssp_core.files.folders import new_files
+from ssp_core.files.writing import write_text
 from ssp_eval.score.aggregate import Mean, domain_order
 from ssp_eval.score.cli import DISCLAIMER, NULL, format_response
 from ssp_eval.score.metrics import BY_NAME, DIAGNOSTIC, of_role

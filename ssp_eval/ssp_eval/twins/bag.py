@@ -20,7 +20,8 @@ from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.cdr.states import StateArray, decode_state, decode_states, encode_state, encode_states
 from ssp_core.cdr.steps import decode_tick, encode_tick
 from ssp_core.errors import InputError
-from ssp_core.files import new_folder, write_json
+from ssp_core.files.folders import new_folder
+from ssp_core.files.writing import write_json
 from ssp_core.motion.state import ObjectState
 from ssp_core.names import OBJECT_STATES, TF, absolute, state_topic
 from ssp_core.run_file.verdict import VERDICT_FILE

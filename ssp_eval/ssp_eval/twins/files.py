@@ -11,7 +11,8 @@ from pydantic import ConfigDict, Field
 
 from ssp_core.bag.reading.reader import BagReader, content_sha256
 from ssp_core.errors import InputError
-from ssp_core.files import load_model, write_json
+from ssp_core.files.reading import load_model
+from ssp_core.files.writing import write_json
 from ssp_core.run_file.values import Finite, Strict
 from ssp_core.vocabulary import ObjectWord
 from ssp_eval.data.provenance import TWIN_ATTACHMENT, bag_folder

@@ -10,7 +10,7 @@ import pytest
 
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
-from ssp_core.files import parse_mapping, parse_model
+from ssp_core.files.reading import parse_mapping, parse_model
 from ssp_core.run_file.model import RunSpec
 from ssp_eval.audit.examine import examine
 from ssp_eval.audit.judge import disclosures, order_remark

@@ -14,7 +14,7 @@ from observation_files import answers, changed, seal
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_core.files import write_json, write_text
+from ssp_core.files.writing import write_json, write_text
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import DOMAINS
 from ssp_eval.audit.judge import judge

@@ -14,7 +14,7 @@ from evaluation_files import CROP, audit_file, facts_of
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_file
 from ssp_eval.data.provenance import find_labels
 from ssp_eval.evaluate.campaign import run_campaign

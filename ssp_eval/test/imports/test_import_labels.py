@@ -8,7 +8,7 @@ import pytest
 from foreign_recordings import TrackDay, starts, truth, write_bag, write_table, write_video
 
 from ssp_core.cli import main
-from ssp_core.files import read_mapping
+from ssp_core.files.reading import read_mapping
 from ssp_eval.data.labels import load_labels
 from ssp_eval.labels.check import response_problems
 

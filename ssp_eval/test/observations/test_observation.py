@@ -12,7 +12,7 @@ import yaml
 from observation_files import NOW, answers, changed, footage_of, seal
 
 from ssp_core.errors import InputError
-from ssp_core.files import write_json, write_text
+from ssp_core.files.writing import write_json, write_text
 from ssp_core.run_file.model import load_run
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.recording import read_recording

@@ -12,7 +12,8 @@ import pytest
 from observation_files import answers, changed, footage_of, seal
 
 from ssp_core.cli import main
-from ssp_core.files import parse_value, write_json, write_text
+from ssp_core.files.reading import parse_value
+from ssp_core.files.writing import write_json, write_text
 from ssp_core.vocabulary import MOTIONS, OBJECTS
 from ssp_eval.observations.files import Footage, load_observations
 from ssp_eval.observations.model import REASONS, Answers, LaneWord, PlaceWord, RelationWord, leaves

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ssp_core.cli import main
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import PHASES
 from ssp_eval.audit.page import PagePictures

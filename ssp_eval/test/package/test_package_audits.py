@@ -12,7 +12,7 @@ import pytest
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_bytes
 from ssp_eval.evaluate.store.cell_file import sealed as sealed_cell
 from ssp_eval.package.make import make_package

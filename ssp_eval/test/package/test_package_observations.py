@@ -11,7 +11,7 @@ import pytest
 from observation_files import answers, seal
 
 from ssp_core.errors import InputError
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_eval.package.make import make_package
 from ssp_eval.package.model import load_table
 from ssp_eval.package.verify import verify_package

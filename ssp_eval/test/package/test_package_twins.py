@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ssp_core.errors import InputError
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.clients.model_client import InProcessClients
 from ssp_eval.evaluate.clients.models import bridge_spec

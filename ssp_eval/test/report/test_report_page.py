@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import Verdict
 from ssp_eval.evaluate.campaign import run_campaign

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from evaluation_files import audit_file
 
-from ssp_core.files import load_model, write_json
+from ssp_core.files.reading import load_model
+from ssp_core.files.writing import write_json
 from ssp_eval.audit.cli import response_lines
 from ssp_eval.data.audit import Audit, load_audit
 from ssp_eval.data.response import CurveEntry

@@ -22,7 +22,7 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.images import ImageMessage
 from ssp_core.console import note, out, progress
 from ssp_core.errors import HostError, InputError
-from ssp_core.files import new_folder
+from ssp_core.files.folders import new_folder
 from ssp_monitor.bag_tools.selection import chosen_span, chosen_topics, span_options
 from ssp_monitor.bag_tools.tables import CsvFile, Layout, layout_of
 

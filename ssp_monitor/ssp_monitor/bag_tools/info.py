@@ -25,7 +25,7 @@ from ssp_core.bag.writing.split import REPEATED_KEY
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.console import out
 from ssp_core.errors import InputError
-from ssp_core.files import parse_mapping
+from ssp_core.files.reading import parse_mapping
 from ssp_monitor.recorder.report import SCHEMA
 
 

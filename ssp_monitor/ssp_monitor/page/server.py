@@ -23,7 +23,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 from ssp_core import names
 from ssp_core.addresses import resolve
 from ssp_core.errors import HostError
-from ssp_core.files import parse_strict
+from ssp_core.files.strict_json import parse_strict
 from ssp_monitor.page.access import AccessRules, TokenBucket, bearer, same_token
 from ssp_monitor.page.viewers import Hub, Payload
 from ssp_monitor.status.board import Answer, StateOnPage

@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_value, read_mapping
+from ssp_core.files.reading import parse_value, read_mapping
 
 # A topic of a hundred publishers has 50,000.
 MAX_TEXT = 64 << 10

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ssp_core.carla.address import CarlaAddress, parse_address
 from ssp_core.errors import InputError
-from ssp_core.files import read_text
+from ssp_core.files.reading import read_text
 from ssp_core.hashing import sha256_bytes
 
 # The largest towns have some 100 MB.

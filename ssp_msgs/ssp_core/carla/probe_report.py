@@ -9,7 +9,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AwareDatetime, ConfigDict, Field
 
 from ssp_core.carla.frame import BodyBox
-from ssp_core.files import load_model, write_json
+from ssp_core.files.reading import load_model
+from ssp_core.files.writing import write_json
 from ssp_core.run_file.values import Finite, Strict
 
 PROBE_SCHEMA: Literal["ssp.carla_probe/1"] = "ssp.carla_probe/1"

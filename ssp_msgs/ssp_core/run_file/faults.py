@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import load_model
+from ssp_core.files.reading import load_model
 from ssp_core.run_file.model import Fault, FaultKind, LinkDisturbance, RunSpec
 from ssp_core.run_file.values import ObjectId, Strict
 

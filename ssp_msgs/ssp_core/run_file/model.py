@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from ssp_core.files import load_model
+from ssp_core.files.reading import load_model
 from ssp_core.run_file.driven import COMMANDED, Driven
 from ssp_core.run_file.participants import (
     Driver,

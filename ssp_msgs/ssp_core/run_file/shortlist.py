@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import load_model
+from ssp_core.files.reading import load_model
 from ssp_core.run_file.values import Finite, Strict
 
 SHORTLIST_SCHEMA: Literal["ssp.shortlist/1"] = "ssp.shortlist/1"

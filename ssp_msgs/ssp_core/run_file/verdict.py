@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_mapping, read_mapping
+from ssp_core.files.reading import parse_mapping, read_mapping
 from ssp_core.vocabulary import Verdict
 
 VERDICT_FILE = "verdict.json"

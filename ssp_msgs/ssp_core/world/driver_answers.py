@@ -13,7 +13,8 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from ssp_core.errors import InputError, not_written
-from ssp_core.files import parse_json_line, read_json, read_text
+from ssp_core.files.reading import read_json, read_text
+from ssp_core.files.strict_json import parse_json_line
 from ssp_core.world.driver import RecordedAnswer
 
 # Beside the run file of a session of several processes.

@@ -15,7 +15,7 @@ import cv2
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import HostError
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_core.motion.state import ObjectState
 from ssp_ot_controller.camera.frames import Odometer
 from ssp_ot_controller.camera.renderer.render import render

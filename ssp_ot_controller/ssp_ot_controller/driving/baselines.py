@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
+from ssp_core.files.reading import parse_model
 from ssp_core.geometry import FloatArray, Polyline
 from ssp_core.motion.encounter import corridor_half_m
 from ssp_core.motion.state import ObjectState

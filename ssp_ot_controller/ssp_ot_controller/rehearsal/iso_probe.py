@@ -15,7 +15,7 @@ from ssp_core import console
 from ssp_core.addresses import host_and_port
 from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
-from ssp_core.files import load_model
+from ssp_core.files.reading import load_model
 from ssp_core.geodesy import Datum, Place
 from ssp_core.geometry import Point, outline_problem
 from ssp_core.motion.state import Size

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import click
 
+from ssp_core.closing import Closing
 from ssp_core.errors import HostError
-from ssp_core.files import Closing
 from ssp_core.run_file.model import RunSpec
 from ssp_ot_controller.objects.rules import ObjectRules
 from ssp_ot_controller.rehearsal.iso_faults import FaultyObject

@@ -12,8 +12,8 @@ from typing import Any
 import click
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
+from ssp_core.closing import Closing
 from ssp_core.errors import HostError, InputError
-from ssp_core.files import Closing
 from ssp_core.geometry import Pose2
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from ssp_core.model_errors import field_path
+from ssp_core.files.model_errors import field_path
 from ssp_scenario_manager.checks.base import ORIGINS, Check, Failure
 from ssp_scenario_manager.event_spec.fields import Part, owner, split
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Event

@@ -12,7 +12,8 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import taken_folder, write_json, write_text
+from ssp_core.files.folders import taken_folder
+from ssp_core.files.writing import write_json, write_text
 from ssp_core.options import WholeNumber
 from ssp_scenario_manager.faults.campaign import (
     CellResult,

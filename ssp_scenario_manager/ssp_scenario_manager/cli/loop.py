@@ -12,7 +12,7 @@ import click
 from rich.progress import Progress
 
 from ssp_core import console
-from ssp_core.files import taken_folder
+from ssp_core.files.folders import taken_folder
 from ssp_core.host.locks import beside_measuring, measuring_alone
 from ssp_core.options import WholeNumber
 from ssp_scenario_manager.closed_loop.answers import repeated

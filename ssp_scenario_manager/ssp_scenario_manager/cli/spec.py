@@ -12,7 +12,8 @@ import click
 from ssp_core.cli import VerbGroup
 from ssp_core.console import note, visible
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, write_json, write_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_json, write_text
 from ssp_core.host.terminal import pasteable
 from ssp_scenario_manager.checks.base import Failure, summed_up
 from ssp_scenario_manager.checks.check import check_event

@@ -13,10 +13,11 @@ from pathlib import Path
 import click
 
 from ssp_core import console
-from ssp_core.chat import OpenAIChat, Policy
+from ssp_core.chat.client import OpenAIChat, Policy
 from ssp_core.credentials import check_key, is_http_address, without_userinfo
 from ssp_core.errors import InputError
-from ssp_core.files import read_mapping, taken_folder
+from ssp_core.files.folders import taken_folder
+from ssp_core.files.reading import read_mapping
 from ssp_core.options import Number, WholeNumber
 from ssp_scenario_manager.checks.check import UndecidedField, check_event
 from ssp_scenario_manager.event_spec.load import load_event, write_event

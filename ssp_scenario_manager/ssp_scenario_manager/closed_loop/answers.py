@@ -13,7 +13,8 @@ from typing import Annotated, Literal
 from pydantic import FailFast, TypeAdapter, ValidationError
 
 from ssp_core.errors import InputError
-from ssp_core.files import read_json, write_text
+from ssp_core.files.reading import read_json
+from ssp_core.files.writing import write_text
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.driven import Driven
 from ssp_core.world.driver import LatencyParts, RecordedAnswer

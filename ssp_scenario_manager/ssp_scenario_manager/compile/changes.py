@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
-from ssp_core.files import parse_value as parse_yaml
+from ssp_core.files.reading import parse_model
+from ssp_core.files.reading import parse_value as parse_yaml
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.compile.task import as_live
 from ssp_scenario_manager.event_spec.fields import get, has, join, leaves, put, split

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
+from ssp_core.files.reading import parse_model
 from ssp_core.hashing import sha256_bytes
 from ssp_core.run_file.shortlist import load_candidate
 from ssp_scenario_manager.checks.base import Failure

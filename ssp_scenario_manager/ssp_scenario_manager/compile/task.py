@@ -12,7 +12,9 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from ssp_core.errors import InputError
-from ssp_core.files import TAKEN_FILE, load_model, taken_folder, write_bytes
+from ssp_core.files.folders import TAKEN_FILE, taken_folder
+from ssp_core.files.reading import load_model
+from ssp_core.files.writing import write_bytes
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import Limits, LinkDisturbance, RunSpec
 from ssp_core.run_file.road import CurvePiece, Lane

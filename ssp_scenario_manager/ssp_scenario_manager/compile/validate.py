@@ -8,7 +8,7 @@ from pathlib import Path
 from ssp_core.bag.operations.check import check_bag
 from ssp_core.bag.reading.reader import BagReader, bag_files
 from ssp_core.errors import InputError
-from ssp_core.files import Model, parse_mapping, parse_model, read_mapping
+from ssp_core.files.reading import Model, parse_mapping, parse_model, read_mapping
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_core.names import PHASE_EVENT, SAFETY_EVENT, SESSION_STATE, absolute
 from ssp_core.run_file.model import RunSpec

@@ -12,7 +12,8 @@ from typing import Any
 import yaml
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_mapping, write_text
+from ssp_core.files.reading import parse_model, read_mapping
+from ssp_core.files.writing import write_text
 from ssp_core.hashing import sha256_json
 from ssp_scenario_manager.event_spec.fields import (
     ROAD_FIELD,

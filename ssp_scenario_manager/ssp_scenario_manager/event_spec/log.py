@@ -13,7 +13,9 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, ConfigDict, Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import check_characters, make_folder, parse_model, parse_strict, read_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.reading import check_characters, parse_model, read_text
+from ssp_core.files.strict_json import parse_strict
 from ssp_core.run_file.values import Strict
 
 LOG_FILE = "log.jsonl"

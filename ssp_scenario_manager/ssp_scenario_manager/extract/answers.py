@@ -8,12 +8,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 
-from ssp_core.answer_text import split_answer
-from ssp_core.chat import BrokenOff, NoCompletion, read_completion
+from ssp_core.chat.answer_text import split_answer
+from ssp_core.chat.client import BrokenOff, NoCompletion, read_completion
 from ssp_core.errors import PeerError
-from ssp_core.files import parse_strict
+from ssp_core.files.model_errors import field_path
+from ssp_core.files.strict_json import parse_strict
 from ssp_core.hashing import canonical_json
-from ssp_core.model_errors import field_path
 from ssp_core.names import VUT_ID
 from ssp_scenario_manager.event_spec.model import UNRESOLVED
 from ssp_scenario_manager.extract.questions import (

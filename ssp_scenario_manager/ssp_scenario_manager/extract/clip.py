@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import load_model
+from ssp_core.files.reading import load_model
 from ssp_core.hashing import sha256_file
 from ssp_core.run_file.values import Strict
 from ssp_core.video import Video, VideoFrame, VideoInfo

@@ -7,9 +7,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ssp_core.chat import Chat
+from ssp_core.chat.client import Chat
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, write_json
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_json
 from ssp_scenario_manager.checks.base import Failure
 from ssp_scenario_manager.checks.check import UndecidedField, contradictions, undecided
 from ssp_scenario_manager.event_spec.load import event_version, write_event

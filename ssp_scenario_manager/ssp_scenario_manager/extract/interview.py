@@ -13,9 +13,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
 
-from ssp_core.chat import Chat
+from ssp_core.chat.client import Chat
 from ssp_core.errors import InputError, PeerError, not_read
-from ssp_core.files import load_model, make_folder, write_bytes, write_json
+from ssp_core.files.folders import make_folder
+from ssp_core.files.reading import load_model
+from ssp_core.files.writing import write_bytes, write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.values import Strict

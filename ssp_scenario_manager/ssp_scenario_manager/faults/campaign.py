@@ -10,7 +10,8 @@ from typing import Literal
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import HostError
-from ssp_core.files import make_folder, write_json, write_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_json, write_text
 from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Fault, RunSpec

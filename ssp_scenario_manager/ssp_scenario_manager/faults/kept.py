@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 from pydantic import ConfigDict, Field, model_validator
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_json_mapping
+from ssp_core.files.reading import parse_model, read_json_mapping
 from ssp_core.run_file.values import Finite, Strict
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_scenario_manager.run.faults import FAULTS_FILE, WITNESS_FILE

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, SerializerFunctionWrapHandler, Tag, model_serializer
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_mapping
+from ssp_core.files.reading import parse_model, read_mapping
 from ssp_core.geometry import outline_problem
 from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import DEFAULT_SIZES

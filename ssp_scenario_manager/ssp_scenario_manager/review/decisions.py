@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_value
+from ssp_core.files.reading import parse_value
 from ssp_scenario_manager.checks.base import Failure
 from ssp_scenario_manager.checks.check import check_event, frames_of, is_unresolved
 from ssp_scenario_manager.event_spec.fields import ROAD_FIELD, get, owner, put, show, within

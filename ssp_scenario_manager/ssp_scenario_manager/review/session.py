@@ -13,7 +13,8 @@ import click
 
 from ssp_core import console
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, write_bytes, write_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_bytes, write_text
 from ssp_core.hashing import sha256_bytes, sha256_file
 from ssp_scenario_manager.checks.base import Failure, View
 from ssp_scenario_manager.checks.check import (

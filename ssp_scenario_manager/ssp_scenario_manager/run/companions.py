@@ -16,7 +16,7 @@ from typing import Any
 from ssp_core import names
 from ssp_core.credentials import TOKEN_VARIABLE, check_token
 from ssp_core.errors import InputError
-from ssp_core.files import parse_strict
+from ssp_core.files.strict_json import parse_strict
 from ssp_core.host.processes import NodeProcess, ProcessGroup
 from ssp_core.run_file.verdict import EndWord
 

@@ -18,7 +18,7 @@ from ssp_core.bag.seals.verdict import leave_verdict
 from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import PeerError
-from ssp_core.files import write_bytes
+from ssp_core.files.writing import write_bytes
 from ssp_core.hashing import sha256_bytes
 from ssp_core.motion.event import PhaseBegan
 from ssp_core.motion.passing import Passing

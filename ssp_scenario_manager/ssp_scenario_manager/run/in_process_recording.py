@@ -7,7 +7,7 @@ from pathlib import Path
 from ssp_core import names
 from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.cdr.references import encode_reference
-from ssp_core.files import Closing
+from ssp_core.closing import Closing
 from ssp_core.motion.event import PhaseBegan
 from ssp_core.motion.reference import Reference
 from ssp_core.run_file.model import RunSpec

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.session.run_script import RunOutcome
 

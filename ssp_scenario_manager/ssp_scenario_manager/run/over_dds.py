@@ -21,7 +21,7 @@ from ssp_core.bag.seals.verdict import leave_verdict
 from ssp_core.carla.acceptance import ServerOfRun
 from ssp_core.compiled import core_in_use
 from ssp_core.errors import HostError, InputError, SspError
-from ssp_core.files import write_json, write_text
+from ssp_core.files.writing import write_json, write_text
 from ssp_core.host.domains import folder_of_domains, free_domain
 from ssp_core.host.environment import live_environment, session_environment
 from ssp_core.host.processes import ProcessGroup

@@ -27,7 +27,9 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.compiled import core_in_use
 from ssp_core.decimals import decimal, whole_number
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, taken_folder, write_json, write_text
+from ssp_core.files.folders import taken_folder
+from ssp_core.files.reading import parse_model
+from ssp_core.files.writing import write_json, write_text
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.vocabulary import Phase

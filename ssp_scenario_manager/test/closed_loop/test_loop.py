@@ -25,7 +25,7 @@ import yaml
 from click.testing import CliRunner
 
 from ssp_core.errors import HostError, InputError
-from ssp_core.files import make_folder
+from ssp_core.files.folders import make_folder
 from ssp_core.hashing import sha256_file
 from ssp_core.host.ray_cluster import ADDRESS, import_ray
 from ssp_core.run_file.model import load_run

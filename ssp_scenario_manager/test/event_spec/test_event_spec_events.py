@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_value
+from ssp_core.files.reading import parse_value
 from ssp_scenario_manager.checks.check import check_event
 from ssp_scenario_manager.event_spec.fields import (
     UNITS,

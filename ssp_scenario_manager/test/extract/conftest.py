@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ssp_core.chat import OpenAIChat
+from ssp_core.chat.client import OpenAIChat
 from ssp_scenario_manager.cli import spec_extract as extract_cli
 from tests.support.extraction import Extraction, Server, make_video
 

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from ssp_core.cli import main
-from ssp_core.files import write_json, write_text
+from ssp_core.files.writing import write_json, write_text
 from ssp_core.run_file.model import Fault, RunSpec
 from ssp_scenario_manager.faults import campaign
 from ssp_scenario_manager.faults.campaign import FaultScenario, run_cells

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ssp_core.answer_text import Ending, ending, split_answer
+from ssp_core.chat.answer_text import Ending, ending, split_answer
 from ssp_vla_bridge.messages import Response
 from ssp_vla_bridge.trajectory import Trajectory
 

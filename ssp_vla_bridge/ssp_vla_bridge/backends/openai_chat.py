@@ -12,8 +12,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ssp_core.answer_text import Ending, ending, split_answer
-from ssp_core.chat import (
+from ssp_core.chat.answer_text import Ending, ending, split_answer
+from ssp_core.chat.client import (
     BrokenOff,
     Completion,
     NoAnswer,

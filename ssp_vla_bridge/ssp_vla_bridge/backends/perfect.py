@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError, PeerError
-from ssp_core.files import load_model
+from ssp_core.files.reading import load_model
 from ssp_core.vocabulary import (
     ConflictWord,
     LatWord,

@@ -13,7 +13,7 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.clock import ns_to_seconds
 from ssp_core.errors import InputError, PeerError, not_read
-from ssp_core.files import parse_json_line
+from ssp_core.files.strict_json import parse_json_line
 from ssp_vla_bridge.backend import check_options
 from ssp_vla_bridge.messages import (
     Answer,

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 from pydantic import Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
+from ssp_core.files.reading import parse_model
 from ssp_core.run_file.values import Strict
 
 # Of the motion and the frames that precede the first question.

@@ -6,7 +6,7 @@ import ssl
 from pathlib import Path
 
 from ssp_core.errors import InputError
-from ssp_core.files import refuse_named_pipe
+from ssp_core.files.reading import refuse_named_pipe
 
 
 def read_certificates(file: str, field: str) -> bytes:

@@ -8,8 +8,8 @@ from contextlib import suppress
 
 import pytest
 
-from ssp_core.chat import NoAnswer, OpenAIChat, Policy
-from ssp_core.chat_transport import FailedRequest, Failure, Received, exchange, retry_after_s
+from ssp_core.chat.client import NoAnswer, OpenAIChat, Policy
+from ssp_core.chat.transport import FailedRequest, Failure, Received, exchange, retry_after_s
 
 MIB = 1 << 20
 REQUEST = {"model": "m", "messages": [{"role": "user", "content": [{"type": "text", "text": ""}]}]}

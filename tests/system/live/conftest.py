@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 import ssp_core
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_core.host.domains import free_domain
 from ssp_core.run_file.values import SiteDatum
 from ssp_scenario_manager.compile.changes import differences

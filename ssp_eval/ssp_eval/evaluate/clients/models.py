@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_mapping
+from ssp_core.files.reading import parse_model, read_mapping
 from ssp_core.run_file.values import Strict
 from ssp_vla_bridge.adapters.registry import check_adapter
 from ssp_vla_bridge.backend import (

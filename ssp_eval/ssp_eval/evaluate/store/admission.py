@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, write_bytes
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_bytes
 from ssp_core.hashing import sha256_file
 from ssp_eval.data.audit import AUDIT_FILE, PAGE_FILE, Audit, RecordingEntry, load_audit
 from ssp_eval.data.provenance import Provenance

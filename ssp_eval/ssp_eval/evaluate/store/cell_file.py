@@ -12,7 +12,7 @@ from typing import Any
 
 from ssp_core import RULES_VERSION, __version__
 from ssp_core.errors import InputError, not_written
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_eval.data.labels import Labels, phase_counts
 from ssp_eval.evaluate.clients.model_replies import (

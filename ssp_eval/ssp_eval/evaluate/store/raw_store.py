@@ -17,7 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError, not_written
-from ssp_core.files import parse_json_line, read_json_mapping, write_text
+from ssp_core.files.reading import read_json_mapping
+from ssp_core.files.strict_json import parse_json_line
+from ssp_core.files.writing import write_text
 from ssp_core.hashing import sha256_file
 from ssp_eval.evaluate.store.cell_file import CELL_FILE, remove_file
 from ssp_eval.evaluate.store.requests import (

@@ -12,7 +12,8 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import check_folder, parse_model, read_json_mapping, read_text
+from ssp_core.files.folders import check_folder
+from ssp_core.files.reading import parse_model, read_json_mapping, read_text
 from ssp_core.run_file.values import Finite, Strict
 from ssp_eval.data.audit import Audit, load_audit
 from ssp_eval.data.labels import Labels, counts_text, load_labels, phase_counts

@@ -9,10 +9,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ssp_core.answer_text import split_answer
-from ssp_core.chat import Chat, NoCompletion, read_completion
+from ssp_core.chat.answer_text import split_answer
+from ssp_core.chat.client import Chat, NoCompletion, read_completion
 from ssp_core.errors import PeerError, not_read
-from ssp_core.files import make_folder, write_bytes
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_bytes
 from ssp_core.hashing import sha256_bytes, sha256_json
 from ssp_eval.data.records import SLOT_NAMES, Slots
 from ssp_eval.extract.engine import extractor_hash, read

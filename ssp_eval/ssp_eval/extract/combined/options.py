@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import click
 
 from ssp_core import console
-from ssp_core.chat import OpenAIChat, Policy
+from ssp_core.chat.client import OpenAIChat, Policy
 from ssp_core.credentials import check_key, is_http_address
 from ssp_core.options import Number
 from ssp_eval.extract.combined.extractor import Extractor

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ssp_core.files import parse_strict
+from ssp_core.files.strict_json import parse_strict
 from ssp_eval.extract.llm.prompt import MAX_OBJECTS, MAX_QUOTE, labels_of
 
 _FENCE = "```"

@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from textwrap import fill
 
-from ssp_core.files import read_mapping
+from ssp_core.files.reading import read_mapping
 from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES, Slots
 from ssp_eval.extract.llm.prompt import labels_of
 from ssp_eval.extract.tokens import tokenise

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, StrictInt
 
 from ssp_core.errors import InputError
-from ssp_core.files import load_model
+from ssp_core.files.reading import load_model
 from ssp_core.run_file.values import Strict
 from ssp_eval.data.labels import Text
 from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import jinja2
 
-from ssp_core.files import make_folder, taken_folder, write_json, write_text
+from ssp_core.files.folders import make_folder, taken_folder
+from ssp_core.files.writing import write_json, write_text
 from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES
 from ssp_eval.extract.conventions import ASKED, CONVENTIONS, GENERAL, REVIEWERS_TOO
 from ssp_eval.extract.measure import NOBODY

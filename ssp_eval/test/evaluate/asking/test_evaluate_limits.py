@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from ssp_core.files import read_mapping
+from ssp_core.files.reading import read_mapping
 from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.clients.model_replies import MOST_REASON, Loss, ModelReply, unusable
 from ssp_eval.evaluate.clients.models import ModelSpec

@@ -17,7 +17,7 @@ import pytest
 from click.testing import CliRunner
 
 from ssp_core.errors import HostError, InputError
-from ssp_core.files import TAKEN_FILE, taken_folder
+from ssp_core.files.folders import TAKEN_FILE, taken_folder
 from ssp_core.host.ray_cluster import import_ray
 from ssp_eval.data.labels import labels_version, load_labels
 from ssp_eval.data.provenance import find_labels

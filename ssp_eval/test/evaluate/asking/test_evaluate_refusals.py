@@ -10,7 +10,7 @@ import pytest
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_eval.data.provenance import read_provenance
 from ssp_eval.evaluate.cli import model_specs
 from ssp_eval.evaluate.clients.models import CONTROLS, bridge_spec

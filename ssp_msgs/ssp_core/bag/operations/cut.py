@@ -18,7 +18,7 @@ from ssp_core.bag.writing.chain import Maker
 from ssp_core.bag.writing.latched import LatchedMessage, late_joiner
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.images import VIDEO_TYPE
-from ssp_core.files import new_folder
+from ssp_core.files.folders import new_folder
 from ssp_core.names import SESSION_STATE, absolute
 from ssp_core.run_file.verdict import VERDICT_FILE
 

@@ -46,7 +46,7 @@ from ssp_core.bag.writing.latched import MOST_KEPT, LatchedMessage, StaticTransf
 from ssp_core.bag.writing.split import REPEATED_KEY
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
-from ssp_core.files import new_folder
+from ssp_core.files.folders import new_folder
 
 _PIECE = 1 << 20
 # A chunk's first bytes: lengths below 4 GiB, the compression's name of 0, 3 or 4 letters.

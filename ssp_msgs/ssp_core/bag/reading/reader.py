@@ -26,8 +26,8 @@ from ssp_core.bag.reading.scan import Loose, LooseRun, is_indexed, scan
 from ssp_core.bag.types import BagMessage, TypeDefinition, store_from
 from ssp_core.bag.writing.split import REPEATED_KEY
 from ssp_core.cdr.messages import object_state
+from ssp_core.closing import Closing
 from ssp_core.errors import InputError, not_read
-from ssp_core.files import Closing
 from ssp_core.hashing import sha256_file, sha256_json
 from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Packed

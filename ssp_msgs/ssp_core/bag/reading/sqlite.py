@@ -14,7 +14,7 @@ from ssp_core.bag.metadata import FILE_NAME, ROOT_KEY
 from ssp_core.bag.reading.reader import BagReader, TopicInfo, numbered_files
 from ssp_core.bag.types import CDR, MSG_ENCODING, BagMessage, TypeDefinition, definition
 from ssp_core.errors import InputError
-from ssp_core.files import read_mapping
+from ssp_core.files.reading import read_mapping
 
 SUFFIX = ".db3"
 Row = tuple[Any, ...]

@@ -18,7 +18,8 @@ from ssp_core.bag.seals.seal import REPORT_NAME
 from ssp_core.bag.seals.verdict import result_beside
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
-from ssp_core.files import load_model, parse_mapping, write_json
+from ssp_core.files.reading import load_model, parse_mapping
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_json
 from ssp_core.names import absolute, declared_topic
 from ssp_core.run_file.model import RunSpec

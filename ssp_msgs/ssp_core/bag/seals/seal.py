@@ -49,7 +49,7 @@ from ssp_core.bag.writing.chain import (
 )
 from ssp_core.bag.writing.mcap_output import MESSAGE_BODY_BYTES
 from ssp_core.errors import InputError
-from ssp_core.files import parse_mapping
+from ssp_core.files.reading import parse_mapping
 
 # The recorder's report on what it recorded; `sealed` there says that the bag has a seal.
 REPORT_NAME = "recording.json"

@@ -15,7 +15,8 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.seals.append import append_attachment, sealed_end
 from ssp_core.bag.seals.seal import Seal
 from ssp_core.errors import InputError
-from ssp_core.files import parse_mapping, write_bytes
+from ssp_core.files.reading import parse_mapping
+from ssp_core.files.writing import write_bytes
 from ssp_core.run_file.verdict import (
     RESULT_FILE,
     RESULT_SCHEMA,

@@ -31,8 +31,9 @@ from ssp_core.bag.writing.file_turn import FileTurn
 from ssp_core.bag.writing.latched import LatchedMessage
 from ssp_core.bag.writing.mcap_output import CHUNK_BYTES, DiskSync, McapOutput
 from ssp_core.bag.writing.split import Split
+from ssp_core.closing import Closing
 from ssp_core.errors import HostError, InputError
-from ssp_core.files import Closing, write_text
+from ssp_core.files.writing import write_text
 
 LIBRARY = f"ssp {__version__}"
 _MAX_TIME = (1 << 64) - 1

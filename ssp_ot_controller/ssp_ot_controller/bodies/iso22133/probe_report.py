@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, ConfigDict, Field
 
-from ssp_core.files import load_model, write_json
+from ssp_core.files.reading import load_model
+from ssp_core.files.writing import write_json
 from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.run_file.values import Finite, Strict

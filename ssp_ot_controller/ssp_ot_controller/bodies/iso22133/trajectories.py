@@ -16,7 +16,7 @@ import numpy as np
 from ssp_core.clock import ns_to_seconds
 from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
-from ssp_core.files import read_text
+from ssp_core.files.reading import read_text
 from ssp_core.geodesy import Datum
 from ssp_core.geometry import Pose2
 from ssp_core.motion.reference import Points, Reference, sample

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from ssp_core.files import make_folder
+from ssp_core.files.folders import make_folder
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_scenario_manager.closed_loop.answers import ANSWERS_FILE, repeated, save_answers

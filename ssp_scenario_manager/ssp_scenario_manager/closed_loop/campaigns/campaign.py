@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ssp_core.errors import InputError
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_core.hashing import sha256_file
 from ssp_scenario_manager.closed_loop.campaigns.cards import (
     CARDS_FILE,

@@ -19,7 +19,7 @@ from typing import Any
 from ssp_core import __version__
 from ssp_core.compiled import core_in_use
 from ssp_core.errors import InputError
-from ssp_core.files import write_json
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.driven import COMMANDED
 from ssp_core.run_file.latency import Latency, parse_latency

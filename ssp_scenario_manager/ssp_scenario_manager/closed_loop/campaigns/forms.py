@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model, read_json_mapping
+from ssp_core.files.reading import parse_model, read_json_mapping
 from ssp_core.run_file.latency import LatencyField
 from ssp_core.run_file.values import Finite, NonNegative, Positive, Strict
 from ssp_scenario_manager.closed_loop.outcomes.rates import KINDS

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator
 
 from ssp_core.errors import InputError
-from ssp_core.files import load_model
+from ssp_core.files.reading import load_model
 from ssp_core.run_file.driven import DriverName
 from ssp_core.run_file.latency import ZERO_LATENCY, Latency, LatencyField
 from ssp_core.run_file.values import Strict

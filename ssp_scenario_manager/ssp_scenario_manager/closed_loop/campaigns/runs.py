@@ -11,7 +11,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from ssp_core.files import make_folder
+from ssp_core.files.folders import make_folder
 from ssp_core.run_file.driven import BUILT_IN, COMMANDED
 from ssp_core.run_file.latency import ZERO_LATENCY, Latency
 from ssp_core.run_file.model import RunSpec

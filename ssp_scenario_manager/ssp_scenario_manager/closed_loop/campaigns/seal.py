@@ -13,7 +13,9 @@ from typing import Any
 
 from ssp_core import __version__
 from ssp_core.errors import InputError, SspError
-from ssp_core.files import make_folder, parse_model, write_json
+from ssp_core.files.folders import make_folder
+from ssp_core.files.reading import parse_model
+from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_json, sha256_sources
 from ssp_core.run_file.latency import ZERO_LATENCY
 from ssp_core.run_file.model import RunSpec

@@ -14,7 +14,9 @@ from typing import Literal
 from pydantic import TypeAdapter, ValidationError
 
 from ssp_core.errors import InputError
-from ssp_core.files import make_folder, read_json, write_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.reading import read_json
+from ssp_core.files.writing import write_text
 from ssp_scenario_manager.closed_loop.answers import row_file
 from ssp_scenario_manager.closed_loop.outcomes.outcome import Outcome
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.files import make_folder, write_text
+from ssp_core.files.folders import make_folder
+from ssp_core.files.writing import write_text
 from ssp_core.motion.reference import Reference
 from ssp_core.run_file.driven import Driven
 from ssp_core.world.plant import StepReport

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.files import read_json
+from ssp_core.files.reading import read_json
 from ssp_core.run_file.verdict import RESULT_FILE
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.closed_loop.outcomes.outcome import CHAIN, HARNESS

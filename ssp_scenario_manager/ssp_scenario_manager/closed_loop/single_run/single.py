@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.errors import InputError
-from ssp_core.files import parse_strict
+from ssp_core.files.strict_json import parse_strict
 from ssp_core.run_file.driven import BUILT_IN, Driven, is_driver_name
 from ssp_core.run_file.latency import Latency, parse_latency
 from ssp_core.run_file.model import RunSpec

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_core.motion.encounter import encounter
 from ssp_core.motion.reference import PLAN, Reference
 from ssp_core.motion.state import ObjectState

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ssp_core.files import parse_model
+from ssp_core.files.reading import parse_model
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import Hold
 from ssp_scenario_manager.closed_loop.starts.places import GapDraw, placed_run, span_of

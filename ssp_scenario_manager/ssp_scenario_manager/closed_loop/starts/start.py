@@ -9,7 +9,7 @@ from typing import Any
 
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.files import parse_model
+from ssp_core.files.reading import parse_model
 from ssp_core.geometry import Polyline
 from ssp_core.hashing import sha256_json
 from ssp_core.motion.state import ObjectState

@@ -13,7 +13,7 @@ from typing import Any
 
 from ssp_core.carla.sensor import weather_of
 from ssp_core.errors import InputError
-from ssp_core.files import write_bytes, write_json
+from ssp_core.files.writing import write_bytes, write_json
 from ssp_core.geometry import Pose2
 from ssp_core.hashing import sha256_bytes
 from ssp_core.motion.state import Size

@@ -9,14 +9,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ssp_core.errors import InputError
-from ssp_core.files import (
-    make_folder,
-    put_in_place,
-    scratch_beside,
-    write_bytes,
-    write_json,
-    write_text,
-)
+from ssp_core.files.folders import make_folder, put_in_place, scratch_beside
+from ssp_core.files.writing import write_bytes, write_json, write_text
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.run_file.shortlist import SHORTLIST_FILE
 from ssp_scenario_manager.compile.compiler import Compiled

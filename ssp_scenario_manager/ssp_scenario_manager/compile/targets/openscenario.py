@@ -15,7 +15,7 @@ import numpy as np
 from scenariogeneration import xosc  # type: ignore[import-untyped]  # it ships no types
 
 from ssp_core.errors import InputError
-from ssp_core.files import write_bytes
+from ssp_core.files.writing import write_bytes
 from ssp_core.geometry import FloatArray, Polyline, wrap_angle
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import RunSpec

@@ -13,7 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from ssp_core.errors import InputError
-from ssp_core.files import write_bytes
+from ssp_core.files.writing import write_bytes
 from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import ParticipantSpec

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from ssp_core.files import write_text
+from ssp_core.files.writing import write_text
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import ParticipantSpec

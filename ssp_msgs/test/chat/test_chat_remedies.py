@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ssp_core import chat_transport
-from ssp_core.chat import NoAnswer, OpenAIChat, Policy, read_completion
+from ssp_core.chat import transport
+from ssp_core.chat.client import NoAnswer, OpenAIChat, Policy, read_completion
 
 BY_REMEDY = yaml.safe_load(Path(__file__).with_name("chat_messages.yaml").read_text())
 REMEDIES = {kind: f"remedy {kind}" for kind in BY_REMEDY if kind}
@@ -21,9 +21,7 @@ def test_the_message_decides(
     monkeypatch: pytest.MonkeyPatch, remedy: str, status: int, message: str
 ) -> None:
     body = json.dumps({"error": {"message": message}}).encode()
-    monkeypatch.setattr(
-        chat_transport, "exchange", lambda *_: chat_transport.Received(status, {}, body)
-    )
+    monkeypatch.setattr(transport, "exchange", lambda *_: transport.Received(status, {}, body))
     chat = OpenAIChat("http://127.0.0.1:9/v1", "m", policy=Policy(tries=1), remedies=REMEDIES)
     with pytest.raises(NoAnswer) as told:
         chat.request([], {})

@@ -22,7 +22,7 @@ from pydantic_core import ErrorDetails
 from typing_extensions import is_typeddict
 
 from ssp_core.errors import InputError
-from ssp_core.yaml_core import number_remedy
+from ssp_core.files.yaml_core import number_remedy
 
 _NO_NUMBER = ("float_type", "float_parsing", "int_type", "int_parsing", "int_from_float")
 _EXPECTED = "Input should be "

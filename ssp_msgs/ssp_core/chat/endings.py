@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ssp_core.answer_text import Ending, ending
+from ssp_core.chat.answer_text import Ending, ending
 
 # Reasons in so many words; one that isn't known counts where no other stands before it.
 _REASONS = (

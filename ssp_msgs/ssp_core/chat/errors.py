@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ssp_core.files import parse_strict
+from ssp_core.files.strict_json import parse_strict
 
 LOOKED_AT = 4096  # characters of what a server says
 PASSING = frozenset({408, 409, 425, 429})

@@ -23,15 +23,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from ssp_core.answer_text import Ending, ending
-from ssp_core.chat_endings import blocked_for, worst_end
-from ssp_core.chat_errors import LOOKED_AT, PASSING, error_beside, error_in, error_text, is_filtered
+from ssp_core.chat.answer_text import Ending, ending
+from ssp_core.chat.endings import blocked_for, worst_end
+from ssp_core.chat.errors import LOOKED_AT, PASSING, error_beside, error_in, error_text, is_filtered
 from ssp_core.credentials import gives_away, redact, without_userinfo
 from ssp_core.errors import PeerError
-from ssp_core.files import parse_strict
+from ssp_core.files.strict_json import parse_strict
 
 if TYPE_CHECKING:  # the library is imported with the first question; it takes its time
-    from ssp_core.chat_transport import FailedRequest, Received
+    from ssp_core.chat.transport import FailedRequest, Received
 
 NO_KEY = "none"  # what servers get that want no key
 _NOT_TAKEN = frozenset(
@@ -182,9 +182,9 @@ class OpenAIChat:
             raise ValueError("a policy needs at least one try")
         # Here and not above: it takes its time, which only those who ask should spend, and not
         # out of the time of an answer.
-        from ssp_core import chat_transport
+        from ssp_core.chat import transport
 
-        self._http = chat_transport
+        self._http = transport
 
     @property
     def model(self) -> str:

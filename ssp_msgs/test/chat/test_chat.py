@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.chat import (
+from ssp_core.chat.client import (
     BrokenOff,
     Completion,
     NoCompletion,
@@ -26,7 +26,7 @@ from ssp_core.chat import (
 )
 from ssp_core.credentials import check_key, gives_away, redact, without_userinfo
 from ssp_core.errors import InputError
-from ssp_core.files import parse_strict
+from ssp_core.files.strict_json import parse_strict
 
 KEY = 'sk-4f/9a"7<b>+2&d8'
 
@@ -73,10 +73,10 @@ def test_a_wait_has_an_end_however_many_tries_there_are():
 
 def test_the_library_is_imported_by_those_who_ask_only():
     code = (
-        "import sys, ssp_core.chat, ssp_core.chat, ssp_core.cli\n"
+        "import sys, ssp_core.chat.client, ssp_core.chat.transport, ssp_core.cli\n"
         "import ssp_vla_bridge.backend, ssp_vla_bridge.prompts\n"
         "assert not [m for m in ('openai', 'httpx2', 'aiohttp') if m in sys.modules]\n"
-        "ssp_core.chat.OpenAIChat('http://127.0.0.1:9/v1', 'm')\n"
+        "ssp_core.chat.client.OpenAIChat('http://127.0.0.1:9/v1', 'm')\n"
         "assert 'openai' in sys.modules\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssp_core.answer_text import Ending, ending, plain_width, split_answer
+from ssp_core.chat.answer_text import Ending, ending, plain_width, split_answer
 
 
 @pytest.mark.parametrize(

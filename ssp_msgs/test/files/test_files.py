@@ -20,29 +20,30 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ConfigDict, Field
 
 from ssp_core.errors import HostError, InputError
-from ssp_core.files import (
+from ssp_core.files.folders import (
+    TAKEN_FILE,
+    new_folder,
+    put_in_place,
+    scratch_beside,
+    taken_folder,
+)
+from ssp_core.files.model_errors import field_path
+from ssp_core.files.reading import (
     MAX_TEXT_BYTES,
     MOST_ERRORS,
-    TAKEN_FILE,
     load_model,
-    new_folder,
-    parse_json_line,
     parse_mapping,
     parse_model,
     parse_value,
-    put_in_place,
     read_json_mapping,
     read_mapping,
     read_text,
-    scratch_beside,
-    taken_folder,
-    write_bytes,
-    write_json,
 )
-from ssp_core.model_errors import field_path
+from ssp_core.files.strict_json import parse_json_line
+from ssp_core.files.writing import write_bytes, write_json
+from ssp_core.files.yaml_core import CoreLoader, number_remedy
 from ssp_core.run_file.faults import FaultFile
 from ssp_core.run_file.values import Finite, Strict
-from ssp_core.yaml_core import CoreLoader, number_remedy
 
 FILE_PER_TEST = settings(
     max_examples=100,
@@ -439,7 +440,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
     def no_replace(*_: object) -> None:
         raise OSError("disk full")
 
-    monkeypatch.setattr("ssp_core.files.os.replace", no_replace)
+    monkeypatch.setattr("ssp_core.files.writing.os.replace", no_replace)
     with pytest.raises(HostError, match="disk full"):
         write_bytes(path, b"new")
     assert path.read_bytes() == b"old"
@@ -470,7 +471,7 @@ HOLDER = """
 import sys
 from pathlib import Path
 from ssp_core.errors import InputError
-from ssp_core.files import taken_folder
+from ssp_core.files.folders import taken_folder
 try:
     with taken_folder(Path(sys.argv[1]), empty=sys.argv[2] == "empty"):
         print("has it", flush=True)
@@ -591,10 +592,10 @@ def test_a_disk_that_takes_no_file_is_named_with_the_remedy(
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("ssp_core.files.os.replace", full)
+    monkeypatch.setattr("ssp_core.files.writing.os.replace", full)
     with pytest.raises(HostError, match="No space left on device; make room and try again"):
         write_bytes(tmp_path / "file", b"new")
-    monkeypatch.setattr("ssp_core.files.tempfile.mkdtemp", full)
+    monkeypatch.setattr("ssp_core.files.folders.tempfile.mkdtemp", full)
     with pytest.raises(InputError, match=r"can't be made: .*; make room and try again"):
         scratch_beside(tmp_path / "target")
     with pytest.raises(InputError, match=r"File name too long; give a shorter name$"):

@@ -1,0 +1,1 @@
+"""Chat services of language models: requests, retries, errors, and the answer in an output."""

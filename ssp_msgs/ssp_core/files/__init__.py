@@ -1,0 +1,1 @@
+"""Files and folders: read strictly, and written whole or not at all."""
