@@ -73,7 +73,7 @@ def test_a_wait_has_an_end_however_many_tries_there_are():
 
 def test_the_library_is_imported_by_those_who_ask_only():
     code = (
-        "import sys, ssp_core.chat.client, ssp_core.chat.transport, ssp_core.cli\n"
+        "import sys, ssp_core.chat.client, ssp_core.cli\n"
         "import ssp_vla_bridge.backend, ssp_vla_bridge.prompts\n"
         "assert not [m for m in ('openai', 'httpx2', 'aiohttp') if m in sys.modules]\n"
         "ssp_core.chat.client.OpenAIChat('http://127.0.0.1:9/v1', 'm')\n"
