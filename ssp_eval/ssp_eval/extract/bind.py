@@ -635,11 +635,11 @@ class Binder(ClauseFacts):
                 self.near.critical = True
             else:
                 self.critical = True
-        elif hit.kind == "background":
+        elif hit.kind == "background" and not self._is_of_conflict(index):
             whom = self.subject if isinstance(self.subject, Actor) else owner
             for actor in [whom] if whom else self.named[-1:]:
                 actor.background = True
-        else:  # matters
+        elif hit.kind == "matters":
             if owner is not None:
                 owner.matters = True
                 if not flags and self._blocks(hit):

@@ -57,6 +57,7 @@ _UNSEEN = frozenset(
         "others",
     }
 )
+_NAMED_IN_CONFLICT = frozenset({"user", "pronoun", "place", "ego", "state", "risk", "conflict"})
 _ANY_MORE = ("no longer", "any more", "anymore", "any longer", "no more", "no further")
 
 
@@ -511,12 +512,23 @@ class ClauseFacts:
         """Return the words behind the "is" of a named conflict, or "has": with the van is low."""
         for at in range(index + 1, min(index + ENDS_WITHIN, self.stop)):
             hit = self.hits[at]
-            if hit.kind == "cue" and self.words[hit.first] in _PRESENT and not self.flags[at]:
-                return self.words[hit.stop : hit.stop + 3]
-            named = ("user", "pronoun", "place", "ego", "state", "risk", "conflict")
-            if hit.kind not in named and hit.value not in ("parked", "oncoming"):
+            if self.words[hit.first] in _PRESENT and not self.flags[at]:
+                if hit.kind == "cue":
+                    return self.words[hit.stop : hit.stop + 3]
+                if hit.kind == "background":  # one phrase of the lexicon: "is gone"
+                    return self.words[hit.first + 1 : hit.stop]
+            if not _is_named_in_conflict(hit):
                 break
         return []
+
+    def _is_of_conflict(self, index: int) -> bool:
+        """Tell whether "is gone" speaks of a named conflict, not of a road user."""
+        for at in range(index - 1, max(index - ENDS_WITHIN, self.start) - 1, -1):
+            if self.hits[at].kind in ("risk", "conflict"):
+                return True
+            if not _is_named_in_conflict(self.hits[at]):
+                break
+        return False
 
     def _has_ended(self, index: int) -> bool:
         """Tell whether the named conflict is over: the conflict with the van has now cleared."""
@@ -531,3 +543,8 @@ class ClauseFacts:
     def _unless(self) -> bool:
         """Tell whether something happens unless something is done: without braking."""
         return not self.known.sets["words_of_certainty"].isdisjoint(self._sentence())
+
+
+def _is_named_in_conflict(hit: Hit) -> bool:
+    """Tell whether a hit may stand between a named conflict and its verb: with the parked van."""
+    return hit.kind in _NAMED_IN_CONFLICT or hit.value in ("parked", "oncoming")
