@@ -63,7 +63,7 @@ def test_the_configurations_name_what_is_there(laid_out):
         ),
         (
             "safety",
-            "tests_of_ssp_msgs/test/test_limits.py",
+            "tests_of_ssp_msgs/test/safety/test_limits.py",
             "ssp_core/safety/limits.py",
             "None if abs(measured) <= limit",
             "None if abs(measured) < limit",

@@ -20,7 +20,7 @@ from ssp_vla_bridge.messages import EgoSample, Frame, Request
 from ssp_vla_bridge.trajectory import interpolate
 from tests.support.rows import check_rows
 
-CORPUS = Path(__file__).parent / "corpus"
+CORPUS = Path(__file__).parents[1] / "corpus"
 JPEG = cv2.imencode(".jpg", np.zeros((24, 32, 3), np.uint8))[1].tobytes()
 TOLERANCE_M = 0.05
 NEUTRAL = "Dry asphalt, grey sky."

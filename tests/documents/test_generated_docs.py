@@ -14,7 +14,7 @@ from ssp_core.safety.codes import MEANINGS, SafetyCode
 from ssp_core.safety.liveness import SILENCES
 from ssp_core.vocabulary import ControlState, SessionPhase
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 BY_NAME = {meaning.limit_name: code for code, meaning in MEANINGS.items()}
 # A shared predicate that stands for two events, and those that judge a row of states.
 MORE = {

@@ -24,7 +24,7 @@ from ssp_vla_bridge.http_messages import request_to_json
 from ssp_vla_bridge.messages import Frame
 from tests.support.waiting import DEADLINE_S, until
 
-HERE = Path(__file__).resolve().parent
+HERE = Path(__file__).resolve().parents[1]
 SIDECARS = HERE.parent / "sidecars"
 NS = 1_000_000_000
 

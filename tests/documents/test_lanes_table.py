@@ -1,7 +1,7 @@
 """The shipped events on roads of other numbers of lanes, as docs/compile.md tells them.
 
 Each possible cell is compiled, exported and run once. A test run takes the corners of the table;
-``SSP_WHOLE_TABLE=1 ./ssp test tests/test_lanes_table.py`` takes all of it.
+``SSP_WHOLE_TABLE=1 ./ssp test tests/documents/test_lanes_table.py`` takes all of it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from tests.support.blocks import block_of
 
-TEXT = (Path(__file__).resolve().parent.parent / "docs" / "compile.md").read_text()
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "compile.md").read_text()
 # A straight road with any lanes has no junction.
 EVENTS = tuple(sorted(name for name, kind in KINDS.items() if not kind.at_junction))
 SAME, OPPOSITE = range(1, 5), range(5)

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import yaml
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [*sorted(p.parent.name for p in ROOT.glob("ssp_*/package.xml")), "bootstrap"]
 # What is "told apart" or "told to" do something has a subject beside it.
 NO_SUBJECT = re.compile(r"\b(nobody|whoever|told(?! apart| to\b))\b", re.IGNORECASE)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "docs" / "adding-an-event.md").read_text()
 PACKAGES = ("ssp_scenario_manager", "ssp_ot_controller", "ssp_eval")
 # Each block is saved under the name that the sentence before it ends with, or gives.

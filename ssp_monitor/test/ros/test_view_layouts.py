@@ -17,7 +17,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_monitor.recorder.topics import bag_topics
 from ssp_monitor.ros.view_node import PUBLISHED
 
-CONFIG = Path(__file__).resolve().parents[1] / "config"
+CONFIG = Path(__file__).resolve().parents[2] / "config"
 SPLIT = {"direction", "first", "second", "splitPercentage"}
 
 

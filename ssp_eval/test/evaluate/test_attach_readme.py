@@ -23,7 +23,7 @@ from tests.support.waiting import DEADLINE_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 README = ROOT / "ssp_vla_bridge" / "README.md"
 RESEARCHER = ROOT / "docs" / "researcher.md"
 WAYS = [

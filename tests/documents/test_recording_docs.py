@@ -13,7 +13,7 @@ from ssp_monitor.recorder.recorder import BATCH_BYTES
 from ssp_monitor.recorder.report import MOST_S, REPORT_NAME, SCHEMA
 from ssp_monitor.recorder.topics import MEANINGS, MOST_TOPICS, NOISE, Importance
 
-TEXT = (Path(__file__).resolve().parent.parent / "docs" / "recording.md").read_text()
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "recording.md").read_text()
 FLAT = " ".join(TEXT.split())
 
 

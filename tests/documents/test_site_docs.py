@@ -28,7 +28,7 @@ from ssp_scenario_manager.maps.site import (
     site_library,
 )
 
-TEXT = (Path(__file__).resolve().parent.parent / "docs" / "sites.md").read_text()
+TEXT = (Path(__file__).resolve().parents[2] / "docs" / "sites.md").read_text()
 SECTIONS = {
     "Site": Site,
     "Block": SiteBlock,

@@ -14,7 +14,7 @@ from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.picture import picture
 from ssp_scenario_manager.maps.site import find_shipped
 
-DOCS = Path(__file__).resolve().parent.parent / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 TEXT = (DOCS / "event-specification.md").read_text()
 EXAMPLES = re.findall(r"```yaml\n(.*?)```", TEXT, re.S)
 

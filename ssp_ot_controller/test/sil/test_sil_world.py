@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,11 +13,8 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.sil.world import BODY_TIMEOUT_S, World
-from support.states import object_state
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from support.runs import small_run
+from support.states import object_state
 
 GO = Command(2.0, 0.0, 0.0)
 
