@@ -31,7 +31,7 @@ from ssp_core.run_file.road import Road
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Intrinsics, Mounting, intrinsics, shown_box
 from ssp_eval.audit.recording import read_recording
-from ssp_eval.pictures.compare import Compared, compare_pictures, plan_pairs
+from ssp_eval.pictures.compare import PictureFigures, compare_pictures, plan_pairs
 from ssp_eval.pictures.footage import Footage, Grey, coarse, reduced
 from ssp_eval.pictures.repeats import has_many_repeats, repeated_frames, sampled_frames
 from ssp_eval.recordings.sight import Moment, Optics
@@ -95,7 +95,7 @@ class Drive:
         return replace(self, frames=tuple(other.frames[min(max(k, 0), last)] for k in places))
 
 
-def judge(drive: Drive) -> Compared:
+def judge(drive: Drive) -> PictureFigures:
     small = {index: coarse(frame) for index, frame in enumerate(drive.frames)}
     some = sampled_frames(drive.moments, "vut")
     often = has_many_repeats({k: small[k] for k in some}, drive.moments, "vut")

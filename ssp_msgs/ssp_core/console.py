@@ -67,7 +67,7 @@ class _Description(ProgressColumn):
 _ESTIMATED_OVER_S = 600.0
 
 
-class _Left(TimeRemainingColumn):
+class _RemainingTime(TimeRemainingColumn):
     """The time that is left, in words that tell it from the time that has passed."""
 
     def render(self, task: Task) -> Text:
@@ -91,7 +91,7 @@ def progress(description: str, total: int | None, *, estimated: bool = False) ->
         TimeElapsedColumn(),
     ]
     if estimated:
-        columns.append(_Left())
+        columns.append(_RemainingTime())
     with Progress(
         *columns,
         console=err,

@@ -31,7 +31,7 @@ from ssp_ot_controller.bodies.iso22133.framing import (
 )
 from ssp_ot_controller.bodies.iso22133.messages import (
     CentreStatus,
-    Decoded,
+    DecodedMessage,
     Heab,
     Monr,
     ObjectCommand,
@@ -106,7 +106,7 @@ class Played:
         data = b"" if self.tcp is None else self.tcp.recv(65536)
         for frame in self._decoder.feed(data):
             found = decode(frame) if isinstance(frame, Frame) else frame
-            message = found.message if isinstance(found, Decoded) else None
+            message = found.message if isinstance(found, DecodedMessage) else None
             if isinstance(message, Osem):
                 self._id = message.device_id
             elif isinstance(message, Ostm):
@@ -123,7 +123,7 @@ class Played:
         self.heartbeats += 1
         for frame in frames_of(data):
             found = decode(frame) if isinstance(frame, Frame) else frame
-            if isinstance(found, Decoded) and isinstance(found.message, Heab):
+            if isinstance(found, DecodedMessage) and isinstance(found.message, Heab):
                 self._take(*_TOLD.get(CentreStatus(found.message.status), ()))
 
     def report(self) -> None:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 
 from ssp_core.errors import InputError
-from ssp_vla_bridge.adapters.adapted import Adapted
+from ssp_vla_bridge.adapters.adapted import AdaptedResponse
 from ssp_vla_bridge.adapters.registry import ADAPTERS, adapt
 from ssp_vla_bridge.messages import (
     EgoSample,
@@ -46,7 +46,7 @@ def response(data: bytes) -> None:
         _sound(adapt(name, raw, REQUEST))
 
 
-def _sound(adapted: Adapted) -> None:
+def _sound(adapted: AdaptedResponse) -> None:
     """Raises AssertionError for what is neither a valid trajectory nor a reason why not."""
     if (adapted.trajectory is None) != bool(adapted.invalid):
         raise AssertionError(f"{adapted.trajectory} with {adapted.invalid}")

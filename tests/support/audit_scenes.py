@@ -17,7 +17,7 @@ from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_eval.audit.checks import phase_findings, property_findings
 from ssp_eval.audit.evidence import expected_properties, varying_parts
-from ssp_eval.audit.measure import Measured, RoadFacts, Scene
+from ssp_eval.audit.measure import Measurements, RoadFacts, Scene
 from ssp_eval.audit.reasons import explain
 from ssp_eval.data.audit import Property
 from ssp_eval.recordings.event import NO_RULES
@@ -477,7 +477,7 @@ def fixed(event: Event, properties: Mapping[str, Property]) -> dict[str, Propert
     return {k: q.without(varying_parts(event)) for k, q in properties.items()}
 
 
-def codes(name: str, found: Measured) -> list[str]:
+def codes(name: str, found: Measurements) -> list[str]:
     """Return the codes of what an audit finds different from a shipped event, causes first."""
     event = load_event(name)[0]
     mine, wanted = fixed(event, found.properties), fixed(event, expected_properties(event))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ssp_ot_controller.bodies.iso22133.framing import (
     Header,
     Item,
-    Rejected,
+    RejectedBytes,
     frames_of,
     pack_frame,
     pack_items,
@@ -21,7 +21,7 @@ from ssp_ot_controller.bodies.iso22133.layout import TURN, Wire
 from ssp_ot_controller.bodies.iso22133.messages import (
     VENDORS,
     Accm,
-    Decoded,
+    DecodedMessage,
     Dreq,
     Dres,
     Exac,
@@ -93,15 +93,15 @@ def osem_at(latitude_deg: float, longitude_deg: float) -> Osem:
     )  # fmt: skip
 
 
-def read(data: bytes) -> Decoded | Rejected:
+def read(data: bytes) -> DecodedMessage | RejectedBytes:
     """The one message of these bytes."""
     (frame,) = frames_of(data)
-    return frame if isinstance(frame, Rejected) else decode(frame)
+    return frame if isinstance(frame, RejectedBytes) else decode(frame)
 
 
 def message_of(data: bytes) -> Message:
     found = read(data)
-    assert isinstance(found, Decoded), found
+    assert isinstance(found, DecodedMessage), found
     return found.message
 
 

@@ -14,7 +14,7 @@ from ssp_core.run_file.participants import ParticipantSpec
 from ssp_ot_controller.bodies.iso22133.framing import StreamDecoder
 from ssp_ot_controller.bodies.iso22133.messages import (
     CentreStatus,
-    Decoded,
+    DecodedMessage,
     Grem,
     Heab,
     Message,
@@ -171,7 +171,7 @@ class Centre:
             frames = StreamDecoder().feed(sent.data) if sent.udp else self._tcp.feed(sent.data)
             for frame in frames:
                 found = decode(frame) if hasattr(frame, "header") else frame
-                if not isinstance(found, Decoded):
+                if not isinstance(found, DecodedMessage):
                     self.refused.append(found.text)
                 elif isinstance(found.message, Monr):
                     self.monrs.append(found.message)

@@ -18,9 +18,14 @@ from ssp_core.motion.reference import Points, Reference
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_ot_controller.bodies.iso22133.framing import Header, Rejected, StreamDecoder, frames_of
+from ssp_ot_controller.bodies.iso22133.framing import (
+    Header,
+    RejectedBytes,
+    StreamDecoder,
+    frames_of,
+)
 from ssp_ot_controller.bodies.iso22133.gateway import IsoAddress, IsoBody
-from ssp_ot_controller.bodies.iso22133.link import Link, Received, Tap
+from ssp_ot_controller.bodies.iso22133.link import Link, ReceivedMessage, Tap
 from ssp_ot_controller.bodies.iso22133.messages import Heab, Message, decode, encode
 from ssp_ot_controller.objects.live import LiveObjects
 from ssp_ot_controller.objects.pool import ObjectPool, PoolStep
@@ -54,14 +59,14 @@ class LoopLink(Link):
         if self._loop.may_connect:
             self._stands = self._loop.object.connect(HOST, self._loop.now_ns)
 
-    def poll(self) -> list[Received]:
+    def poll(self) -> list[ReceivedMessage]:
         found = []
         while self._came:
             udp, data = self._came.popleft()
             frames = frames_of(data) if udp else self._decoder.feed(data)
             for frame in frames:
-                outcome = frame if isinstance(frame, Rejected) else decode(frame)
-                found.append(Received(udp, self._loop.now_ns, outcome, data))
+                outcome = frame if isinstance(frame, RejectedBytes) else decode(frame)
+                found.append(ReceivedMessage(udp, self._loop.now_ns, outcome, data))
         return found
 
     def send(self, message: Message, *, acknowledge: bool = False) -> Header:

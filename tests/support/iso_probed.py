@@ -13,12 +13,19 @@ from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.iso22133.framing import (
     Frame,
     Header,
-    Rejected,
+    RejectedBytes,
     StreamDecoder,
     frames_of,
 )
-from ssp_ot_controller.bodies.iso22133.link import Received, Tap
-from ssp_ot_controller.bodies.iso22133.messages import Decoded, Heab, Message, Monr, decode, encode
+from ssp_ot_controller.bodies.iso22133.link import ReceivedMessage, Tap
+from ssp_ot_controller.bodies.iso22133.messages import (
+    DecodedMessage,
+    Heab,
+    Message,
+    Monr,
+    decode,
+    encode,
+)
 from ssp_ot_controller.bodies.iso22133.probe.fenced_way import FencedWay
 from ssp_ot_controller.bodies.iso22133.probe.stages import Clock, Probe, Wire, report_of
 from ssp_ot_controller.bodies.iso22133.probe_report import ObjectKind, Outcome, ProbeReport, Stage
@@ -92,16 +99,16 @@ class SetLink:
             self._played.on_tcp(data, self._clock.at_ns)
         return _of(data)
 
-    def poll(self) -> list[Received]:
+    def poll(self) -> list[ReceivedMessage]:
         now_ns, found = self._clock.at_ns, []
         for sent in self._played.take_sent(now_ns):
             for frame in frames_of(sent.data) if sent.udp else self._tcp.feed(sent.data):
                 outcome = decode(frame) if isinstance(frame, Frame) else frame
                 data = frame.data if isinstance(frame, Frame) else frame.evidence
-                if isinstance(outcome, Decoded) and isinstance(outcome.message, Monr):
+                if isinstance(outcome, DecodedMessage) and isinstance(outcome.message, Monr):
                     outcome = replace(outcome, message=self._reports(outcome.message))
-                if not (isinstance(outcome, Decoded) and self._lost(outcome.message)):
-                    found.append(Received(sent.udp, now_ns, outcome, data))
+                if not (isinstance(outcome, DecodedMessage) and self._lost(outcome.message)):
+                    found.append(ReceivedMessage(sent.udp, now_ns, outcome, data))
         if self._played.link.closes:
             self.close()
         return found if self._connected else []
@@ -116,12 +123,12 @@ class ReorderingLink(SetLink):
     """A link that delivers each seventh report behind the next one."""
 
     _count = 0
-    _held: Received | None = None
+    _held: ReceivedMessage | None = None
 
-    def poll(self) -> list[Received]:
-        found: list[Received] = []
+    def poll(self) -> list[ReceivedMessage]:
+        found: list[ReceivedMessage] = []
         for received in super().poll():
-            is_report = isinstance(received.outcome, Decoded) and isinstance(
+            is_report = isinstance(received.outcome, DecodedMessage) and isinstance(
                 received.outcome.message, Monr
             )
             self._count += is_report
@@ -137,7 +144,7 @@ class ReorderingLink(SetLink):
 
 def _of(data: bytes) -> Header:
     (frame,) = frames_of(data) if len(data) < 4000 else StreamDecoder(1 << 20).feed(data)
-    assert not isinstance(frame, Rejected)
+    assert not isinstance(frame, RejectedBytes)
     return frame.header
 
 
@@ -167,7 +174,7 @@ class Probed:
         def open_wire(tap: Tap) -> SetLink:
             def both(sent: bool, stamp_ns: int, data: bytes) -> None:
                 found = decode(frames_of(data)[0]) if len(data) < 60 else None  # type: ignore[arg-type]
-                if isinstance(found, Decoded) and isinstance(found.message, Heab):
+                if isinstance(found, DecodedMessage) and isinstance(found.message, Heab):
                     self.beats.append((stamp_ns, found.message.status))
                 tap(sent, stamp_ns, data)
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from ssp_eval.audit import judge, pictures
-from ssp_eval.audit.examine import Examined
+from ssp_eval.audit.examine import Examination
 from ssp_eval.audit.recording import Head, Recording
 from ssp_eval.data.audit import Audit, RecordingEntry, load_audit
 from ssp_eval.data.provenance import find_bag
@@ -62,9 +62,9 @@ def _sound_partners_are_examined_once(recordings: Recordings) -> Iterator[None]:
         recording: Recording = once(path, read, path, of)
         return recording
 
-    def examine_once(recording: Recording, event: Event | None, version: str | None) -> Examined:
+    def examine_once(recording: Recording, event: Event | None, version: str | None) -> Examination:
         given = recording, event, version
-        examined: Examined = once(recording.path, examine, *given, key=(version,))
+        examined: Examination = once(recording.path, examine, *given, key=(version,))
         return examined
 
     with pytest.MonkeyPatch.context() as patch:

@@ -17,7 +17,7 @@ from ssp_scenario_manager.faults.campaign import (
     prepare_scene,
     run_cells,
 )
-from ssp_scenario_manager.faults.matrix import MATRIX, Expected, Stage
+from ssp_scenario_manager.faults.matrix import MATRIX, ExpectedOutcome, Stage
 from tests.support.patience import SILENCE_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -67,7 +67,7 @@ def test_a_fault_of_a_process_is_answered_as_it_is_written(
     ]
     assert findings == [], (result.folder / SAID_FILE).read_text()
     expected = ROWS[name].cells[stage]
-    assert isinstance(expected, Expected)
+    assert isinstance(expected, ExpectedOutcome)
     reasons = json.loads((result.folder / "result.json").read_text())["reasons"]
     named = [reason for reason in reasons if not BUSY.search(reason)]
     assert named == [] or named[0].startswith(tuple(expected.primary)), reasons

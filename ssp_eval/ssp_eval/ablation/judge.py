@@ -17,7 +17,7 @@ from ssp_eval.audit.checks import further_findings, phase_findings, property_fin
 from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
 from ssp_eval.audit.holding import holding_initiator
 from ssp_eval.audit.leaving import leaving_occluder
-from ssp_eval.audit.measure import Measured, RoadFacts, Scene, measure
+from ssp_eval.audit.measure import Measurements, RoadFacts, Scene, measure
 from ssp_eval.data.audit import (
     EVENT_PHASES,
     FIELDS,
@@ -127,7 +127,7 @@ def _passing(event: Event, gap_s: float | None, *, order_kept: bool) -> list[str
 
 def _measured(
     event: Event, road: Road, words: Mapping[str, str], series: Series
-) -> Measured | None:
+) -> Measurements | None:
     """Measure the states within the clip that METHOD 4.1 makes of them."""
     if len(series) < 2:
         return None
@@ -167,7 +167,7 @@ def _scene(
     )
 
 
-def _epd(event: Event, measured: Measured) -> float | None:
+def _epd(event: Event, measured: Measurements) -> float | None:
     """Compare φ of the phases with the source's (METHOD 4); None where one isn't located."""
     phases, at = measured.phases, source_times(event)
     starts = {name: getattr(phases, f"{name}_s") for name in EVENT_PHASES}

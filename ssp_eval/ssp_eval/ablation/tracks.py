@@ -46,7 +46,7 @@ _ENOUGH_M = 0.3
 
 
 @dataclass(frozen=True)
-class _Laid:
+class _PlacedTracks:
     """Tracks on a place.
 
     Args:
@@ -87,7 +87,7 @@ def by_tracks(tracks: Tracks, ground: Ground, trials: Trials) -> ArmRun:
     return best[1]
 
 
-def _laid(tracks: Tracks, ground: Ground, block: Block) -> _Laid:
+def _laid(tracks: Tracks, ground: Ground, block: Block) -> _PlacedTracks:
     speeds = [tracks.vut.speed_mps, *(one.speed_mps for one in tracks.others)]
     share = slower_by(ground, block, speeds)
     cruise_mps = share * float(tracks.vut.speed_mps[0])
@@ -98,7 +98,7 @@ def _laid(tracks: Tracks, ground: Ground, block: Block) -> _Laid:
         if speed > STANDS_MPS:
             its = approach_mps2(one.object_class, ground.limits)
             since_s = max(since_s, ramp_s(speed, its) + 2.0)
-    return _Laid(share, since_s, driver_travel(cruise_mps, a, since_s)[0])
+    return _PlacedTracks(share, since_s, driver_travel(cruise_mps, a, since_s)[0])
 
 
 def _need_m(tracks: Tracks, ground: Ground) -> float:
@@ -107,7 +107,7 @@ def _need_m(tracks: Tracks, ground: Ground) -> float:
 
 
 def _map_places(
-    tracks: Tracks, one: Track, block: Block, lane: BlockLane, start_s_m: float, laid: _Laid
+    tracks: Tracks, one: Track, block: Block, lane: BlockLane, start_s_m: float, laid: _PlacedTracks
 ) -> FloatArray:
     """Return a track in frame map, shape (n, 2): the VUT's ends lie on the lane, or beside it."""
     vut = tracks.vut
@@ -143,7 +143,7 @@ def _bodies(tracks: Tracks, ground: Ground) -> Callable[[Block, BlockLane, float
 
 
 def _arm_run(
-    tracks: Tracks, ground: Ground, placement: Placement, laid: _Laid, headway_s: float
+    tracks: Tracks, ground: Ground, placement: Placement, laid: _PlacedTracks, headway_s: float
 ) -> ArmRun:
     block, lane = placement.block, placement.lane
     cruise_mps = laid.share * float(tracks.vut.speed_mps[0])
@@ -175,7 +175,7 @@ def _tuned(
     tracks: Tracks,
     ground: Ground,
     placement: Placement,
-    laid: _Laid,
+    laid: _PlacedTracks,
     headway_s: float,
     trials: Trials,
 ) -> tuple[float, ArmRun]:
@@ -201,7 +201,7 @@ def _tuned(
     return (error_again_m, again) if error_again_m < error_m else (error_m, made)
 
 
-def _late_s(placement: Placement, laid: _Laid, trial: Trial) -> float | None:
+def _late_s(placement: Placement, laid: _PlacedTracks, trial: Trial) -> float | None:
     """Return by how much later than planned the VUT is where it was seen first."""
     block, lane = placement.block, placement.lane
     x, y = block.line.to_map(ahead_of(block, placement.start_s_m, laid.way_m, lane.y_m), lane.y_m)
@@ -215,7 +215,7 @@ def _late_s(placement: Placement, laid: _Laid, trial: Trial) -> float | None:
     return float(times[nearest] + ahead_m / state.speed_mps - laid.since_s)
 
 
-def _error_m(tracks: Tracks, placement: Placement, laid: _Laid, trial: Trial) -> float:
+def _error_m(tracks: Tracks, placement: Placement, laid: _PlacedTracks, trial: Trial) -> float:
     squares = []
     for name, one in ((VUT, tracks.vut), *((one.object_id, one) for one in tracks.others)):
         wanted = _map_places(

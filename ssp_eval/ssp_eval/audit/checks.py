@@ -15,7 +15,7 @@ from ssp_eval.audit.evidence import (
 from ssp_eval.audit.further import departures
 from ssp_eval.audit.holding import holds_otherwise
 from ssp_eval.audit.leaving import leaves_otherwise
-from ssp_eval.audit.measure import Measured, Phases
+from ssp_eval.audit.measure import Measurements, Phases
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
 from ssp_eval.audit.server import server_findings
@@ -165,7 +165,7 @@ def _phases(one: Subject) -> Iterable[Finding]:
     return phase_findings(one.phases, closest)
 
 
-def _closest(measured: Measured, limits: ConflictThresholds) -> str:
+def _closest(measured: Measurements, limits: ConflictThresholds) -> str:
     ttc = measured.facts.get("min_ttc_s")
     text = "TTC is never finite" if ttc is None else f"TTC is at least {ttc:.2f} s"
     if limits.ttc_s is not None:
@@ -221,7 +221,7 @@ def _further(one: Subject) -> Iterable[Finding]:
 
 
 def further_findings(
-    event: Event, measured: Measured, limits: ConflictThresholds
+    event: Event, measured: Measurements, limits: ConflictThresholds
 ) -> Iterator[Finding]:
     """Check that further participants keep to their scripts and leave the conflict to another.
 

@@ -8,7 +8,7 @@ from itertools import combinations, product
 
 from ssp_core.names import VUT_ID
 from ssp_core.run_file.participation import ParticipantKind
-from ssp_eval.audit.examine import Examined
+from ssp_eval.audit.examine import Examination
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import BESIDE_S, Recording
 from ssp_eval.data.provenance import Provenance
@@ -36,7 +36,7 @@ class ComparedRecording:
     tracks: str
 
 
-def hold_apart(examined: Sequence[Examined]) -> list[ComparedRecording]:
+def hold_apart(examined: Sequence[Examination]) -> list[ComparedRecording]:
     """Find recordings that are another domain's, by their files, sessions, pictures and tracks.
 
     Two simulated sessions of this project may be equal: their plans come from one K*. What each of
@@ -137,12 +137,12 @@ def _origin(facts: Provenance) -> str:
     return f"{facts.origin} ({name})" if name else facts.origin
 
 
-def _pictures(one: Examined) -> set[bytes]:
+def _pictures(one: Examination) -> set[bytes]:
     """Return the digests of the pictures in the clip, without those of a VUT that stands."""
     return {one.recording.digests[index] for index in _moving(one)}
 
 
-def _moving(one: Examined) -> list[int]:
+def _moving(one: Examination) -> list[int]:
     """Return the indices of the frames of the clip, without those of a VUT that stands."""
     who = one.recording.provenance.participants
     return [
@@ -154,7 +154,7 @@ def _moving(one: Examined) -> list[int]:
     ]
 
 
-def _details(one: Examined) -> Details:
+def _details(one: Examination) -> Details:
     """Return the fine detail of the pictures in the clip, without those of a VUT that stands."""
     recording = one.recording
     frames = spread(_moving(one), MOST_PICTURES)
@@ -177,7 +177,7 @@ def _alike(first: Details, second: Details) -> str:
 _Views = list[dict[str, Track]]
 
 
-def _tracks(one: Examined) -> _Views:
+def _tracks(one: Examination) -> _Views:
     """Return the tracks of VUT and objects in and near the clip, by kind of source."""
     who, whole = one.whole.provenance.participants, one.whole
     if who is None or not whole.sightings:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ssp_eval.audit.measure import COMES_OPPOSITE, Measured, Phases, comes_part
+from ssp_eval.audit.measure import COMES_OPPOSITE, Measurements, Phases, comes_part
 from ssp_eval.audit.recording import Recording
 from ssp_eval.data.audit import (
     CONFLICT,
@@ -407,7 +407,7 @@ class Subject:
     said: tuple[Evidence, ...]
     values: Mapping[str, Value]
     crop: Crop | None
-    measured: Measured | None
+    measured: Measurements | None
     phases: Phases | None
     moments: Sequence[Moment]
 

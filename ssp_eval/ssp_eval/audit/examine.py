@@ -19,8 +19,8 @@ from ssp_eval.audit.evidence import (
 from ssp_eval.audit.history import History, examine_history
 from ssp_eval.audit.holding import holding_initiator
 from ssp_eval.audit.leaving import leaving_occluder
-from ssp_eval.audit.measure import Measured, Phases, Scene, measure
-from ssp_eval.audit.pictures import PicturesExamined, examine_pictures
+from ssp_eval.audit.measure import Measurements, Phases, Scene, measure
+from ssp_eval.audit.pictures import PictureExamination, examine_pictures
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
 from ssp_eval.audit.visibility import examine_coverage
@@ -38,7 +38,7 @@ from ssp_scenario_manager.scenarios.further import further_ids
 
 
 @dataclass(frozen=True)
-class Examined(Subject):
+class Examination(Subject):
     """One recording, examined.
 
     Args:
@@ -52,7 +52,7 @@ class Examined(Subject):
     phi_half: Mapping[str, float]
     findings: tuple[Finding, ...]
     coverage: CoverageEntry
-    pictures: PicturesExamined
+    pictures: PictureExamination
     history: History
     contradictions: tuple[str, ...]
 
@@ -82,7 +82,7 @@ class Examined(Subject):
 PHASE_TOLERANCE_S = 0.15
 
 
-def examine(recording: Recording, event: Event | None, version: str | None) -> Examined:
+def examine(recording: Recording, event: Event | None, version: str | None) -> Examination:
     """Examine what a recording shows by METHOD 4.3, and what is wrong with it by itself.
 
     Args:
@@ -97,7 +97,7 @@ def examine(recording: Recording, event: Event | None, version: str | None) -> E
         return _examine(recording, event, version)
 
 
-def _examine(recording: Recording, event: Event | None, version: str | None) -> Examined:
+def _examine(recording: Recording, event: Event | None, version: str | None) -> Examination:
     one = _subject(recording, event, version)
     coverage, blind = examine_coverage(one)
     pictures = examine_pictures(one)
@@ -105,7 +105,7 @@ def _examine(recording: Recording, event: Event | None, version: str | None) -> 
     located, phases = one.located, one.phases
     is_cropped = event is not None and one.rules.window is not None
     is_reviewed = located is not None and located.source == "reviewed"
-    return Examined(
+    return Examination(
         **vars(one),
         phi=_phi(phases) if phases is not None and is_cropped else {},
         phi_half=_half_phi(event, phases) if is_reviewed else {},
@@ -162,7 +162,7 @@ def _subject(recording: Recording, event: Event | None, version: str | None) -> 
 
 def _measured(
     recording: Recording, event: Event | None, is_source: bool
-) -> tuple[Crop | None, Measured | None]:
+) -> tuple[Crop | None, Measurements | None]:
     """Return the clip by the states, and their measurements within it; None without states."""
     who, (start_s, end_s) = recording.provenance.participants, _covered(recording)
     if who is None or start_s is None or end_s is None or end_s <= start_s or not recording.series:

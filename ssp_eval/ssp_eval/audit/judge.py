@@ -17,7 +17,7 @@ from ssp_core.vocabulary import DOMAINS
 from ssp_eval.audit.checks import property_findings
 from ssp_eval.audit.doubles import TRACKS, hold_apart
 from ssp_eval.audit.evidence import expected_properties, outside_ranges, varying_parts
-from ssp_eval.audit.examine import Examined, examine
+from ssp_eval.audit.examine import Examination, examine
 from ssp_eval.audit.measure import Phases
 from ssp_eval.audit.reasons import Finding, Reason, explain
 from ssp_eval.audit.recording import Head, Recording, disclosed, read_head, read_recording
@@ -57,7 +57,7 @@ ACCEPTED = "accepted at import"
 NO_RENDERER = "none is known"
 
 
-def disclosures(one: Examined) -> dict[str, str]:
+def disclosures(one: Examination) -> dict[str, str]:
     """Return renderer, local speed, tracking error, disturbance, camera, look, log's additions."""
     recording, run = one.recording, one.recording.provenance.run
     found: dict[str, str] = {RENDERER: recording.provenance.renderer or NO_RENDERER}
@@ -146,7 +146,7 @@ def _of_import(facts: Provenance) -> dict[str, str]:
     return found
 
 
-def _local_speed(one: Examined) -> dict[str, str]:
+def _local_speed(one: Examination) -> dict[str, str]:
     if one.measured is None:
         return {}
     facts = one.measured.facts
@@ -192,7 +192,7 @@ class Judgement:
     """An audit with what its page needs besides."""
 
     audit: Audit
-    examined: tuple[Examined, ...]
+    examined: tuple[Examination, ...]
 
 
 def check_domains(recordings: Sequence[Head | Recording]) -> None:
@@ -273,7 +273,7 @@ def judge_files(
 
 
 def _compare(
-    examined: tuple[Examined, ...],
+    examined: tuple[Examination, ...],
     event: Event | None,
     version: str | None,
     limits: ResponseLimits | None,
@@ -310,7 +310,7 @@ def _compare(
             status = "refused"
         elif any(refused):
             status = "unpaired"
-        compared = Compared(counted[index], synthetic, index == 0)
+        compared = QuantityPair(counted[index], synthetic, index == 0)
         entries.append(_entry(one, examined[0], compared, varying, weights, status, reasons[index]))
     shared = shared_renderers([e.disclosures for e in entries], [e.domain for e in entries])
     entries = [
@@ -338,7 +338,7 @@ def _disclosing(entry: RecordingEntry, more: Mapping[str, str]) -> RecordingEntr
     return entry.model_copy(update={"disclosures": entry.disclosures | told})
 
 
-def _drive(one: Examined) -> Drive:
+def _drive(one: Examination) -> Drive:
     """Measure the response of a recording's VUT to the OT of its event, within the clip."""
     who, measured = one.recording.provenance.participants, one.measured
     if who is None or measured is None:
@@ -356,7 +356,7 @@ def _scenario(recordings: Sequence[Recording], event: Event | None) -> str:
 
 
 @dataclass(frozen=True)
-class Compared:
+class QuantityPair:
     """q(d, k) and q(Syn, k) without what may vary (METHOD 4.2)."""
 
     found: Mapping[str, Property]
@@ -387,9 +387,9 @@ def _as_wanted(
 
 
 def _entry(
-    one: Examined,
-    synthetic: Examined,
-    compared: Compared,
+    one: Examination,
+    synthetic: Examination,
+    compared: QuantityPair,
     varying: frozenset[str],
     weights: Mapping[str, float],
     status: Status,
@@ -450,7 +450,7 @@ def _name(recording: Recording) -> str:
     return folder.parent.name if folder.name == "bag" else folder.name
 
 
-def _property(one: Examined, compared: Compared, field: str) -> PropertyEntry:
+def _property(one: Examination, compared: QuantityPair, field: str) -> PropertyEntry:
     value = one.values[field]
     parts = differences(compared.found[field], compared.reference[field])
     known = not compared.is_reference and parts is not None
@@ -466,7 +466,7 @@ def _property(one: Examined, compared: Compared, field: str) -> PropertyEntry:
 
 
 def _varying(
-    one: Examined, synthetic: Examined, varying: frozenset[str]
+    one: Examination, synthetic: Examination, varying: frozenset[str]
 ) -> dict[str, tuple[str, str]]:
     """Return how the topology may differ, here and in Synthetic (METHOD 4.2)."""
     here = one.properties[TOPOLOGY].words or {}
@@ -490,7 +490,7 @@ def _observations(recording: Recording) -> ObservationsEntry | None:
     )
 
 
-def _labels(one: Examined) -> LabelCount | None:
+def _labels(one: Examination) -> LabelCount | None:
     labels, crop = one.recording.labels, one.crop
     if labels is None:
         return None
@@ -505,7 +505,7 @@ def _labels(one: Examined) -> LabelCount | None:
     )
 
 
-def _phases(one: Examined) -> PhasesEntry:
+def _phases(one: Examination) -> PhasesEntry:
     names = [field.name for field in fields(Phases)]
     times = dict.fromkeys(names) if one.phases is None else asdict(one.phases)
     return PhasesEntry(
@@ -513,7 +513,7 @@ def _phases(one: Examined) -> PhasesEntry:
     )
 
 
-def _kpr(compared: Compared, weights: Mapping[str, float]) -> float | None:
+def _kpr(compared: QuantityPair, weights: Mapping[str, float]) -> float | None:
     """Compute the KPR; None where Synthetic lacks a property: there is none to retain."""
     if any(compared.reference[field].words is None for field in FIELDS):
         return None
@@ -523,7 +523,7 @@ def _kpr(compared: Compared, weights: Mapping[str, float]) -> float | None:
         return None
 
 
-def _epd(one: Examined, synthetic: Examined) -> float | None:
+def _epd(one: Examination, synthetic: Examination) -> float | None:
     if set(one.phi) != set(EVENT_PHASES) or set(synthetic.phi) != set(EVENT_PHASES):
         return None
     return phase_difference(one.phi, synthetic.phi)

@@ -113,7 +113,7 @@ class Phases:
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measurements:
     """The measurements from the states.
 
     Args:
@@ -157,7 +157,7 @@ class _Pair:
     event: RecordedEvent | None
 
 
-def measure(scene: Scene) -> Measured:
+def measure(scene: Scene) -> Measurements:
     """Measure a recording.
 
     Raises:
@@ -196,7 +196,7 @@ def measure(scene: Scene) -> Measured:
         properties[TOPOLOGY] = _topology(scene, lanes, zone, vut, target_id)
     holding = () if scene.holding_id is None else (scene.holding_id,)
     until_s = meeting.other_arrival_s if swapped else meeting.own_arrival_s
-    return Measured(
+    return Measurements(
         properties,
         phases,
         None if event is None else pair.other,

@@ -25,7 +25,7 @@ from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_core.templates import templates
 from ssp_core.world.camera import View, object_corners, project
 from ssp_eval import pages
-from ssp_eval.audit.examine import Examined
+from ssp_eval.audit.examine import Examination
 from ssp_eval.audit.reasons import TABLE
 from ssp_eval.data.audit import FIELDS, TOPOLOGY, Audit, PropertyEntry
 from ssp_eval.pages import jpeg_uri
@@ -72,7 +72,7 @@ def frame_at(frames_s: Sequence[float], t_s: float) -> int:
     return max(0, bisect_right(frames_s, t_s + half_s - 1e-6) - 1)
 
 
-def pictures(one: Examined) -> list[Picture]:
+def pictures(one: Examination) -> list[Picture]:
     """Return the pictures of a recording, one per column.
 
     Raises:
@@ -100,7 +100,7 @@ def pictures(one: Examined) -> list[Picture]:
     return result
 
 
-def _fetch(one: Examined, indices: Sequence[int]) -> dict[int, bytes]:
+def _fetch(one: Examination, indices: Sequence[int]) -> dict[int, bytes]:
     """Return each JPEG by its index into the recording's frames."""
     frames = one.recording.frames_s
     start_ns = one.recording.provenance.session_start_ns
@@ -122,7 +122,7 @@ def _fetch(one: Examined, indices: Sequence[int]) -> dict[int, bytes]:
     return found
 
 
-def _overlay(one: Examined, index: int) -> str:
+def _overlay(one: Examination, index: int) -> str:
     """Return outlines of participants and conflict zone in the picture."""
     who, optics = one.recording.provenance.participants, one.recording.optics
     measured = one.measured
@@ -187,7 +187,7 @@ _ARROW_S = 0.2
 _AHEAD_M, _LEFT_M = (9.0, 12.0, 16.0, 21.0), (3.0, 1.2, -1.2, -3.0)
 
 
-def moving_road(one: Examined) -> Picture | None:
+def moving_road(one: Examination) -> Picture | None:
     """Return a frame with the motion of the road, recorded and seen; None: none was followed.
 
     Raises:
@@ -316,7 +316,8 @@ class PagePictures:
 
 
 def draw(
-    examined: Sequence[Examined], on_picture: Callable[[int, int], None] = lambda _done, _of: None
+    examined: Sequence[Examination],
+    on_picture: Callable[[int, int], None] = lambda _done, _of: None,
 ) -> PagePictures:
     """Return the pictures of examined recordings.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ssp_eval.audit.evidence import Subject
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.data.audit import PicturesEntry
-from ssp_eval.pictures.compare import Compared, compare_pictures, plan_pairs
+from ssp_eval.pictures.compare import PictureFigures, compare_pictures, plan_pairs
 from ssp_eval.pictures.footage import Float32, Footage, read_grey, read_small
 from ssp_eval.pictures.ground import Pair
 from ssp_eval.pictures.repeats import has_many_repeats, repeated_frames, sampled_frames
@@ -20,7 +20,7 @@ REMEDY = (
 
 
 @dataclass(frozen=True)
-class PicturesExamined:
+class PictureExamination:
     """Comparison of a clip's pictures with its states.
 
     Args:
@@ -34,11 +34,11 @@ class PicturesExamined:
     road: tuple[Pair, ...] = ()
 
 
-def _nothing(why: str) -> PicturesExamined:
-    return PicturesExamined(PicturesEntry(note=why))
+def _nothing(why: str) -> PictureExamination:
+    return PictureExamination(PicturesEntry(note=why))
 
 
-def examine_pictures(one: Subject) -> PicturesExamined:
+def examine_pictures(one: Subject) -> PictureExamination:
     """Compare the pictures of a clip with its states.
 
     Raises:
@@ -60,7 +60,9 @@ def examine_pictures(one: Subject) -> PicturesExamined:
         return _nothing("no frame has a state of the VUT at its time")
     lanes = None if recording.road is None else recording.road.road
     found = compare_pictures(Footage(one.moments, grey, optics, who.vut), plan, lanes)
-    return PicturesExamined(PicturesEntry(checks=list(found.checks)), _findings(found), found.road)
+    return PictureExamination(
+        PicturesEntry(checks=list(found.checks)), _findings(found), found.road
+    )
 
 
 def _repeated(one: Subject, vut_id: str) -> frozenset[int]:
@@ -74,7 +76,7 @@ def _repeated(one: Subject, vut_id: str) -> frozenset[int]:
     return repeated_frames(read(range(len(one.moments))), one.moments, vut_id)
 
 
-def _findings(found: Compared) -> tuple[Finding, ...]:
+def _findings(found: PictureFigures) -> tuple[Finding, ...]:
     failing = [check for check in found.checks if check.state == "fails"]
     if not failing:
         return ()

@@ -14,7 +14,7 @@ from itertools import pairwise
 from typing import Literal
 
 from ssp_eval.audit.evidence import PHASES_FIELD, Subject, review_of, seen_field
-from ssp_eval.audit.measure import Measured, Phases
+from ssp_eval.audit.measure import Measurements, Phases
 from ssp_eval.audit.reasons import Finding
 from ssp_eval.audit.recording import Recording
 from ssp_eval.data.audit import CoverageEntry, LabelSize, SightEntry
@@ -110,7 +110,7 @@ def label_sizes(one: Subject) -> tuple[list[LabelSize], str]:
 def _projected(
     recording: Recording,
     event: Event,
-    measured: Measured,
+    measured: Measurements,
     moments: Sequence[Moment],
     needed: float,
 ) -> tuple[CoverageEntry, list[Finding]]:

@@ -144,7 +144,7 @@ class Effect:
 
 
 @dataclass(frozen=True)
-class Compared:
+class AnswerComparison:
     """A label time: the factual answer, and those to the cause, the control and the repeat.
 
     Args:
@@ -195,7 +195,7 @@ def _of_model(model: str, cells: Sequence[CellAnswers]) -> list[Effect]:
 
 def compared_answers(
     cause: Cause, cells: Iterable[CellAnswers]
-) -> tuple[str, list[list[Compared]]]:
+) -> tuple[str, list[list[AnswerComparison]]]:
     """Choose the answers to compare for each recording, and the control.
 
     A recording that was asked in several campaigns, or about several objects, is one unit. Where
@@ -214,7 +214,7 @@ def compared_answers(
         for cell in listed
         if (found := cause_of(cell.condition)) and found.is_control and found.family == cause.family
     }
-    kept: dict[tuple[bool, bool], dict[str, list[Compared]]] = {}
+    kept: dict[tuple[bool, bool], dict[str, list[AnswerComparison]]] = {}
     name = ""
     for cell in listed:
         if cause_of(cell.condition) != cause or cell.place not in factual:
@@ -229,12 +229,12 @@ def compared_answers(
             lacks = any(n is not None and b is None for n, b in zip(noise, beside, strict=True))
             if own is None or other is None or lacks:
                 continue
-            group.setdefault(before.recording, []).append(Compared(own, other, *beside))
+            group.setdefault(before.recording, []).append(AnswerComparison(own, other, *beside))
     has = max((key for key, units in kept.items() if units), default=(False, False))
     return (name if has[0] else ""), [*kept.get(has, {}).values()]
 
 
-def _is_quiet(label: Compared, output: str) -> bool:
+def _is_quiet(label: AnswerComparison, output: str) -> bool:
     """Control and repeat are there, and this part of them is that of the factual answer."""
     if label.control is None or label.repeat is None:
         return False
@@ -252,7 +252,7 @@ def _is_same_path(own: Trajectory | None, other: Trajectory | None) -> bool:
 
 
 def _effect(
-    model: str, cause: Cause, output: str, control: str, units: Sequence[Sequence[Compared]]
+    model: str, cause: Cause, output: str, control: str, units: Sequence[Sequence[AnswerComparison]]
 ) -> Effect:
     if output == TRAJECTORY:
         return _of_trajectories(model, cause, control, units)
@@ -267,7 +267,7 @@ def _effect(
     if not n:
         return Effect(model, cause, output, control, 0, 0, given, None, None, None)
 
-    def differing(others: Callable[[Compared], Answer | None]) -> list[np.ndarray]:
+    def differing(others: Callable[[AnswerComparison], Answer | None]) -> list[np.ndarray]:
         """Tell by recording (L,) whether the slot differs from the factual answer's."""
         return [
             np.array(
@@ -327,7 +327,7 @@ def _effect(
 
 
 def _of_trajectories(
-    model: str, cause: Cause, control: str, units: Sequence[Sequence[Compared]]
+    model: str, cause: Cause, control: str, units: Sequence[Sequence[AnswerComparison]]
 ) -> Effect:
     recordings: list[list[tuple[float, float, float, float]]] = []
     for unit in units:
@@ -375,7 +375,7 @@ def _whole(value_m: float) -> float:
     return round(value_m / SAME_M) * SAME_M
 
 
-def _displacements(label: Compared) -> tuple[float, float, float, float] | None:
+def _displacements(label: AnswerComparison) -> tuple[float, float, float, float] | None:
     """Return the mean distances of three trajectories from the factual one, and its length, m.
 
     The three are those of the cause, the control and the repeat. None where one is missing. What

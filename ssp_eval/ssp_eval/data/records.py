@@ -106,7 +106,7 @@ Words = TypeVar("Words")
 
 # Typed mappings rather than models, since a campaign has hundreds of thousands of them.
 @with_config(CLOSED)
-class _Said(TypedDict, Generic[Words]):
+class _SlotValue(TypedDict, Generic[Words]):
     value: Words | None
     evidence: _Evidence
 
@@ -115,12 +115,12 @@ class _Said(TypedDict, Generic[Words]):
 class SlotsLine(TypedDict):
     """The slots of a text as a line of a file has them."""
 
-    objects: _Said[tuple[ObjectWord, ...]] | None
-    position: _Said[PositionWord] | None
-    motion: _Said[MotionWord] | None
-    conflict: _Said[ConflictWord] | None
-    lon_action: _Said[LonWord] | None
-    lat_action: _Said[LatWord] | None
+    objects: _SlotValue[tuple[ObjectWord, ...]] | None
+    position: _SlotValue[PositionWord] | None
+    motion: _SlotValue[MotionWord] | None
+    conflict: _SlotValue[ConflictWord] | None
+    lon_action: _SlotValue[LonWord] | None
+    lat_action: _SlotValue[LatWord] | None
 
 
 @with_config(CLOSED)

@@ -22,14 +22,18 @@ from ssp_core.world.transforms import encode_transform, mount
 from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Redrawing
 from ssp_eval.data.provenance import bag_folder
 from ssp_eval.draw.pictures import Pictures
-from ssp_eval.draw.scenes import IMAGE, Recorded
+from ssp_eval.draw.scenes import IMAGE, DrawableRecording
 from ssp_eval.importers.target import INFO, MOUNT
 
 _RENDERER = absolute(CAMERA_RENDERER)
 
 
 def write_drawn(
-    recorded: Recorded, pictures: Pictures, server: CarlaScene, drawn: Redrawing, target: Path
+    recorded: DrawableRecording,
+    pictures: Pictures,
+    server: CarlaScene,
+    drawn: Redrawing,
+    target: Path,
 ) -> None:
     """Write the new bag, which is whole or not there.
 
@@ -71,7 +75,9 @@ def write_drawn(
             shutil.copyfile(told, folder / VERDICT_FILE)
 
 
-def _changes(recorded: Recorded, pictures: Pictures) -> dict[str, Callable[[bytes], bytes | None]]:
+def _changes(
+    recorded: DrawableRecording, pictures: Pictures
+) -> dict[str, Callable[[bytes], bytes | None]]:
     """Give the change of each topic that has one; it gives None for a message that is left out."""
     lens = intrinsics(recorded.camera)
     mounted = encode_transform(mount(recorded.camera))

@@ -22,7 +22,7 @@ from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Redrawing
 from ssp_eval.data.provenance import bag_folder, find_bag, read_provenance
 from ssp_eval.draw.bag import write_drawn
 from ssp_eval.draw.pictures import Pictures
-from ssp_eval.draw.scenes import Recorded, read_recorded, scenes
+from ssp_eval.draw.scenes import DrawableRecording, read_recorded, scenes
 from ssp_eval.recordings.states import attached
 from ssp_ot_controller.camera.carla_painter import CarlaPainter
 from ssp_ot_controller.camera.frames import jpeg
@@ -121,7 +121,9 @@ def default_out(bag: Path) -> Path:
     return Path("out") / f"draw-{name}"
 
 
-def _map_of(recorded: Recorded, given: Path | None) -> tuple[Path, Literal["the task", "--map"]]:
+def _map_of(
+    recorded: DrawableRecording, given: Path | None
+) -> tuple[Path, Literal["the task", "--map"]]:
     """Return the map's file, and the authority that it is the recording's.
 
     Raises:
@@ -166,7 +168,7 @@ def _map_of(recorded: Recorded, given: Path | None) -> tuple[Path, Literal["the 
     return file, "the task"
 
 
-def _check_finished(out: Path, recorded: Recorded) -> None:
+def _check_finished(out: Path, recorded: DrawableRecording) -> None:
     """Raise InputError where the existing bag isn't this recording drawn anew."""
     with BagReader(out) as bag:
         there = attached(bag, DRAWN_ATTACHMENT, Redrawing)
@@ -174,7 +176,9 @@ def _check_finished(out: Path, recorded: Recorded) -> None:
         raise InputError("exists already", file=out, field="--out", remedy="name a new folder")
 
 
-def _draw(recorded: Recorded, pictures: Pictures, address: CarlaAddress, sha256: str) -> int:
+def _draw(
+    recorded: DrawableRecording, pictures: Pictures, address: CarlaAddress, sha256: str
+) -> int:
     """Draw what isn't drawn yet; gives the number of all pictures.
 
     Raises:

@@ -32,7 +32,7 @@ _STATE_AGE_NS = seconds_to_ns(STATE_AGE_S)
 
 
 @dataclass(frozen=True)
-class Recorded:
+class DrawableRecording:
     """A recording that can be drawn anew.
 
     Args:
@@ -68,7 +68,7 @@ class Recorded:
         )
 
 
-def read_recorded(bag: BagReader, facts: Provenance) -> Recorded:
+def read_recorded(bag: BagReader, facts: Provenance) -> DrawableRecording:
     """Return the recording that is drawn anew.
 
     Raises:
@@ -106,7 +106,7 @@ def read_recorded(bag: BagReader, facts: Provenance) -> Recorded:
             field="camera",
             remedy="give a recording of `ssp run`, or import one with its camera's geometry",
         )
-    return Recorded(bag, facts, people, road, camera, tuple(frames_ns))
+    return DrawableRecording(bag, facts, people, road, camera, tuple(frames_ns))
 
 
 def _imported_camera(bag: BagReader, frames_ns: Sequence[int]) -> Camera | None:
@@ -134,14 +134,14 @@ def _imported_camera(bag: BagReader, frames_ns: Sequence[int]) -> Camera | None:
     return parse_model(Camera, told, f"{bag.path}: camera")
 
 
-def scenes(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
+def scenes(recorded: DrawableRecording) -> Iterator[tuple[int, Scene]]:
     """Yield the stamp and the scene of each frame with a state of the VUT, in order, each once."""
     if TICK in recorded.bag.topics:
         return _of_world(recorded)
     return _of_reports(recorded)
 
 
-def _of_world(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
+def _of_world(recorded: DrawableRecording) -> Iterator[tuple[int, Scene]]:
     """Yield the scenes of a simulated world, step by step, as its camera saw them."""
     run = recorded.facts.run
     if run is None:
@@ -168,7 +168,7 @@ def _of_world(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
             yield tick.stamp_ns, scene
 
 
-def _of_reports(recorded: Recorded) -> Iterator[tuple[int, Scene]]:
+def _of_reports(recorded: DrawableRecording) -> Iterator[tuple[int, Scene]]:
     """Yield the scenes of the states that were reported, each extrapolated to the frame's stamp."""
     people, road = recorded.people, recorded.road
     ids = [people.vut, *people.targets]

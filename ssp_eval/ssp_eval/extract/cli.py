@@ -21,7 +21,7 @@ from ssp_core.options import WholeNumber
 from ssp_core.run_file.values import Strict
 from ssp_eval.data.labels import Text
 from ssp_eval.data.records import BehaviourRecord, parse_line, record_to_json
-from ssp_eval.extract.combined.extractor import Extracted, Extractor
+from ssp_eval.extract.combined.extractor import Extractor, TextExtraction
 from ssp_eval.extract.combined.options import extractor_of, llm_options
 from ssp_eval.extract.language import NOT_READ
 from ssp_eval.extract.measure import load_corpus, measure
@@ -163,7 +163,7 @@ def _answer(text: str) -> AnswerText:
     return found if len(found.text) != len(text) else AnswerText(text)
 
 
-def _line(key: str | int, text: str, found: Extracted, extractor: Extractor) -> dict[str, Any]:
+def _line(key: str | int, text: str, found: TextExtraction, extractor: Extractor) -> dict[str, Any]:
     record = record_to_json(BehaviourRecord(0.0, text, found.slots))
     line = {"id": key, "slots": json.loads(record)["slots"]}
     if found.language:

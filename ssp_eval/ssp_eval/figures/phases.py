@@ -27,7 +27,7 @@ from ssp_eval.figures.style import (
     fitted,
     text_width_in,
 )
-from ssp_eval.figures.write import Written, written_drawings
+from ssp_eval.figures.write import FiguresOutcome, written_drawings
 from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.notices import caption_text
 from ssp_eval.statistics.rows import rows_from_cells
@@ -233,7 +233,7 @@ def write_phase_frames(
     cells: Sequence[CellData],
     progress: Callable[[str], None] = lambda _name: None,
     limit: bool = False,
-) -> Written:
+) -> FiguresOutcome:
     """Write the phase-aligned frames of each scenario and model; controls show no model.
 
     Args:
@@ -253,7 +253,7 @@ def write_phase_frames(
     count = sum(map(len, groups.values()))
     if limit and count > MOST_CELLS:
         why = f"{count} cells take minutes; ask for them with --only phases"
-        return Written((), (("phases", why),))
+        return FiguresOutcome((), (("phases", why),))
     make_folder(out)
     drawings = (phase_frames(*key, members) for key, members in sorted(groups.items()))
     return written_drawings(drawings, out, progress)

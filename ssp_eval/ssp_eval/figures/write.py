@@ -29,7 +29,7 @@ _METADATA: dict[str, dict[str, str | None]] = {
 
 
 @dataclass(frozen=True)
-class Written:
+class FiguresOutcome:
     """The outcome of writing the figures.
 
     Args:
@@ -46,7 +46,7 @@ def write_figures(
     reference: str | None = None,
     only: Collection[str] = (),
     progress: Callable[[str], None] = lambda _name: None,
-) -> Written:
+) -> FiguresOutcome:
     """Write every figure that the rows give.
 
     Args:
@@ -96,7 +96,7 @@ def written_drawings(
     out: Path,
     progress: Callable[[str], None],
     told: str = "",
-) -> Written:
+) -> FiguresOutcome:
     """Write drawings one by one, so that only one is in memory.
 
     Args:
@@ -126,4 +126,4 @@ def written_drawings(
             files.append(out / f"{item.name}.txt")
             write_text(files[-1], f"{item.caption.rstrip()} {told}".rstrip() + "\n")
             progress(item.name)
-    return Written(tuple(files), tuple(left_out))
+    return FiguresOutcome(tuple(files), tuple(left_out))

@@ -210,7 +210,7 @@ def video_times(path: Path, start_s: float) -> list[float]:
     return times_s
 
 
-class _Known(Strict):
+class _TruthFields(Strict):
     """The part of a truth file that labels need; a clip's maker knows more."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
@@ -225,7 +225,7 @@ class TruthSize(Strict):
     height_m: float
 
 
-class TruthObject(_Known):
+class TruthObject(_TruthFields):
     """One object of a truth file, fields as in ssp_core.motion.state.ObjectState."""
 
     object_id: str
@@ -250,20 +250,20 @@ class TruthObject(_Known):
         )
 
 
-class TruthFrame(_Known):
+class TruthFrame(_TruthFields):
     """All objects at one clip time."""
 
     t_s: float
     objects: list[TruthObject]
 
 
-class TruthCamera(_Known):
+class TruthCamera(_TruthFields):
     """The clip's camera."""
 
     hfov_deg: Annotated[float, Field(gt=1, lt=180)] | None = None
 
 
-class TruthFile(_Known):
+class TruthFile(_TruthFields):
     """``ssp.truth/1``: what the maker of a clip knows about it."""
 
     schema_: Literal["ssp.truth/1"] = Field(alias="schema")

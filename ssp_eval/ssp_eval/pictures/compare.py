@@ -127,7 +127,7 @@ def plan_pairs(
 
 
 @dataclass(frozen=True)
-class Compared:
+class PictureFigures:
     """All figures of a recording, and what they come from."""
 
     checks: tuple[PictureCheck, ...]
@@ -136,7 +136,7 @@ class Compared:
     change: Mapping[str, Sequence[Change]] = field(default_factory=dict)
 
 
-def compare_pictures(footage: Footage, plan: Plan, lanes: Road | None = None) -> Compared:
+def compare_pictures(footage: Footage, plan: Plan, lanes: Road | None = None) -> PictureFigures:
     """Compare pictures with states.
 
     Args:
@@ -152,7 +152,7 @@ def compare_pictures(footage: Footage, plan: Plan, lanes: Road | None = None) ->
     if why := _unlit(footage.grey):
         names = ["speed", "course of the speed", "time", "turning", "order of the frames"]
         names += [SIDES, *plan.change]
-        return Compared(tuple(_open(name, why) for name in names))
+        return PictureFigures(tuple(_open(name, why) for name in names))
     road = compare_ground(footage, road_pairs)
     moving = [
         pair
@@ -174,7 +174,7 @@ def compare_pictures(footage: Footage, plan: Plan, lanes: Road | None = None) ->
     checks.append(sides_check(sides, lanes is not None, _told_otherwise(checks, change)))
     for target, found in change.items():
         checks += [change_check(target, found), place_check(target, found)]
-    return Compared(tuple(checks), tuple(road), tuple(turns), change)
+    return PictureFigures(tuple(checks), tuple(road), tuple(turns), change)
 
 
 def _open(name: str, why: str, judged: int = 0) -> PictureCheck:

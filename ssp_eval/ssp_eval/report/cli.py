@@ -18,7 +18,7 @@ from ssp_eval.causes.findings import answers_in, moved_by
 from ssp_eval.causes.tables import moved_tables
 from ssp_eval.data.loop import is_loop_campaign
 from ssp_eval.evaluate.store.results import CellData, cell_files
-from ssp_eval.figures.write import GROUPS, Written, write_figures
+from ssp_eval.figures.write import GROUPS, FiguresOutcome, write_figures
 from ssp_eval.report.making import MOST_ANALYSED, Making, runs_of, statistics_of
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.bootstrap import RESAMPLES, SEED
@@ -78,7 +78,7 @@ def draw_figures(
         HostError: the disk doesn't take them.
     """
     groups = [name for name in wanted.only if name in GROUPS]
-    done: list[Written] = []
+    done: list[FiguresOutcome] = []
     with new_files(wanted.folder) as scratch, console.progress("figures", None) as bar:
 
         def advance(name: str) -> None:

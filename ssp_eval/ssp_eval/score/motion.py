@@ -95,7 +95,7 @@ _LEFT, _STRAIGHT, _RIGHT = map(LAT_ACTIONS.index, ("left", "straight", "right"))
 
 
 @dataclass(frozen=True, eq=False)
-class Driven:
+class TrajectoryActions:
     """The actions of trajectories, one row per record (METHOD 6.6).
 
     Args:
@@ -111,7 +111,7 @@ class Driven:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class SampledTrajectories:
     """The trajectories that are valid, sampled.
 
     Args:
@@ -122,7 +122,7 @@ class Measured:
     motion: Motion
 
 
-def measure(records: RecordColumns, thresholds: Thresholds) -> Measured:
+def measure(records: RecordColumns, thresholds: Thresholds) -> SampledTrajectories:
     """Sample all valid trajectories at start, middle and end (METHOD 5.4, 6.6).
 
     Times must cover the interval, and all coordinates be finite; a record's ``invalid`` decides
@@ -156,10 +156,10 @@ def measure(records: RecordColumns, thresholds: Thresholds) -> Measured:
     with np.errstate(over="ignore", invalid="ignore"):
         forward_m = sampled(records.x_m, records.x_start)
         left_m = sampled(records.y_m, records.y_start)
-    return Measured(rows, Motion(forward_m, left_m, step_of(thresholds)))
+    return SampledTrajectories(rows, Motion(forward_m, left_m, step_of(thresholds)))
 
 
-def driven(records: RecordColumns, thresholds: Thresholds) -> Driven:
+def driven(records: RecordColumns, thresholds: Thresholds) -> TrajectoryActions:
     """Compute which trajectories are valid (METHOD 5.4) and their actions (METHOD 6.6)."""
     count = len(records.t_s)
     lon, lat = np.full(count, NOTHING), np.full(count, NOTHING)
@@ -170,7 +170,7 @@ def driven(records: RecordColumns, thresholds: Thresholds) -> Driven:
         valid[rows] = True
         lon[rows], lat[rows] = lon_action(motion, thresholds), lat_action(motion, thresholds)
         drivable[rows] = feasible(motion, thresholds)
-    return Driven(valid, lon, lat, drivable)
+    return TrajectoryActions(valid, lon, lat, drivable)
 
 
 def lon_action(motion: Motion, thresholds: Thresholds = DEFAULT) -> Whole:

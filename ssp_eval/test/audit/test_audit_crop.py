@@ -14,7 +14,7 @@ from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.motion.state_series import StateSeries
 from ssp_core.vocabulary import ControlState, Verdict
-from ssp_eval.audit.examine import Examined, examine
+from ssp_eval.audit.examine import Examination, examine
 from ssp_eval.audit.reasons import explain
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.data.audit import phase_difference, phase_fraction
@@ -130,12 +130,12 @@ def session(make_bag: Maker, make_task: Maker) -> Callable[..., Path]:
     return make
 
 
-def look(bag: Path) -> Examined:
+def look(bag: Path) -> Examination:
     event, version = load_event("cut_in")
     return examine(read_recording(bag), event, version)
 
 
-def codes(one: Examined) -> Mapping[str, list[str]]:
+def codes(one: Examination) -> Mapping[str, list[str]]:
     return {r.finding.code: [c.code for c in r.consequences] for r in explain(one.findings)}
 
 

@@ -13,7 +13,7 @@ from observation_files import answers, changed, footage_of, seal
 
 from ssp_eval.audit import examine as examining
 from ssp_eval.audit.evidence import Difference, Evidence, Source, observed_differences
-from ssp_eval.audit.examine import Examined, examine
+from ssp_eval.audit.examine import Examination, examine
 from ssp_eval.audit.judge import judge
 from ssp_eval.audit.measure import RoadFacts
 from ssp_eval.audit.recording import Recording, read_recording
@@ -38,11 +38,11 @@ def recording(
     return read_recording(bag_writer(root / "bag", task=task, like_k_star=True, duration_s=12.0))
 
 
-def look(recording: Recording) -> Examined:
+def look(recording: Recording) -> Examination:
     return examine(recording, EVENT, VERSION)
 
 
-def codes(one: Examined) -> set[str]:
+def codes(one: Examination) -> set[str]:
     return {finding.code for finding in one.findings}
 
 
@@ -282,7 +282,7 @@ def test_the_only_lane_of_a_road_is_not_any_lane_of_another(
     )
     assert "lanes_same_direction" not in free.topology.identity_fields
 
-    def with_lane(recording: Recording, *given: Any) -> Examined:
+    def with_lane(recording: Recording, *given: Any) -> Examination:
         one = examining.examine(recording, *given)
         domain = recording.provenance.domain
         lane = ("rightmost", "leftmost") if domain == "synthetic" else ("leftmost",)

@@ -18,7 +18,7 @@ from ssp_core.vocabulary import ObjectClass, Role
 from ssp_core.world.camera import Intrinsics, Mounting
 from ssp_eval.audit.checks import further_findings
 from ssp_eval.audit.evidence import expected_properties, outside_ranges
-from ssp_eval.audit.measure import Measured, Scene, measure
+from ssp_eval.audit.measure import Measurements, Scene, measure
 from ssp_eval.audit.paths import Lanes
 from ssp_eval.data.audit import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY, is_equal
 from ssp_eval.recordings.sight import Moment, Optics, object_sight
@@ -48,7 +48,7 @@ from tests.support.audit_scenes import (
 )
 
 
-def words(found: Measured, field: str, part: str) -> tuple[str, ...]:
+def words(found: Measurements, field: str, part: str) -> tuple[str, ...]:
     value = found.properties[field].words
     assert value is not None
     return value[part]

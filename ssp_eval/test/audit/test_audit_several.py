@@ -18,7 +18,7 @@ from ssp_core.world.camera import Intrinsics, Mounting
 from ssp_eval.audit.checks import further_findings, property_findings
 from ssp_eval.audit.evidence import expected_properties, varying_parts
 from ssp_eval.audit.further import departures
-from ssp_eval.audit.measure import Measured, RoadFacts, Scene, measure
+from ssp_eval.audit.measure import Measurements, RoadFacts, Scene, measure
 from ssp_eval.audit.reasons import explain
 from ssp_eval.data.audit import ROLES, TOPOLOGY, property_retention
 from ssp_eval.labels.propose import propose_by_plan
@@ -76,7 +76,7 @@ def changed(scene: Scene, change: dict[str, dict[str, object] | None]) -> Scene:
     return replace(scene, series=[(t_s, states(now)) for t_s, now in scene.series])
 
 
-def kept(event: Event, found: Measured) -> tuple[float, dict[str, str]]:
+def kept(event: Event, found: Measurements) -> tuple[float, dict[str, str]]:
     """KPR against K*, and what differs in the roles, by code."""
     varying = varying_parts(event)
     mine = {k: q.without(varying) for k, q in found.properties.items()}

@@ -18,7 +18,7 @@ from ssp_core.cli import main
 from ssp_core.hashing import sha256_file
 from ssp_eval.audit.checks import version_findings
 from ssp_eval.audit.evidence import expected_properties, review_of
-from ssp_eval.audit.examine import Examined, examine
+from ssp_eval.audit.examine import Examination, examine
 from ssp_eval.audit.reasons import explain
 from ssp_eval.audit.recording import Recording, read_recording
 from ssp_eval.data.audit import FIELDS
@@ -77,11 +77,11 @@ def video(clip: Path, event: Event, tmp_path: Path) -> Callable[..., Recording]:
     return make
 
 
-def look(recording: Recording, event: Event | None) -> Examined:
+def look(recording: Recording, event: Event | None) -> Examination:
     return examine(recording, event, None if event is None else event_version(event))
 
 
-def codes(one: Examined) -> dict[str, list[str]]:
+def codes(one: Examination) -> dict[str, list[str]]:
     return {r.finding.code: [c.code for c in r.consequences] for r in explain(one.findings)}
 
 

@@ -13,7 +13,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Redrawing
 from ssp_eval.data.provenance import CARLA, Provenance, read_provenance
-from ssp_eval.draw.scenes import Recorded, read_recorded, scenes
+from ssp_eval.draw.scenes import DrawableRecording, read_recorded, scenes
 from ssp_ot_controller.camera.renderer.scene import Scene
 from tests.support.worlds import (
     CAMERA,
@@ -49,7 +49,7 @@ def as_drawn() -> bytes:
     return told.model_dump_json(by_alias=True).encode()
 
 
-def drawn(path: Path) -> tuple[Recorded, list[tuple[int, Scene]]]:
+def drawn(path: Path) -> tuple[DrawableRecording, list[tuple[int, Scene]]]:
     with BagReader(path) as bag:
         found = read_recorded(bag, read_provenance(bag))
         return found, list(scenes(found))

@@ -19,7 +19,7 @@ from ssp_eval.evaluate.clients.models import bridge_spec
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.run import show
 from ssp_eval.evaluate.store.results import load_cells
-from ssp_eval.extract.combined.extractor import Extracted, Extractor
+from ssp_eval.extract.combined.extractor import Extractor, TextExtraction
 from ssp_eval.report.page import write_report
 from ssp_eval.score.thresholds import Thresholds
 from ssp_eval.statistics.notices import domain_text, everywhere, lead, notices
@@ -118,7 +118,7 @@ def test_a_gap_is_named_and_a_recording_without_twins_is_none() -> None:
 class Troubled(Extractor):
     """An extractor whose LLM can't be reached."""
 
-    def __call__(self, text: str) -> Extracted:
+    def __call__(self, text: str) -> TextExtraction:
         return replace(super().__call__(text), trouble="no answer: it is away")
 
     @property
@@ -129,7 +129,7 @@ class Troubled(Extractor):
 class German(Extractor):
     """An extractor that reads a fixed German answer in place of any text."""
 
-    def __call__(self, text: str) -> Extracted:
+    def __call__(self, text: str) -> TextExtraction:
         return super().__call__("Vor uns bremst ein Lastwagen, wir halten die Spur.")
 
 

@@ -189,7 +189,7 @@ _OPEN_TABLES = 64
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class ExportEntry:
     """One thing that was exported: its topic, file or folder, and how many rows or frames."""
 
     topic: str
@@ -202,7 +202,7 @@ class Written:
 class ExportReport:
     """The exported files, and the notes on them for a person."""
 
-    written: list[Written] = field(default_factory=list)
+    written: list[ExportEntry] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
@@ -264,14 +264,14 @@ class Export:
                 count = write_images(
                     self.bag, topic, folder / name, self.frames, self.span, losses, self.advance
                 )
-                written.append(Written(topic, f"{name}/", count, "frames"))
+                written.append(ExportEntry(topic, f"{name}/", count, "frames"))
             if self.video:
                 losses = Losses()  # the same ones once more
                 files, count, leapt = write_video(
                     self.bag, topic, folder / name, self.span, losses, self.advance
                 )
                 listed = ", ".join(file.name for file in files) or "-"
-                written.append(Written(topic, listed, count, "frames"))
+                written.append(ExportEntry(topic, listed, count, "frames"))
                 if leapt:
                     notes.append(
                         f"{topic}: {leapt} of {count} frames are shown at their times of receipt: "
@@ -342,7 +342,9 @@ class Export:
                     tables[message.topic].write(row)
                 self.advance(1)
         for topic, table in tables.items():
-            self.report.written.append(Written(topic, f"{names[topic]}.csv", table.rows, "rows"))
+            self.report.written.append(
+                ExportEntry(topic, f"{names[topic]}.csv", table.rows, "rows")
+            )
         for topic, count in damaged.items():
             self.report.notes.append(
                 f"{topic}: {count} messages left out; the first: {first[topic]}"

@@ -23,9 +23,9 @@ from ssp_monitor.status.board import (
     STALE_S,
     Board,
     Event,
-    Heard,
+    LatestReport,
+    LatestState,
     LinkFact,
-    Received,
     RecorderFact,
     StateOnPage,
     age_s,
@@ -218,7 +218,7 @@ class Snapshots:
         fresh_vut = vut.state if vut and object_age_s(board, vut, now_ns) <= STALE_S else None
         return [self._object(heard, fresh_vut, now_ns) for heard in everyone]
 
-    def _object(self, heard: Received, vut: ObjectState | None, now_ns: int) -> dict[str, Any]:
+    def _object(self, heard: LatestState, vut: ObjectState | None, now_ns: int) -> dict[str, Any]:
         state = heard.state
         old_s = object_age_s(self._board, heard, now_ns)
         limit_s = self._limits.state_age_s if self._limits else DEFAULT_STATE_AGE_S
@@ -429,7 +429,7 @@ class Pictures:
         except ValueError as error:
             self._board.camera = replace(self._board.camera, value=NOT_JPEG)
             return str(error)
-        self._board.camera = Heard("", at_ns)
+        self._board.camera = LatestReport("", at_ns)
         return ""
 
     def take(self, now_ns: int) -> bytes | None:

@@ -25,7 +25,7 @@ from ssp_core.vocabulary import Phase, SessionPhase, Verdict
 
 
 @dataclass(frozen=True, slots=True)
-class Received:
+class LatestState:
     """The newest state of one object.
 
     Args:
@@ -185,7 +185,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Heard(Generic[T]):
+class LatestReport(Generic[T]):
     """The newest word of one source.
 
     Args:
@@ -213,7 +213,7 @@ class HeardManager:
     at_ns: int | None = None
     stamp_ns: int | None = None
     session_token: str = ""
-    strangers: Heard[tuple[str, ...]] = Heard(())
+    strangers: LatestReport[tuple[str, ...]] = LatestReport(())
 
     def silent_s(self, now_ns: int) -> float:
         """Return the time since the newest heartbeat; inf: there was none."""
@@ -309,16 +309,16 @@ class Board:
     """
 
     run: RunSpec | None = None
-    objects: dict[str, Received] = field(default_factory=dict)
+    objects: dict[str, LatestState] = field(default_factory=dict)
     session: HeardSession = field(default_factory=HeardSession)
     manager: HeardManager = field(default_factory=HeardManager)
-    links: Heard[dict[str, LinkFact]] = field(default_factory=lambda: Heard({}))
+    links: LatestReport[dict[str, LinkFact]] = field(default_factory=lambda: LatestReport({}))
     rules: HeardRules = field(default_factory=HeardRules)
-    recorder: Heard[RecorderFact | None] = Heard(None)
-    vut_refused: Heard[str] = Heard("")
+    recorder: LatestReport[RecorderFact | None] = LatestReport(None)
+    vut_refused: LatestReport[str] = LatestReport("")
     bodies: dict[str, tuple[BodyStatus, int]] = field(default_factory=dict)
     motion: dict[str, ConsistencyWatch] = field(default_factory=dict)
-    camera: Heard[str] = Heard("")
+    camera: LatestReport[str] = LatestReport("")
     replay: bool = False
     offered: frozenset[str] | None = None
     events: EventList = field(default_factory=EventList)
@@ -340,7 +340,7 @@ class Board:
                 back_ns = known.state.stamp_ns - state.stamp_ns
                 if at_ns < known.at_ns or 0 < back_ns <= _BEGUN_AGAIN_NS:
                     continue
-            self.objects[state.object_id] = Received(state, at_ns)
+            self.objects[state.object_id] = LatestState(state, at_ns)
             watch = self.motion.get(state.object_id)
             if watch is not None and state.is_finite:
                 watch.see(state)
@@ -358,16 +358,16 @@ class Board:
         self, links: dict[str, LinkFact], at_ns: int, strangers: tuple[str, ...] = ()
     ) -> None:
         """Take the manager's measurements of all links, and the strangers that it has found."""
-        self.links = Heard(links, at_ns)
-        self.manager.strangers = Heard(strangers, at_ns)
+        self.links = LatestReport(links, at_ns)
+        self.manager.strangers = LatestReport(strangers, at_ns)
 
     def hear_recorder(self, fact: RecorderFact, at_ns: int) -> None:
         """Take the recorder's report on itself."""
-        self.recorder = Heard(fact, at_ns)
+        self.recorder = LatestReport(fact, at_ns)
 
     def hear_localisation(self, reason: str, at_ns: int) -> None:
         """Take the reason why no state is made of the VUT's newest fix; empty: one is made."""
-        self.vut_refused = Heard(reason, at_ns)
+        self.vut_refused = LatestReport(reason, at_ns)
 
     def hear_body(self, status: BodyStatus, at_ns: int) -> None:
         """Take the report of a live object's process on its body (BodyStatus.msg)."""
@@ -426,7 +426,7 @@ def links_of(board: Board, now_ns: int) -> dict[str, LinkFact]:
     return board.links.value if board.links.age_s(now_ns) <= LINKS_FRESH_S else {}
 
 
-def object_age_s(board: Board, heard: Received, now_ns: int) -> float:
+def object_age_s(board: Board, heard: LatestState, now_ns: int) -> float:
     """Return an object's age: the worst of what arrival, stamp and manager say of it.
 
     A state that was held up on its way arrives late and looks new by its arrival alone.

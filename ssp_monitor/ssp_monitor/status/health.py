@@ -31,8 +31,8 @@ from ssp_monitor.status.board import (
     DEFAULT_STATE_AGE_S,
     STALE_S,
     Board,
+    LatestState,
     LinkFact,
-    Received,
     RecorderFact,
     age_s,
     links_of,
@@ -323,7 +323,7 @@ def _off_reference(state: ObjectState, limits: Limits) -> str:
 
 
 def _judged(
-    heard: Received, link: LinkFact, limits: Limits | None, old_s: float
+    heard: LatestState, link: LinkFact, limits: Limits | None, old_s: float
 ) -> tuple[Level, str]:
     """Return the worst that is known of an object; what makes the rest meaningless goes first."""
     state = heard.state

@@ -45,8 +45,8 @@ from ssp_monitor.status.board import (
     MOST_OBJECTS,
     Board,
     Event,
-    Heard,
     HeardManager,
+    LatestReport,
     LinkFact,
     RecorderFact,
     SessionFact,
@@ -79,7 +79,7 @@ def ready_board(run: RunSpec) -> Board:
     board = Board(run)
     at_ns = 10 * S
     board.manager.at_ns = at_ns
-    board.camera = Heard("", at_ns)
+    board.camera = LatestReport("", at_ns)
     board.hear_session(SessionFact(5 * S, SessionPhase.CONNECTED), at_ns)
     board.hear_states([state("vut", Role.VUT)], at_ns)
     walker = state("walker", object_class=ObjectClass.PEDESTRIAN, x_m=60.0, y_m=6.0)
@@ -141,8 +141,11 @@ def test_what_an_adapter_said_long_ago_stands_in_nobodys_way(run):
     ("change", "said"),
     [
         (lambda b: setattr(b, "manager", HeardManager()), "the scenario manager is silent"),
-        (lambda b: setattr(b, "camera", Heard("")), "no camera frame arrives"),
-        (lambda b: setattr(b, "recorder", Heard(b.recorder.value)), "the recorder is silent"),
+        (lambda b: setattr(b, "camera", LatestReport("")), "no camera frame arrives"),
+        (
+            lambda b: setattr(b, "recorder", LatestReport(b.recorder.value)),
+            "the recorder is silent",
+        ),
         (
             lambda b: b.hear_recorder(RecorderFact(False, missing=("/ssp/x",)), 10 * S),
             "the recorder is not ready: /ssp/x",
@@ -323,7 +326,7 @@ def test_what_a_manager_that_is_silent_said_of_strangers_is_not_believed(run):
     board = ready_board(run)
     at_ns = 10 * S - round(LINKS_FRESH_S * S)
     for said_ns, named in ((at_ns, True), (at_ns - 1, False)):
-        board.manager.strangers = Heard(("ot1/state has two",), said_ns)
+        board.manager.strangers = LatestReport(("ot1/state has two",), said_ns)
         assert any("has two" in one for one in standing_in_the_way(board, 10 * S)) is named
 
 

@@ -31,11 +31,11 @@ from ssp_monitor.ros.view_node import (
 )
 from ssp_monitor.status.board import (
     Board,
-    Heard,
     HeardManager,
     HeardSession,
+    LatestReport,
+    LatestState,
     LinkFact,
-    Received,
     RecorderFact,
     SessionFact,
 )
@@ -53,7 +53,7 @@ def _state(object_id: str = "vut", x_m: float = 0.0, **changes: Any) -> ObjectSt
 def _moving(*states: ObjectState, age_s: float = 0.0, over: ObjectMarkers | None = None) -> Any:
     """Marks by space and number, and those that are to disappear."""
     at_ns = NOW_NS - round(age_s * NS_PER_S)
-    board = Board(objects={state.object_id: Received(state, at_ns) for state in states})
+    board = Board(objects={state.object_id: LatestState(state, at_ns) for state in states})
     marks = (over or ObjectMarkers()).marks(board, NOW_NS)
     gone = {(mark.ns, mark.id) for mark in marks if mark.action == Marker.DELETE}
     return {(mark.ns, mark.id): mark for mark in marks if mark.action == Marker.ADD}, gone
@@ -159,10 +159,10 @@ def test_the_gap_is_drawn_to_whom_the_vut_is_about_to_meet():
 def _board(run_mapping: dict[str, Any], **changes: Any) -> Board:
     board = Board(RunSpec.model_validate(run_mapping))
     for name in ("vut", "ot1", "walker"):
-        board.objects[name] = Received(_state(name), NOW_NS)
+        board.objects[name] = LatestState(_state(name), NOW_NS)
     board.session = HeardSession(SessionFact(NS_PER_S, SessionPhase.RUNNING), NOW_NS)
     board.manager = HeardManager(NOW_NS)
-    board.recorder = Heard(RecorderFact(True, "bag"), NOW_NS)
+    board.recorder = LatestReport(RecorderFact(True, "bag"), NOW_NS)
     for name, value in changes.items():
         setattr(board, name, value)
     return board
@@ -205,7 +205,7 @@ def test_nothing_heard_is_stale_not_well(run_mapping):
     ],
 )
 def test_the_recorders_health(fact, level, text, run_mapping):
-    status = _health(_board(run_mapping, recorder=Heard(fact, NOW_NS)))["recorder"]
+    status = _health(_board(run_mapping, recorder=LatestReport(fact, NOW_NS)))["recorder"]
     assert status.level is level
     assert text in status.message
 
@@ -255,7 +255,7 @@ def test_a_silent_manager_and_a_clock_that_stands(run_mapping):
 )
 def test_an_objects_health(changes, age_s, level, text, run_mapping):
     board = _board(run_mapping)
-    board.objects["ot1"] = Received(_state("ot1", **changes), NOW_NS - round(age_s * NS_PER_S))
+    board.objects["ot1"] = LatestState(_state("ot1", **changes), NOW_NS - round(age_s * NS_PER_S))
     status = _health(board)["object ot1"]
     assert status.level is level
     assert text in status.message
@@ -263,7 +263,7 @@ def test_an_objects_health(changes, age_s, level, text, run_mapping):
 
 def test_slow_links_and_wrong_clocks_are_warned_of(run_mapping):
     links = {"vut": LinkFact(0.16, 0.1), "ot1": LinkFact(0.0, 0.6), "walker": LinkFact()}
-    found = _health(_board(run_mapping, links=Heard(links, NOW_NS)))
+    found = _health(_board(run_mapping, links=LatestReport(links, NOW_NS)))
     assert "0.160 s off" in found["object vut"].message
     assert "takes 0.600 s" in found["object ot1"].message
     assert found["object walker"].level is Level.OK
@@ -273,7 +273,7 @@ def test_slow_links_and_wrong_clocks_are_warned_of(run_mapping):
 def test_links_of_a_manager_that_tells_nothing_any_more_are_not_known(run_mapping):
     links = {"ot1": LinkFact(0.0, 0.6)}
     old = NOW_NS - round(3.1 * NS_PER_S)
-    found = _health(_board(run_mapping, links=Heard(links, old)))["object ot1"]
+    found = _health(_board(run_mapping, links=LatestReport(links, old)))["object ot1"]
     assert found.level is Level.OK
     assert ("link there and back, s", "unknown") in found.values
 

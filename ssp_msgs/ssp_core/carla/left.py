@@ -21,7 +21,7 @@ from ssp_core.carla.lights import Lights
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
+class Leftovers:
     """Settings and actors that are to be given back.
 
     Args:
@@ -82,7 +82,7 @@ class LeftFile:
         self._handle = None
 
 
-def read_left(address: CarlaAddress) -> Left | None:
+def read_left(address: CarlaAddress) -> Leftovers | None:
     """Read what a client of this machine that is gone left in a server; None: nothing is known."""
     try:
         handle = os.open(_place(address), os.O_RDWR | os.O_CLOEXEC)
@@ -93,7 +93,7 @@ def read_left(address: CarlaAddress) -> Left | None:
         told = json.loads(os.read(handle, 1 << 20))
         lights = None if told["lights"] is None else Lights.of_values(told["lights"])
         actors = frozenset(map(int, told["actors"]))
-        return Left(told["settings"], told["weather"], actors, lights)
+        return Leftovers(told["settings"], told["weather"], actors, lights)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
     finally:

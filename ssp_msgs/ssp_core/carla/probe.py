@@ -49,7 +49,7 @@ _AWAY_M = 5000.0
 
 
 @dataclass
-class _Found:
+class _Findings:
     """Everything that a probe has measured so far."""
 
     rows: list[Row] = field(default_factory=list)
@@ -76,7 +76,7 @@ def probe(
     Raises:
         PeerError: it stops answering, or can't do what a run can't do without.
     """
-    found = _Found()
+    found = _Findings()
     before = server.settings()
     server.take_over(STEP_S)
     say("measuring bodies")
@@ -147,7 +147,7 @@ def _rest_m(server: CarlaServer, blueprint: str, place: CarlaPose) -> float | No
     return rest_m
 
 
-def _tell_bodies(found: _Found) -> None:
+def _tell_bodies(found: _Findings) -> None:
     for object_class in DEFAULT_SIZES:
         word = object_class.name.lower()
         of_class = [

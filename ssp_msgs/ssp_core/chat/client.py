@@ -31,7 +31,7 @@ from ssp_core.errors import PeerError
 from ssp_core.files.strict_json import parse_strict
 
 if TYPE_CHECKING:  # the library is imported with the first question; it takes its time
-    from ssp_core.chat.transport import FailedRequest, Received
+    from ssp_core.chat.transport import FailedRequest, RawReply
 
 NO_KEY = "none"  # what servers get that want no key
 _NOT_TAKEN = frozenset(
@@ -239,7 +239,7 @@ class OpenAIChat:
             self._note(f"{self._shown_url}: {trouble.reason}; trying again in {wait_s:g} s")
             self._sleep(wait_s)
 
-    def _trouble(self, came: Received | FailedRequest) -> Trouble | bytes:
+    def _trouble(self, came: RawReply | FailedRequest) -> Trouble | bytes:
         """Return a failed reply as trouble without the key in it, or the body of an answer."""
         kinds = self._http.Failure
         if isinstance(came, self._http.FailedRequest):

@@ -50,7 +50,7 @@ _PASSES = re.compile(
 
 
 @dataclass(frozen=True)
-class _Said:
+class _ErrorTexts:
     """Codes, as text, and messages of an error with those that it passes on."""
 
     codes: tuple[str, ...]
@@ -120,10 +120,10 @@ def error_text(error: Any) -> str:
     return " ".join(text.split())[:_SHOWN]
 
 
-def _read(error: Any) -> _Said:
+def _read(error: Any) -> _ErrorTexts:
     found = list(_walk(error, _DEPTH))
     codes = tuple(text[:_SHOWN] for is_code, text in found if is_code)
-    return _Said(codes, tuple(text for is_code, text in found if not is_code))
+    return _ErrorTexts(codes, tuple(text for is_code, text in found if not is_code))
 
 
 def _walk(error: Any, depth: int) -> Iterator[tuple[bool, str]]:

@@ -46,7 +46,7 @@ class Failure(Enum):
 
 
 @dataclass(frozen=True)
-class Received:
+class RawReply:
     """A reply.
 
     Args:
@@ -69,7 +69,7 @@ class FailedRequest:
 
 def exchange(
     base_url: str, key: str, request: Mapping[str, Any], limit_s: float, max_bytes: int
-) -> Received | FailedRequest:
+) -> RawReply | FailedRequest:
     """Post one chat completion and take the whole reply.
 
     Only a name lookup may take longer than the limit: the system's resolver can't be interrupted.
@@ -86,7 +86,7 @@ def exchange(
 
 async def _exchange(
     base_url: str, key: str, request: Mapping[str, Any], limit_s: float, max_bytes: int
-) -> Received | FailedRequest:
+) -> RawReply | FailedRequest:
     silent = FailedRequest(Failure.LATE, f"no whole answer within {round(limit_s, 2):g} s")
     timeout = openai.Timeout(limit_s, connect=min(_CONNECT_S, limit_s))
     try:
@@ -115,9 +115,9 @@ async def _exchange(
         return FailedRequest(Failure.UNSENDABLE, f"the request can't be made ({_named(error)})")
 
 
-def _received(response: Any) -> Received:
+def _received(response: Any) -> RawReply:
     headers = {name.lower(): value for name, value in response.headers.items()}
-    return Received(response.status_code, headers, response.content)
+    return RawReply(response.status_code, headers, response.content)
 
 
 def _broken(error: Exception) -> FailedRequest:

@@ -56,7 +56,7 @@ class Passing:
 
 def passing_since(instants: Sequence[Instant], corridor: Corridor, since_s: float) -> Passing:
     """Follow how the two pass from a time on, with an object that is in the corridor by then."""
-    seen = _Seen(instants, corridor)
+    seen = _Places(instants, corridor)
     start = next((i for i, now in enumerate(instants) if now.t_s >= since_s), None)
     if start is None:
         return Passing()
@@ -79,7 +79,7 @@ def passing_of(
         corridor: of the one that it is seen from (``Instant.vut``).
         event: of the other one, where there is one.
     """
-    seen = _Seen(instants, corridor)
+    seen = _Places(instants, corridor)
     if event is not None and seen.entries:
         arrival_s = event.arrival_s
         return seen.entered(min(seen.entries, key=lambda i: abs(instants[i].t_s - arrival_s)))
@@ -122,7 +122,7 @@ def crossed_zone(
     return Zone(start_m, end_m) if start_m <= end_m else Zone(own.s_min_m, own.s_max_m)
 
 
-class _Seen:
+class _Places:
     """The places of both along the corridor at each instant."""
 
     def __init__(self, instants: Sequence[Instant], corridor: Corridor) -> None:

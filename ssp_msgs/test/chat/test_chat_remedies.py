@@ -21,7 +21,7 @@ def test_the_message_decides(
     monkeypatch: pytest.MonkeyPatch, remedy: str, status: int, message: str
 ) -> None:
     body = json.dumps({"error": {"message": message}}).encode()
-    monkeypatch.setattr(transport, "exchange", lambda *_: transport.Received(status, {}, body))
+    monkeypatch.setattr(transport, "exchange", lambda *_: transport.RawReply(status, {}, body))
     chat = OpenAIChat("http://127.0.0.1:9/v1", "m", policy=Policy(tries=1), remedies=REMEDIES)
     with pytest.raises(NoAnswer) as told:
         chat.request([], {})

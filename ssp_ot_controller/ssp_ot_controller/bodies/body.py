@@ -67,7 +67,7 @@ class BodyCheck:
 
 
 @dataclass(frozen=True, slots=True)
-class Decided:
+class TrajectoryDecision:
     """The object target's decision, for a body that follows trajectories by itself.
 
     Args:

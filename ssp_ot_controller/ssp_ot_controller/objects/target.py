@@ -16,7 +16,7 @@ from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.value_class import value_class
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_ot_controller.bodies.body import BodyCheck, Decided
+from ssp_ot_controller.bodies.body import BodyCheck, TrajectoryDecision
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.control.stopping import Brakes
 from ssp_ot_controller.objects.aborts import Aborts
@@ -206,9 +206,9 @@ class Target:
         return reference.purpose == "adapted" and late and not self._driving.queue.is_empty
 
     @property
-    def decided(self) -> Decided:
+    def decided(self) -> TrajectoryDecision:
         """Return the decision for a body that follows trajectories by itself."""
-        return Decided(self.session, self.state, self._driving.queue.planned)
+        return TrajectoryDecision(self.session, self.state, self._driving.queue.planned)
 
     def last_report(self) -> ObjectState | None:
         """Return the newest own state as it would be reported now, None before the first."""

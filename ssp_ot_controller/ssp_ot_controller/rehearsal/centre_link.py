@@ -15,11 +15,11 @@ from ssp_ot_controller.bodies.iso22133.framing import (
     LONGEST_TRAJECTORY_BYTES,
     Frame,
     Header,
-    Rejected,
+    RejectedBytes,
     StreamDecoder,
 )
 from ssp_ot_controller.bodies.iso22133.messages import Grem, Message, Osem, ResponseCode, encode
-from ssp_ot_controller.rehearsal.iso_settings import Refused
+from ssp_ot_controller.rehearsal.iso_settings import RefusalReason
 
 # A frame on TCP that is incomplete for so long is given up.
 _INCOMPLETE_NS = NS_PER_S // 2
@@ -27,7 +27,7 @@ _MOST_NOTES = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Sent:
+class OutgoingFrame:
     """A frame that goes to the control centre, by UDP or by TCP."""
 
     udp: bool
@@ -57,7 +57,7 @@ class CentreLink:
         self.closes = False
         self.notes: list[str] = []
         self.strangers = 0
-        self._out: list[Sent] = []
+        self._out: list[OutgoingFrame] = []
         self._counter = 0
         self._decoder = StreamDecoder(LONGEST_TRAJECTORY_BYTES)
         self._fed_ns = now_ns
@@ -84,12 +84,12 @@ class CentreLink:
         self.closes = False
         return True
 
-    def feed(self, data: bytes, now_ns: int) -> list[Frame | Rejected]:
+    def feed(self, data: bytes, now_ns: int) -> list[Frame | RejectedBytes]:
         """Decode bytes of the connection, in pieces of any size."""
         self._fed_ns = now_ns
         return self._decoder.feed(data)
 
-    def given_up(self, now_ns: int) -> list[Frame | Rejected]:
+    def given_up(self, now_ns: int) -> list[Frame | RejectedBytes]:
         """Decode what follows a frame that has been incomplete for too long."""
         if not self._decoder.waiting_bytes or now_ns - self._fed_ns <= _INCOMPLETE_NS:
             return []
@@ -127,7 +127,7 @@ class CentreLink:
             self._next_monr_ns = now_ns + period_ns
         return self.osem
 
-    def answer(self, header: Header, refused: Refused | None) -> None:
+    def answer(self, header: Header, refused: RefusalReason | None) -> None:
         """Acknowledge a message whose sender requests it."""
         if header.acknowledge:
             code = ResponseCode.OK if refused is None else refused.code
@@ -143,9 +143,9 @@ class CentreLink:
             counter=self._counter,
         )
         self._counter = (self._counter + 1) % 256
-        self._out.append(Sent(udp, data))
+        self._out.append(OutgoingFrame(udp, data))
 
-    def take(self) -> list[Sent]:
+    def take(self) -> list[OutgoingFrame]:
         """Return the queued frames, in order."""
         out, self._out = self._out, []
         return out

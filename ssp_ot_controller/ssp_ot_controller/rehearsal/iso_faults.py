@@ -27,7 +27,7 @@ from ssp_ot_controller.bodies.iso22133.framing import (
 )
 from ssp_ot_controller.bodies.iso22133.messages import (
     CentreStatus,
-    Decoded,
+    DecodedMessage,
     Dreq,
     Heab,
     Message,
@@ -36,7 +36,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     decode,
     encode,
 )
-from ssp_ot_controller.rehearsal.centre_link import CentreLink, Sent
+from ssp_ot_controller.rehearsal.centre_link import CentreLink, OutgoingFrame
 from ssp_ot_controller.rehearsal.iso_object import IsoObject
 
 KINDS = {
@@ -107,8 +107,8 @@ class FaultyObject:
         self._played, self._faults = played, tuple(faults)
         self._began_ns: int | None = None
         self._waiting: deque[tuple[int, Callable[[int], None]]] = deque()
-        self._out: deque[tuple[int, Sent]] = deque()
-        self._pieces: deque[Sent] = deque()
+        self._out: deque[tuple[int, OutgoingFrame]] = deque()
+        self._pieces: deque[OutgoingFrame] = deque()
         self._decoder = StreamDecoder(LONGEST_TRAJECTORY_BYTES)
         self._beat_ns = 0
         self._status = int(CentreStatus.INIT)
@@ -162,7 +162,7 @@ class FaultyObject:
                 self._played.on_tcp(frame.evidence, now_ns)
                 continue
             found = decode(frame)
-            message = found.message if isinstance(found, Decoded) else None
+            message = found.message if isinstance(found, DecodedMessage) else None
             if isinstance(message, Dreq) and self._has("no_dres", now_ns) is not None:
                 continue
             if isinstance(message, Strt) and self._has("early_start", now_ns) is not None:
@@ -175,7 +175,7 @@ class FaultyObject:
             address = self.link.address
         for frame in frames_of(data):
             found = decode(frame) if isinstance(frame, Frame) else None
-            if isinstance(found, Decoded) and isinstance(found.message, Heab):
+            if isinstance(found, DecodedMessage) and isinstance(found.message, Heab):
                 self._aborted = found.message.status == CentreStatus.ABORT
                 if self._aborted and self._has("deaf_to_abort", now_ns) is not None:
                     data = _again(found.header, replace(found.message, status=self._status))
@@ -207,12 +207,12 @@ class FaultyObject:
 
     # -- from the object -----------------------------------------------------------------------
 
-    def take_sent(self, now_ns: int) -> list[Sent]:
+    def take_sent(self, now_ns: int) -> list[OutgoingFrame]:
         """Return the messages that are due by now, in order."""
         self.advance(now_ns)
         for sent in self._played.take_sent(now_ns):
             self._out.append((now_ns + self._delay_ns(now_ns), self._changed(sent, now_ns)))
-        found: list[Sent] = []
+        found: list[OutgoingFrame] = []
         cut = self._is_cut(now_ns)
         if cut:
             self._out = deque(due for due in self._out if not due[1].udp)
@@ -222,11 +222,11 @@ class FaultyObject:
             return found
         for sent in (one for one in found if not one.udp):
             starts = range(0, len(sent.data), _PIECE_BYTES)
-            self._pieces += (Sent(False, sent.data[i : i + _PIECE_BYTES]) for i in starts)
+            self._pieces += (OutgoingFrame(False, sent.data[i : i + _PIECE_BYTES]) for i in starts)
         piece = [self._pieces.popleft()] if self._pieces else []
         return [*(one for one in found if one.udp), *piece]
 
-    def _changed(self, sent: Sent, now_ns: int) -> Sent:
+    def _changed(self, sent: OutgoingFrame, now_ns: int) -> OutgoingFrame:
         data = bytearray(sent.data)
         if sent.udp and self._has("yaw_range", now_ns) is not None:
             struct.pack_into("<H", data, _YAW_AT, _YAW)
@@ -234,11 +234,11 @@ class FaultyObject:
         if sent.udp and changes:
             (frame,) = frames_of(sent.data)
             found = decode(frame) if isinstance(frame, Frame) else None
-            if isinstance(found, Decoded) and isinstance(found.message, Monr):
+            if isinstance(found, DecodedMessage) and isinstance(found.message, Monr):
                 data = bytearray(_again(found.header, replace(found.message, **changes)))
         if self._has("wrong_version", now_ns) is not None:
             data[_VERSION_AT] += 1
-        return Sent(sent.udp, _with_checksum(bytes(data)))
+        return OutgoingFrame(sent.udp, _with_checksum(bytes(data)))
 
     def _changes(self, now_ns: int) -> dict[str, Any]:
         """Return the changed fields of a MONR."""

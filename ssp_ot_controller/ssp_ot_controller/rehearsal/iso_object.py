@@ -31,7 +31,7 @@ from ssp_ot_controller.bodies.body import BodyReading, state_of
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
 from ssp_ot_controller.bodies.iso22133.framing import (
     Frame,
-    Rejected,
+    RejectedBytes,
     frames_of,
 )
 from ssp_ot_controller.bodies.iso22133.messages import (
@@ -62,9 +62,9 @@ from ssp_ot_controller.objects.own_states import OWN_STANDSTILL_MPS
 from ssp_ot_controller.objects.rules import ObjectRules
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.objects.target import Target
-from ssp_ot_controller.rehearsal.centre_link import CentreLink, Sent
+from ssp_ot_controller.rehearsal.centre_link import CentreLink, OutgoingFrame
 from ssp_ot_controller.rehearsal.iso_settings import (
-    Refused,
+    RefusalReason,
     frame_of,
     invalid,
     not_now,
@@ -228,7 +228,7 @@ class IsoObject:
             return
         for frame in frames_of(data):
             found = decode(frame) if isinstance(frame, Frame) else frame
-            if isinstance(found, Rejected):
+            if isinstance(found, RejectedBytes):
                 self.link.note(f"datagram refused: {found.reason.value}: {found.text}")
             elif isinstance(found.message, Heab):
                 self.link.address = address
@@ -236,10 +236,10 @@ class IsoObject:
             else:
                 self.link.note(f"{type(found.message).__name__} by UDP isn't heard")
 
-    def _take(self, frames: list[Frame | Rejected]) -> None:
+    def _take(self, frames: list[Frame | RejectedBytes]) -> None:
         for frame in frames:
             found = decode(frame) if isinstance(frame, Frame) else frame
-            if isinstance(found, Rejected):
+            if isinstance(found, RejectedBytes):
                 self.link.note(f"refused: {found.reason.value}: {found.text}")
                 if isinstance(frame, Frame):
                     self.link.answer(frame.header, invalid(found.text))
@@ -259,12 +259,12 @@ class IsoObject:
 
     # -- messages ------------------------------------------------------------------------------
 
-    def _on_osem(self, osem: Osem) -> Refused | None:
+    def _on_osem(self, osem: Osem) -> RefusalReason | None:
         if self._target.state not in _RESTING:
             return not_now(f"settings aren't taken in {self.state.name}")
         refused = problem_of(osem, self._now_ns)
         frame = refused or frame_of(osem, self._datum)
-        if isinstance(frame, Refused):
+        if isinstance(frame, RefusalReason):
             return frame
         self.link.take_settings(osem, self._now_ns)
         self._frame, self._tight = frame, tightened(self._rules, osem)
@@ -272,7 +272,7 @@ class IsoObject:
         self._settle()
         return None
 
-    def _on_traj(self, traj: Traj) -> Refused | None:
+    def _on_traj(self, traj: Traj) -> RefusalReason | None:
         running = self._target.state is ControlState.RUNNING
         if self.link.osem is None:
             return not_now("there was no OSEM")
@@ -290,7 +290,7 @@ class IsoObject:
         if traj.line_info not in (None, END_OF_TRANSMISSION):
             return unsupported(f"line info {traj.line_info}, only whole trajectories")
         found = points_of(traj, Datum(Place(0.0, 0.0)))
-        if isinstance(found, Rejected):
+        if isinstance(found, RejectedBytes):
             return invalid(found.text)
         points = self._in_map(found)
         name = self._planned.name_of(traj)
@@ -318,13 +318,13 @@ class IsoObject:
         # A TRAJ carries no expiry: it is over at its end.
         return replace(made, expires_at_ns=made.end_ns)
 
-    def _check(self, points: Points, name: str) -> Refused | None:
+    def _check(self, points: Points, name: str) -> RefusalReason | None:
         """Judge a trajectory as if it were started now."""
         reference = self._reference(points, name, self._now_ns)
         refusal = self._target.check(reference, self._now_ns, ControlState.RUNNING)
         return None if refusal is None else invalid(refusal.message)
 
-    def _drive(self, points: Points, name: str, began_ns: int) -> Refused | None:
+    def _drive(self, points: Points, name: str, began_ns: int) -> RefusalReason | None:
         """Drive a trajectory from its first point on that isn't over."""
         due = points.columns[0] >= ns_to_seconds(self._now_ns - began_ns)
         if np.count_nonzero(due) < 2:
@@ -336,7 +336,7 @@ class IsoObject:
         refusal = self._target.on_reference(reference, self._now_ns)
         return None if refusal is None else invalid(refusal.message)
 
-    def _on_ostm(self, ostm: Ostm) -> Refused | None:
+    def _on_ostm(self, ostm: Ostm) -> RefusalReason | None:
         event = _EVENTS.get(ObjectCommand(ostm.command)) if ostm.command in _COMMANDS else None
         if event is None:
             return unsupported(f"command {ostm.command}")
@@ -359,7 +359,7 @@ class IsoObject:
             self._stop.cause = None
         return None
 
-    def _on_strt(self, strt: Strt) -> Refused | None:
+    def _on_strt(self, strt: Strt) -> RefusalReason | None:
         if self._target.state is not ControlState.ARMED:
             return not_now(f"it is {self.state.name}, not ARMED")
         now_ns = self._now_ns
@@ -400,7 +400,7 @@ class IsoObject:
             self._step()
         self._take(self.link.given_up(now_ns))
 
-    def take_sent(self, now_ns: int) -> list[Sent]:
+    def take_sent(self, now_ns: int) -> list[OutgoingFrame]:
         """Return the messages that are due by now, in order."""
         self.advance(now_ns)
         osem = self.link.report_due(self._now_ns)
@@ -553,7 +553,7 @@ class IsoObject:
 
 
 _COMMANDS = frozenset(ObjectCommand)
-_HANDLERS: dict[type, Callable[[IsoObject, Any], Refused | None]] = {
+_HANDLERS: dict[type, Callable[[IsoObject, Any], RefusalReason | None]] = {
     Osem: IsoObject._on_osem,
     Traj: IsoObject._on_traj,
     Ostm: IsoObject._on_ostm,

@@ -24,7 +24,7 @@ from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import Motion
 from ssp_core.run_file.values import Outline, SiteDatum, Strict
 from ssp_core.vocabulary import ObjectClass, ObjectWord
-from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Rejected
+from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, RejectedBytes
 from ssp_ot_controller.bodies.iso22133.link import Link
 from ssp_ot_controller.bodies.iso22133.probe.fenced_way import FencedWay, motion_of
 from ssp_ot_controller.bodies.iso22133.probe.stages import Probe, report_of
@@ -120,7 +120,7 @@ def load_fence(text: str) -> tuple[tuple[Point, ...], Datum | None]:
 def load_motion(path: Path, datum: Datum) -> Motion:
     """Load way and speed of a trajectory file, in the datum's frame; raise InputError for none."""
     points = points_of(read_trajectory(path), datum)
-    found = points if isinstance(points, Rejected) else motion_of(points)
+    found = points if isinstance(points, RejectedBytes) else motion_of(points)
     if not isinstance(found, Motion):
         problem = "leads nowhere" if found is None else found.text
         raise InputError(problem, file=path, remedy="give a way and a speed")

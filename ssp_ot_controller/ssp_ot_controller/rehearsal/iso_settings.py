@@ -28,26 +28,26 @@ _NOT_ZERO = (
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class RefusalReason:
     """The reason why a message isn't obeyed."""
 
     code: ResponseCode
     text: str
 
 
-def invalid(text: str) -> Refused:
-    return Refused(ResponseCode.INVALID_DATA, text)
+def invalid(text: str) -> RefusalReason:
+    return RefusalReason(ResponseCode.INVALID_DATA, text)
 
 
-def not_now(text: str) -> Refused:
-    return Refused(ResponseCode.GENERAL_ERROR, text)
+def not_now(text: str) -> RefusalReason:
+    return RefusalReason(ResponseCode.GENERAL_ERROR, text)
 
 
-def unsupported(text: str) -> Refused:
-    return Refused(ResponseCode.NOT_SUPPORTED, text)
+def unsupported(text: str) -> RefusalReason:
+    return RefusalReason(ResponseCode.NOT_SUPPORTED, text)
 
 
-def problem_of(osem: Osem, now_ns: int) -> Refused | None:
+def problem_of(osem: Osem, now_ns: int) -> RefusalReason | None:
     """Say why settings can't be kept, None when they can."""
     for name in _NOT_ZERO:
         if getattr(osem, name) == 0:
@@ -60,7 +60,7 @@ def problem_of(osem: Osem, now_ns: int) -> Refused | None:
     return None
 
 
-def frame_of(osem: Osem, datum: Datum | None) -> Pose2 | Refused:
+def frame_of(osem: Osem, datum: Datum | None) -> Pose2 | RefusalReason:
     """Return the pose of the centre's frame in frame map.
 
     Args:

@@ -15,7 +15,7 @@ from ssp_ot_controller.bodies.iso22133.framing import (
     Frame,
     Header,
     Reason,
-    Rejected,
+    RejectedBytes,
     StreamDecoder,
     frames_of,
     pack_frame,
@@ -26,7 +26,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Accm,
     CentreStatus,
     CoordinateSystem,
-    Decoded,
+    DecodedMessage,
     Dreq,
     Dres,
     DriveDirection,
@@ -98,7 +98,7 @@ def test_a_message_comes_out_as_it_went_in(
 ) -> None:
     message = data.draw(messages_of(cls))
     sent = encode(message, **header)
-    assert read(sent) == Decoded(Header(MessageId[cls.__name__.upper()], **header), message)
+    assert read(sent) == DecodedMessage(Header(MessageId[cls.__name__.upper()], **header), message)
     assert encode(message_of(sent), **header) == sent
 
 
@@ -382,20 +382,20 @@ def test_ids_and_counters_that_do_not_fit_are_refused() -> None:
 )
 def test_a_frame_that_is_no_message_says_why(data: bytes, reason: Reason) -> None:
     found = read(data)
-    assert isinstance(found, Rejected)
+    assert isinstance(found, RejectedBytes)
     assert found.reason is reason
 
 
 def test_unknown_items_are_left_out_and_told() -> None:
     found = read(framed(MessageId.OSTM, (0x64, b"\2"), (0xA000, b"vendor")))
-    assert isinstance(found, Decoded)
+    assert isinstance(found, DecodedMessage)
     assert found.message == Ostm(ObjectCommand.ARM)
     assert found.odd == ("has item 0xA000, which isn't known",)
 
 
 def test_a_message_full_of_unknown_items_is_told_of_in_short() -> None:
     found = read(framed(MessageId.DREQ, *[(number, b"") for number in range(1000)]))
-    assert isinstance(found, Decoded)
+    assert isinstance(found, DecodedMessage)
     assert len(found.odd) == MOST_ODD
 
 
@@ -406,7 +406,7 @@ def test_the_longest_trajectory_is_read_in_good_time() -> None:
     (frame,) = StreamDecoder(LONGEST_TRAJECTORY_BYTES).feed(sent)
     assert isinstance(frame, Frame)
     found = decode(frame)
-    assert isinstance(found, Decoded)
+    assert isinstance(found, DecodedMessage)
     assert found.message == Traj(1, 2, "", many)
 
 
@@ -424,7 +424,7 @@ def test_a_yaw_outside_of_a_turn_is_none_and_told(wire: int) -> None:
     (frame,) = frames_of(pack_frame(Header(MessageId.MONR), bytes(data[18:-2])))
     assert isinstance(frame, Frame)
     found = decode(frame)
-    assert isinstance(found, Decoded)
+    assert isinstance(found, DecodedMessage)
     assert found.message == monr(yaw_rad=None)
     assert found.odd == (f"yaw_rad states {wire / 100:g} degrees",)
 

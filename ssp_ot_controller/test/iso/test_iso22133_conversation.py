@@ -13,7 +13,7 @@ from ssp_core.run_file.model import Limits
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState as C
 from ssp_core.vocabulary import SessionPhase as P
-from ssp_ot_controller.bodies.body import Decided
+from ssp_ot_controller.bodies.body import TrajectoryDecision
 from ssp_ot_controller.bodies.iso22133.conversation import (
     ARMING_S,
     LAG_S,
@@ -62,7 +62,9 @@ class Talk:
 
     settings: Settings
     now_ns: int = T0
-    decided: Decided = field(default_factory=lambda: Decided(P.CONNECTED, C.DISARMED))
+    decided: TrajectoryDecision = field(
+        default_factory=lambda: TrajectoryDecision(P.CONNECTED, C.DISARMED)
+    )
     reported: NewestReport = field(
         default_factory=lambda: NewestReport(connected=True, number=C.DISARMED, heard=True)
     )
@@ -86,7 +88,7 @@ class Talk:
 
     def decides(self, state: C, session: P | None = None, *references: Reference) -> None:
         given = references or self.decided.references
-        self.decided = Decided(
+        self.decided = TrajectoryDecision(
             self.decided.session if session is None else session, state, tuple(given)
         )
 

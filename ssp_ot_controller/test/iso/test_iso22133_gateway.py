@@ -13,12 +13,12 @@ import pytest
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_ot_controller.bodies.body import Decided
+from ssp_ot_controller.bodies.body import TrajectoryDecision
 from ssp_ot_controller.bodies.iso22133.framing import StreamDecoder, frames_of
 from ssp_ot_controller.bodies.iso22133.gateway import IsoAddress, IsoBody
 from ssp_ot_controller.bodies.iso22133.messages import (
     CentreStatus,
-    Decoded,
+    DecodedMessage,
     Heab,
     Message,
     Osem,
@@ -100,7 +100,7 @@ class Peer:
 
 def _message(frame: Any) -> Message:
     found = decode(frame)
-    assert isinstance(found, Decoded), found
+    assert isinstance(found, DecodedMessage), found
     return found.message
 
 
@@ -136,7 +136,9 @@ def connected(body: IsoBody, sockets: ObjectSockets) -> Peer:
 
     def follows() -> bool:
         body.poll(time.time_ns())
-        body.follow(Decided(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns())
+        body.follow(
+            TrajectoryDecision(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns()
+        )
         return not any("isn't connected" in text for text in body.check.cannot_arm)
 
     until(follows, "connection")
@@ -160,7 +162,7 @@ def test_an_object_is_led_and_read(body: IsoBody, sockets: ObjectSockets, told: 
     assert reading is not None
     assert (reading.x_m, reading.y_m, reading.speed_mps) == (40.5, 0.25, 1.5)
     assert body.read() is None
-    body.follow(Decided(SessionPhase.ARMED, ControlState.PRE_ARMING), time.time_ns())
+    body.follow(TrajectoryDecision(SessionPhase.ARMED, ControlState.PRE_ARMING), time.time_ns())
     assert body.check.armed
     # Both directions, byte by byte.
     frames = body.frames()
@@ -182,7 +184,7 @@ def test_a_lost_object_is_told_and_connected_again(
         return any("not connected any more" in text for text in told)
 
     until(told_of_it, "loss")
-    body.follow(Decided(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns())
+    body.follow(TrajectoryDecision(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns())
     assert "isn't connected: 127.0.0.1" in body.check.cannot_arm[0]
     again = connected(body, sockets)
     assert isinstance(again.hears(), Osem)
@@ -203,7 +205,7 @@ def test_without_a_report_or_a_name_it_cannot_be_armed(sockets: ObjectSockets) -
     peer.beat()
     peer.says(state=ControlState.DISARMED.value)
     until(lambda: body.poll(time.time_ns()), "reading")
-    body.follow(Decided(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns())
+    body.follow(TrajectoryDecision(SessionPhase.CONNECTED, ControlState.DISARMED), time.time_ns())
     assert ["probe report" in text for text in body.check.cannot_arm] == [True]
     assert body.check.lasting
     peer.close()

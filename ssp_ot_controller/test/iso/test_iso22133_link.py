@@ -10,10 +10,10 @@ import pytest
 
 from ssp_core.errors import HostError
 from ssp_ot_controller.bodies.iso22133 import link as link_module
-from ssp_ot_controller.bodies.iso22133.framing import SYNC, Item, Reason, Rejected, frames_of
-from ssp_ot_controller.bodies.iso22133.link import Link, Received
+from ssp_ot_controller.bodies.iso22133.framing import SYNC, Item, Reason, RejectedBytes, frames_of
+from ssp_ot_controller.bodies.iso22133.link import Link, ReceivedMessage
 from ssp_ot_controller.bodies.iso22133.messages import (
-    Decoded,
+    DecodedMessage,
     Grem,
     Heab,
     Message,
@@ -77,9 +77,9 @@ def connected(link: Link, peer: ObjectSockets) -> socket.socket:
     return end
 
 
-def come(link: Link, count: int = 1) -> list[Received]:
+def come(link: Link, count: int = 1) -> list[ReceivedMessage]:
     """So many messages that the link gives, and no more."""
-    found: list[Received] = []
+    found: list[ReceivedMessage] = []
 
     def enough() -> bool:
         found.extend(link.poll())
@@ -90,8 +90,8 @@ def come(link: Link, count: int = 1) -> list[Received]:
     return found
 
 
-def messages(received: list[Received]) -> list[Message]:
-    return [r.outcome.message for r in received if isinstance(r.outcome, Decoded)]
+def messages(received: list[ReceivedMessage]) -> list[Message]:
+    return [r.outcome.message for r in received if isinstance(r.outcome, DecodedMessage)]
 
 
 def receive(end: socket.socket, size: int) -> bytes:
@@ -121,7 +121,7 @@ def test_messages_go_their_ways_with_one_counter(link: Link, peer: ObjectSockets
             (2, 3, False),
         ]
         frames = frames_of(receive(end, 2 * len(encode(ARM))))
-        assert [f.header for f in frames if not isinstance(f, Rejected)] == headers[::2]
+        assert [f.header for f in frames if not isinstance(f, RejectedBytes)] == headers[::2]
         assert {(h.transmitter_id, h.receiver_id) for h in headers} == {(3, 5)}
         assert message_of(peer.udp.recv(100)) == Heab(0, 1)
 
@@ -152,7 +152,7 @@ def test_bytes_wait_while_the_object_reads_nothing(link: Link, peer: ObjectSocke
 
         assert not all_here(), "the sockets took all of it: nothing waited"
         until(all_here, "bytes")
-        frames = [f for f in frames_of(bytes(got)) if not isinstance(f, Rejected)]
+        frames = [f for f in frames_of(bytes(got)) if not isinstance(f, RejectedBytes)]
         assert [f.header.counter for f in frames] == [n % 256 for n in range(count)]
 
 
@@ -187,7 +187,7 @@ def test_after_damage_the_next_message_is_taken(link: Link, peer: ObjectSockets)
     with connected(link, peer) as end:
         end.sendall(damaged + GREM)
         lost, received = come(link, 2)
-        assert isinstance(lost.outcome, Rejected)
+        assert isinstance(lost.outcome, RejectedBytes)
         assert lost.outcome.reason is Reason.CHECKSUM
         assert lost.data == (damaged + GREM)[: len(lost.data)]
         assert messages([received]) == [ANSWER]
@@ -206,7 +206,7 @@ def test_a_damaged_length_holds_messages_up_for_half_a_second(
         assert link.poll() == []
         clock.now_ns += 1
         lost, received = link.poll()
-        assert isinstance(lost.outcome, Rejected)
+        assert isinstance(lost.outcome, RejectedBytes)
         assert lost.outcome.reason is Reason.LENGTH
         assert messages([received]) == [ANSWER]
 
@@ -232,7 +232,7 @@ def test_datagrams_of_the_object_come_and_those_of_strangers_do_not(
         peer.udp.sendto(encode(MONR, transmitter_id=5), address)
         lost, monr = come(link, 2)
         assert (lost.udp, lost.data) == (True, b"noise")
-        assert isinstance(monr.outcome, Decoded)
+        assert isinstance(monr.outcome, DecodedMessage)
         assert monr.outcome.header.transmitter_id == 5
 
 
@@ -269,7 +269,7 @@ def test_an_object_that_is_gone_is_noticed_and_found_again(link: Link, peer: Obj
     with connected(link, peer) as end:
         link.send(ARM)
         (frame,) = frames_of(receive(end, len(encode(ARM))))
-        assert not isinstance(frame, Rejected)
+        assert not isinstance(frame, RejectedBytes)
         assert frame.header.counter == 2
 
 

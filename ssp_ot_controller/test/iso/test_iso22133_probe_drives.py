@@ -21,7 +21,7 @@ from ssp_core.vocabulary import ObjectClass, ObjectWord
 from ssp_ot_controller.bodies.iso22133.conversation import NewestReport
 from ssp_ot_controller.bodies.iso22133.gateway import ProbeGate
 from ssp_ot_controller.bodies.iso22133.messages import (
-    Decoded,
+    DecodedMessage,
     DriveDirection,
     Monr,
     ObjectError,
@@ -91,7 +91,7 @@ def judged(drive: str, change: Change) -> ProbeReport:
     step = probe.steps[drive]
     came = [
         replace(one, outcome=replace(one.outcome, message=change(one.outcome.message)))
-        if isinstance(one.outcome, Decoded) and isinstance(one.outcome.message, Monr)
+        if isinstance(one.outcome, DecodedMessage) and isinstance(one.outcome.message, Monr)
         else one
         for one in step.came
     ]

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import pytest
 
 from ssp_ot_controller.bodies.iso22133.framing import Header
-from ssp_ot_controller.bodies.iso22133.link import Received
-from ssp_ot_controller.bodies.iso22133.messages import Decoded, MessageId, Monr
+from ssp_ot_controller.bodies.iso22133.link import ReceivedMessage
+from ssp_ot_controller.bodies.iso22133.messages import DecodedMessage, MessageId, Monr
 from ssp_ot_controller.bodies.iso22133.probe.clauses import CLAUSES
 from ssp_ot_controller.bodies.iso22133.probe.steps import Finding, Step
 from ssp_ot_controller.bodies.iso22133.probe_report import Outcome
@@ -27,7 +27,9 @@ def stopped(speed: Callable[[float], float], seconds: float = 12.0) -> Finding:
         x_m += speed(k * PERIOD_S) * PERIOD_S
         monr = Monr(None, x_m, 0.0, 0.0, 0.0, *[None] * 7, 4, None, 0, 0)
         at_ns = BEGIN_NS + round(k * PERIOD_S * S)
-        step.came.append(Received(True, at_ns, Decoded(Header(MessageId.MONR), monr), b""))
+        step.came.append(
+            ReceivedMessage(True, at_ns, DecodedMessage(Header(MessageId.MONR), monr), b"")
+        )
     step.marks["stimulus"] = BEGIN_NS + round(STIMULUS_S * S)
     return ABORT.judge(step, ABORT, {})
 

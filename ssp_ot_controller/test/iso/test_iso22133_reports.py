@@ -18,7 +18,7 @@ from ssp_ot_controller.bodies.body import BodyReading
 from ssp_ot_controller.bodies.iso22133.framing import (
     Header,
     Reason,
-    Rejected,
+    RejectedBytes,
 )
 from ssp_ot_controller.bodies.iso22133.messages import (
     DriveDirection,
@@ -90,7 +90,7 @@ def test_a_turned_site_sees_the_object_in_its_own_frame() -> None:
 @pytest.mark.parametrize("name", ["x_m", "y_m", "yaw_rad", "speed_mps", "time_of_week_ns"])
 def test_a_monr_without_place_motion_or_time_gives_no_reading(name: str) -> None:
     found = MonrReadings(FLAT).take(monr(T0, **{name: None}), T0)
-    assert found == Rejected(Reason.MISSING, f"{name} unavailable")
+    assert found == RejectedBytes(Reason.MISSING, f"{name} unavailable")
 
 
 def test_an_object_is_as_accurate_as_it_was_asked_to_be_until_it_says_that_it_is_not() -> None:
@@ -104,7 +104,7 @@ def test_an_old_monr_is_not_taken_again() -> None:
     taken(readings, monr(T0), T0)
     for at_ns in (T0, T0 - 10 * MS):
         found = readings.take(monr(at_ns), T0)
-        assert isinstance(found, Rejected)
+        assert isinstance(found, RejectedBytes)
         assert found.reason is Reason.ORDER
     taken(readings, monr(T0 + 10 * MS), T0)
 
@@ -118,7 +118,7 @@ def test_one_monr_from_the_future_does_not_keep_out_those_that_follow(ahead_s: i
     reading = taken(readings, monr(T0 + 20 * MS, speed_mps=5.2), T0 + 20 * MS)
     assert reading.stamp_ns == T0 + 20 * MS
     assert 0.0 < reading.acceleration_mps2 < 10.0
-    assert isinstance(readings.take(monr(T0), T0 + 30 * MS), Rejected)
+    assert isinstance(readings.take(monr(T0), T0 + 30 * MS), RejectedBytes)
 
 
 def test_an_object_that_is_connected_again_may_have_an_earlier_clock() -> None:

@@ -19,7 +19,7 @@ from ssp_ot_controller.bodies.iso22133.framing import (
     Header,
     Item,
     Reason,
-    Rejected,
+    RejectedBytes,
     StreamDecoder,
     frames_of,
     items_of,
@@ -27,7 +27,7 @@ from ssp_ot_controller.bodies.iso22133.framing import (
     pack_items,
 )
 from ssp_ot_controller.bodies.iso22133.messages import (
-    Decoded,
+    DecodedMessage,
     Dreq,
     Dres,
     Grem,
@@ -55,7 +55,7 @@ def test_every_other_version_is_refused(version: int) -> None:
         data[6] = version | acknowledge
         found = frames_of(bytes(data))
         assert not any(isinstance(one, Frame) for one in found)
-        assert isinstance(found[0], Rejected)
+        assert isinstance(found[0], RejectedBytes)
         assert found[0].reason is Reason.VERSION
         assert f"version {version}," in found[0].text
 
@@ -75,8 +75,8 @@ def test_one_changed_byte_is_never_taken_for_a_message(
 # -- streams --------------------------------------------------------------------------------------
 
 
-def fed(decoder: StreamDecoder, data: bytes, cuts: list[int]) -> list[Frame | Rejected]:
-    found: list[Frame | Rejected] = []
+def fed(decoder: StreamDecoder, data: bytes, cuts: list[int]) -> list[Frame | RejectedBytes]:
+    found: list[Frame | RejectedBytes] = []
     edges = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
     for start, end in pairwise(edges):
         found += decoder.feed(data[start:end])
@@ -116,7 +116,7 @@ def test_a_frame_inside_of_a_damaged_one_is_found() -> None:
     decoder = StreamDecoder()
     found = decoder.feed(bytes(outer))
     lost, whole = found[:2]
-    assert isinstance(lost, Rejected)
+    assert isinstance(lost, RejectedBytes)
     assert lost.reason is Reason.CHECKSUM
     assert lost.evidence == bytes(outer[:EVIDENCE_BYTES])
     assert isinstance(whole, Frame)
@@ -128,7 +128,7 @@ def test_a_length_beyond_the_limit_is_damage_and_holds_nothing_up() -> None:
     long[2:6] = (LONGEST_PAYLOAD_BYTES + 1).to_bytes(4, "little")
     decoder = StreamDecoder()
     first, second = decoder.feed(bytes(long) + encode(MONR))
-    assert isinstance(first, Rejected)
+    assert isinstance(first, RejectedBytes)
     assert first.reason is Reason.LENGTH
     assert isinstance(second, Frame)
 
@@ -139,7 +139,7 @@ def test_a_length_within_the_limit_holds_up_until_the_caller_gives_it_up() -> No
     decoder = StreamDecoder()
     assert decoder.feed(bytes(long) + encode(MONR)) == []
     lost, found = decoder.resync()
-    assert isinstance(lost, Rejected)
+    assert isinstance(lost, RejectedBytes)
     assert isinstance(found, Frame)
     assert decoder.skipped_bytes == len(long)
     assert decoder.resync() == []
@@ -197,8 +197,8 @@ def test_no_bytes_raise_or_make_the_decoder_grow() -> None:
         for one in [*decoder.feed(data), *frames_of(data)]:
             if isinstance(one, Frame):
                 found = decode(one)
-                assert isinstance(found, Decoded | Rejected)
-                text = found.text if isinstance(found, Rejected) else "".join(found.odd)
+                assert isinstance(found, DecodedMessage | RejectedBytes)
+                text = found.text if isinstance(found, RejectedBytes) else "".join(found.odd)
                 assert len(text) < 5000
             else:
                 assert len(one.evidence) <= EVIDENCE_BYTES
@@ -209,5 +209,5 @@ def test_no_bytes_raise_or_make_the_decoder_grow() -> None:
 @given(st.binary(max_size=200))
 def test_items_are_read_back_or_rejected(payload: bytes) -> None:
     found = items_of(payload)
-    if not isinstance(found, Rejected):
+    if not isinstance(found, RejectedBytes):
         assert pack_items(found) == payload

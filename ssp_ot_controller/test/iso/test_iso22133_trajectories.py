@@ -19,11 +19,11 @@ from ssp_ot_controller.bodies.iso22133.framing import (
     LONGEST_TRAJECTORY_BYTES,
     Frame,
     Reason,
-    Rejected,
+    RejectedBytes,
     StreamDecoder,
 )
 from ssp_ot_controller.bodies.iso22133.messages import (
-    Decoded,
+    DecodedMessage,
     Traj,
     TrajectoryInfo,
     TrajPoint,
@@ -48,7 +48,7 @@ def over_the_wire(trajectory: Traj) -> Traj:
     (frame,) = StreamDecoder(LONGEST_TRAJECTORY_BYTES).feed(encode(trajectory))
     assert isinstance(frame, Frame)
     found = decode(frame)
-    assert isinstance(found, Decoded)
+    assert isinstance(found, DecodedMessage)
     assert isinstance(found.message, Traj)
     return found.message
 
@@ -156,7 +156,7 @@ def point(t_s: float, **changes: Any) -> TrajPoint:
 )
 def test_a_trajectory_that_cannot_be_driven_says_why(trajectory: Traj, reason: Reason) -> None:
     found = points_of(trajectory, FLAT)
-    assert isinstance(found, Rejected)
+    assert isinstance(found, RejectedBytes)
     assert found.reason is reason
 
 

@@ -20,7 +20,7 @@ from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.iso22133.link import Link
 from ssp_ot_controller.bodies.iso22133.messages import (
     CentreStatus,
-    Decoded,
+    DecodedMessage,
     Grem,
     Heab,
     Monr,
@@ -69,7 +69,7 @@ class Served:
             if self.status is not None:
                 self.link.send(Heab(to_gps(time.time_ns())[1], self.status))
             for received in self.link.poll():
-                assert isinstance(received.outcome, Decoded), received
+                assert isinstance(received.outcome, DecodedMessage), received
                 if isinstance(received.outcome.message, Monr):
                     self.monr = received.outcome.message
                 elif isinstance(received.outcome.message, Grem):

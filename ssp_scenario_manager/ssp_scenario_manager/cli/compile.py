@@ -16,7 +16,7 @@ from ssp_core import console
 from ssp_core.options import WholeNumber
 from ssp_scenario_manager.compile.choose import NotChosen
 from ssp_scenario_manager.compile.compiler import (
-    Compiled,
+    CompiledEvent,
     EventRefused,
     Request,
     WrongOptions,
@@ -142,7 +142,7 @@ def _roads_of(map_path: Path, bar: Progress) -> Loading:
     return lambda read, total: bar.update(task, completed=read, total=total)
 
 
-def _default_folder(compiled: Compiled) -> Path:
+def _default_folder(compiled: CompiledEvent) -> Path:
     task = compiled.task
     place = compiled.area.name.split(".")[0]
     return Path("out") / "compiled" / f"{task.event.name}-{task.target}-{place}"
@@ -161,7 +161,7 @@ def _refused(error: NotChosen | EventRefused, as_json: bool) -> None:
         click.echo(json.dumps({"failures": failures, "error": str(error)}))
 
 
-def _done(compiled: Compiled, folder: Path, files: Sequence[Path], as_json: bool) -> None:
+def _done(compiled: CompiledEvent, folder: Path, files: Sequence[Path], as_json: bool) -> None:
     task = compiled.task
     unvalidated = task.target == "track" and task.validated_by is None
     if as_json:

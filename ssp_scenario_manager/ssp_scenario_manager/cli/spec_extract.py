@@ -25,7 +25,7 @@ from ssp_scenario_manager.event_spec.log import check_not_refused, log_path, rea
 from ssp_scenario_manager.event_spec.model import SCHEMA
 from ssp_scenario_manager.extract.candidate import Origin
 from ssp_scenario_manager.extract.clip import WIDE_SPACING_S, Crop
-from ssp_scenario_manager.extract.extraction import Extracted, Order, extract
+from ssp_scenario_manager.extract.extraction import ExtractedEvent, Order, extract
 from ssp_scenario_manager.review.decisions import shown
 from ssp_scenario_manager.review.session import (
     End,
@@ -191,7 +191,7 @@ def _key(variable: str | None) -> str | None:
     return check_key(variable, os.environ.get(variable), remedy)
 
 
-def _report(order: Order, found: Extracted) -> None:
+def _report(order: Order, found: ExtractedEvent) -> None:
     out = console.out
     out.print(
         f"{order.candidate}: candidate {found.version[:19]}, {found.clip.duration_s:.2f} s, "

@@ -138,7 +138,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Compiled:
+class CompiledEvent:
     """A compiled event, before it is written.
 
     Args:
@@ -165,7 +165,7 @@ def compile_task(
     request: Request,
     said: Callable[[str], None] = lambda _text: None,
     loading: Loading = untold,
-) -> Compiled:
+) -> CompiledEvent:
     """Compile an event.
 
     Args:
@@ -237,7 +237,7 @@ def compile_task(
             "priority": candidate.priority,
         }
         log.append(entry("shortlist", task.event, "; ".join(candidate.reasons), details=details))
-    return Compiled(
+    return CompiledEvent(
         task=task,
         event=event,
         event_file=event_path.read_bytes(),

@@ -64,7 +64,7 @@ class GateFinding:
 
 
 @dataclass(frozen=True)
-class Extracted:
+class ExtractedEvent:
     """A candidate, and all that a person must look at."""
 
     event: Event
@@ -89,7 +89,7 @@ def extract(
     chat: Chat,
     now: Callable[[], str],
     advance: Callable[[int, int], None] = lambda *_: None,
-) -> Extracted:
+) -> ExtractedEvent:
     """Ask the model about the clip and write candidate, log and decisions.
 
     Args:
@@ -159,7 +159,9 @@ def extract(
         append_records(log, [source, nothing])
         raise
     version = event_version(event)
-    result = Extracted(event, version, clip, undecided(event), contradictions(event), gate, notes)
+    result = ExtractedEvent(
+        event, version, clip, undecided(event), contradictions(event), gate, notes
+    )
     write_json(store.folder / DECISIONS_FILE, result.as_dict())
     write_event(order.candidate, event)
     done = _record(

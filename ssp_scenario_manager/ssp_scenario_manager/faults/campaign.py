@@ -39,7 +39,7 @@ from ssp_scenario_manager.faults.judge import (
     nominal_of,
 )
 from ssp_scenario_manager.faults.kept import CELL_FILE, load_cell
-from ssp_scenario_manager.faults.matrix import Cell, Expected, NotApplicable, Row, Stage
+from ssp_scenario_manager.faults.matrix import Cell, ExpectedOutcome, NotApplicable, Row, Stage
 from ssp_scenario_manager.run.faults import NEED_PROCESSES
 from ssp_scenario_manager.run.in_process import Record, judged
 from ssp_scenario_manager.run.in_process_session import InProcessSession
@@ -236,7 +236,11 @@ def run_cells(scene: FaultScenario, cells: list[tuple[Row, Stage]]) -> Iterator[
     """
     for row, stage in cells:
         cell = row.cell(stage, scene.nominal.moves[stage])
-        if isinstance(cell, Expected) and scene.way == "in_process" and row.kind in NEED_PROCESSES:
+        if (
+            isinstance(cell, ExpectedOutcome)
+            and scene.way == "in_process"
+            and row.kind in NEED_PROCESSES
+        ):
             cell = NotApplicable("needs processes of its own")
         if isinstance(cell, NotApplicable):
             yield CellResult(scene, row, stage, cell)

@@ -11,7 +11,7 @@ from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.safety.stopping import BRAKE_LAG_S, MARGIN_M, Stopping, stopping_of
 from ssp_core.vocabulary import ControlState, Phase, SessionPhase
 from ssp_scenario_manager.faults.evidence import Evidence, Stop, stop_of, touch
-from ssp_scenario_manager.faults.matrix import OT, Expected, Row, Stage, Within
+from ssp_scenario_manager.faults.matrix import OT, ExpectedOutcome, Row, Stage, Within
 from ssp_scenario_manager.run.faults import RUNNER_KINDS
 
 # A stamp before the fault by rounding alone.
@@ -67,7 +67,7 @@ class CellJudgement:
 
 
 def judge(
-    expected: Expected,
+    expected: ExpectedOutcome,
     evidence: Evidence,
     index: int,
     leftovers: Sequence[str] = (),
@@ -134,7 +134,7 @@ def _text(object_id: str, stop: Stop) -> str:
     )
 
 
-def _of_verdict(expected: Expected, evidence: Evidence) -> list[str]:
+def _of_verdict(expected: ExpectedOutcome, evidence: Evidence) -> list[str]:
     found = []
     if evidence.verdict not in expected.verdicts:
         found.append(f"verdict {evidence.verdict}, not {' or '.join(sorted(expected.verdicts))}")
@@ -146,7 +146,7 @@ def _of_verdict(expected: Expected, evidence: Evidence) -> list[str]:
     return found
 
 
-def _of_names(expected: Expected, evidence: Evidence) -> list[str]:
+def _of_names(expected: ExpectedOutcome, evidence: Evidence) -> list[str]:
     """Return reasons and safety events that aren't expected."""
     explained = (*expected.primary, *expected.also)
     if not expected.starts:
@@ -197,7 +197,9 @@ class _Instant:
     wall_s: float | None
 
     @classmethod
-    def of(cls, expected: Expected, evidence: Evidence, fault: Fault, index: int) -> _Instant:
+    def of(
+        cls, expected: ExpectedOutcome, evidence: Evidence, fault: Fault, index: int
+    ) -> _Instant:
         begun = next((n for n in evidence.faults if n.index == index and n.active), None)
         wall_s = begun.wall_s if begun is not None else None
         if wall_s is None:
@@ -248,7 +250,7 @@ def _signs(evidence: Evidence, since_s: float, limits: Sequence[str]) -> list[tu
     return [sign for sign in signs if sign[0] >= since_s - _ROUNDING_S]
 
 
-def _reaction(expected: Expected, evidence: Evidence, instant: _Instant) -> Reaction | None:
+def _reaction(expected: ExpectedOutcome, evidence: Evidence, instant: _Instant) -> Reaction | None:
     bound = expected.bound(evidence.spec.mode)
     if bound is None or (bound.clock == "wall" and not evidence.has_wall):
         return None
@@ -280,11 +282,11 @@ def _ended(evidence: Evidence) -> bool:
     return _reached_s(evidence, SessionPhase.FINISHED) is not None
 
 
-def _counts(limit_name: str, expected: Expected) -> bool:
+def _counts(limit_name: str, expected: ExpectedOutcome) -> bool:
     return not expected.signs or limit_name in expected.signs
 
 
-def _stops(expected: Expected, evidence: Evidence, instant: _Instant) -> dict[str, Stop]:
+def _stops(expected: ExpectedOutcome, evidence: Evidence, instant: _Instant) -> dict[str, Stop]:
     run = evidence.spec
     if not expected.stops or evidence.reached(SessionPhase.RUNNING) is None:
         return {}
@@ -300,7 +302,7 @@ def _stops(expected: Expected, evidence: Evidence, instant: _Instant) -> dict[st
     }
 
 
-def _blind_s(expected: Expected, run: RunSpec) -> float:
+def _blind_s(expected: ExpectedOutcome, run: RunSpec) -> float:
     blind: Within | None = expected.blind or expected.bound(run.mode)
     if blind is None or blind.clock == "wall":
         return 0.0

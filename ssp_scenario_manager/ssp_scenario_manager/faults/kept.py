@@ -45,7 +45,7 @@ class ResultFile(_Part):
     wall_s: Finite = 0.0
 
 
-class Injected(_Part):
+class FaultChange(_Part):
     """The begin or end of a fault that the runner injected."""
 
     index: _Index
@@ -56,7 +56,7 @@ class Injected(_Part):
     wall_s: Finite
 
 
-class Heard(_Part):
+class ReceivedEvent(_Part):
     """An event that the runner heard."""
 
     kind: str
@@ -70,8 +70,8 @@ class NotesFile(_Part):
     """``ssp.faults_injected/1``, empty where the file isn't there."""
 
     schema_: Literal["ssp.faults_injected/1"] = Field("ssp.faults_injected/1", alias="schema")
-    injected: list[Injected] = []
-    heard: list[Heard] = []
+    injected: list[FaultChange] = []
+    heard: list[ReceivedEvent] = []
 
 
 class Rows(_Part):

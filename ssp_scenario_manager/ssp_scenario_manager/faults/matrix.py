@@ -73,7 +73,7 @@ From = Literal["fault", "motion", "trigger", "abort"]
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
+class ExpectedOutcome:
     """The outcome that a cell must have.
 
     Args:
@@ -125,7 +125,7 @@ class NotApplicable:
     reason: str
 
 
-Cell = Expected | NotApplicable
+Cell = ExpectedOutcome | NotApplicable
 # Stands for the id of the OT whose manoeuvre is the event.
 OT = "OT"
 

@@ -412,7 +412,7 @@ class Publications:
 
     def send(
         self,
-        fact: outbox.Triggered | PhaseBegan | Violation | outbox.Note,
+        fact: outbox.TriggerDecision | PhaseBegan | Violation | outbox.Note,
         arrival_ns: int,
     ) -> None:
         """Publish a decision record, a phase or an event, or log a word for people.
@@ -421,7 +421,7 @@ class Publications:
             fact: any of these.
             arrival_ns: when the deciding state arrived, on the steady clock.
         """
-        if isinstance(fact, outbox.Triggered):
+        if isinstance(fact, outbox.TriggerDecision):
             processing_s = (time.monotonic_ns() - arrival_ns) / NS_PER_S
             self._trigger.publish(encode_trigger(fact, processing_s))
         elif isinstance(fact, PhaseBegan):

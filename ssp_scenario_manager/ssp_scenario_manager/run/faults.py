@@ -61,7 +61,7 @@ class InjectedFault:
 
 
 @dataclass
-class _Timed:
+class _TimedFault:
     index: int
     fault: Fault
     begun_s: float | None = None
@@ -152,7 +152,7 @@ class FaultInjector:
     injected: list[InjectedFault] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._timed = [_Timed(index, fault) for index, fault in of_runner(self.spec)]
+        self._timed = [_TimedFault(index, fault) for index, fault in of_runner(self.spec)]
 
     def strike_armed(self, wall_s: float) -> None:
         """Begin the faults that strike before the start; the session is armed and holds."""
@@ -194,7 +194,7 @@ class FaultInjector:
 
     # -- what is done ----------------------------------------------------------------------------
 
-    def _begin(self, timed: _Timed, session_s: float, wall_s: float) -> None:
+    def _begin(self, timed: _TimedFault, session_s: float, wall_s: float) -> None:
         fault = timed.fault
         timed.begun_s = wall_s
         if fault.at_s is not None and self._stops_the_world(fault):
@@ -218,7 +218,7 @@ class FaultInjector:
         struck = fault.kind in ("kill", "pause") and fault.target != names.MONITOR
         return struck and self.spec.mode == "lockstep"
 
-    def _settle(self, timed: _Timed, session_s: float, wall_s: float) -> None:
+    def _settle(self, timed: _TimedFault, session_s: float, wall_s: float) -> None:
         """Note the beginning once the session's time stands."""
         newest_s, heard_s = timed.heard or (session_s, wall_s)
         begun_s = heard_s if timed.begun_s is None else timed.begun_s
@@ -235,7 +235,7 @@ class FaultInjector:
         else:
             timed.heard = (session_s, wall_s)
 
-    def _end(self, timed: _Timed, session_s: float, wall_s: float) -> None:
+    def _end(self, timed: _TimedFault, session_s: float, wall_s: float) -> None:
         timed.ended = True
         if timed.heard is not None:
             timed.heard = None
@@ -247,7 +247,7 @@ class FaultInjector:
             self._signal(timed.fault.target, signal.SIGCONT)
             self._note(timed, False, session_s, wall_s)
 
-    def _date_anew(self, timed: _Timed, session_s: float) -> None:
+    def _date_anew(self, timed: _TimedFault, session_s: float) -> None:
         """Set a pause's beginning to the newest time that was heard while it lasted.
 
         A clock that stands doesn't go on: what came after the beginning was noted came late.
@@ -256,7 +256,7 @@ class FaultInjector:
             if one.index == timed.index and one.active and session_s > one.session_s:
                 self.injected[number] = replace(one, session_s=round(session_s, 6))
 
-    def _note(self, timed: _Timed, active: bool, session_s: float, wall_s: float) -> None:
+    def _note(self, timed: _TimedFault, active: bool, session_s: float, wall_s: float) -> None:
         fault = timed.fault
         who = f" of {fault.target}" if fault.target else ""
         at = f"{session_s:.2f} s" if fault.at_s is not None else "armed, before the start"

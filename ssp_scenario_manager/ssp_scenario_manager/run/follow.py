@@ -30,7 +30,7 @@ from ssp_scenario_manager.run.processor_waits import (
     waited_ns,
     with_busy_machine,
 )
-from ssp_scenario_manager.run.summary import PROMPT, Shown, connected, summary
+from ssp_scenario_manager.run.summary import PROMPT, PromptFacts, connected, summary
 from ssp_scenario_manager.run.word import ABORT, HOLDS_S, TypedWords, Word
 from ssp_scenario_manager.session.run_script import RunOutcome
 
@@ -362,7 +362,7 @@ class _Following:
         listener = StartListener(self._client.node, self._spec)
         try:
             word: Word | None = Word.OTHER
-            shown = Shown(self._spec, Facts())
+            shown = PromptFacts(self._spec, Facts())
             is_read, asked = self._mark(), False
             while word is not Word.START:
                 if word in (Word.ABORT, Word.END_OF_INPUT):
@@ -400,7 +400,7 @@ class _Following:
         waited_ns = time.monotonic_ns() - words.typed_after_ns
         return time.time_ns() + seconds_to_ns(HOLDS_S) - waited_ns
 
-    def _show(self, listener: StartListener, live: LiveSetup) -> Shown:
+    def _show(self, listener: StartListener, live: LiveSetup) -> PromptFacts:
         """Show what is connected, and what isn't for which reason, above the prompt."""
         began_s = time.monotonic()
         while (waited_s := time.monotonic() - began_s) < LOOK_S:
@@ -411,7 +411,7 @@ class _Following:
         facts = listener.facts()
         for line in summary(self._spec, live, facts, listener.states):
             self._say(line)
-        return Shown(self._spec, facts)
+        return PromptFacts(self._spec, facts)
 
     def _look_at_waits(self) -> None:
         processes = self._group.processes.values()

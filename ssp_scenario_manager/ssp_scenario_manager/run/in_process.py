@@ -97,7 +97,7 @@ class InProcessResult:
         return self.happened.final_phases
 
     @property
-    def triggers(self) -> tuple[outbox.Triggered, ...]:
+    def triggers(self) -> tuple[outbox.TriggerDecision, ...]:
         return self.happened.triggers
 
     @property
@@ -231,7 +231,7 @@ def judged(
         spec,
         0,
         session.of_kind(PhaseBegan),
-        session.of_kind(outbox.Triggered),
+        session.of_kind(outbox.TriggerDecision),
         session.faults,
         {i: record.truths(i) for i in spec.object_ids},
     )

@@ -49,7 +49,7 @@ class SessionRecording(Closing):
             recorder.sent(fact.object_id, encode_reference(fact), fact.dispatched_ns)
         elif isinstance(fact, outbox.StateChanged):
             recorder.take(names.SESSION_STATE, encode_session_state(fact, spec), fact.stamp_ns)
-        elif isinstance(fact, outbox.Triggered):
+        elif isinstance(fact, outbox.TriggerDecision):
             # No time passes between a state and what follows from it.
             recorder.take(names.TRIGGER_EVENT, encode_trigger(fact, 0.0), fact.stamp_ns)
         elif isinstance(fact, PhaseBegan):

@@ -29,7 +29,7 @@ from ssp_core.run_file.participation import Participation, stands_in
 from ssp_core.run_file.verdict import RESULT_SCHEMA
 from ssp_core.vocabulary import Phase, SessionPhase
 from ssp_core.world.plant import FaultFact
-from ssp_scenario_manager.session.outbox import Triggered
+from ssp_scenario_manager.session.outbox import TriggerDecision
 from ssp_scenario_manager.triggers.conditions import Sample
 
 _OVER = (SessionPhase.FINISHED, SessionPhase.ABORTED)
@@ -54,7 +54,7 @@ class RunEvents:
     began_ns: int | None
     phases: tuple[PhaseBegan, ...]
     resolution_ns: int | None
-    triggers: tuple[Triggered, ...]
+    triggers: tuple[TriggerDecision, ...]
     faults: tuple[FaultFact, ...]
     passing: Passing
     min_distance_m: float
@@ -82,7 +82,7 @@ class RunEvents:
         spec: RunSpec,
         began_ns: int | None,
         phases: Iterable[PhaseBegan],
-        triggers: Iterable[Triggered],
+        triggers: Iterable[TriggerDecision],
         faults: Iterable[FaultFact],
         truths: Mapping[str, Sequence[ObjectState]],
     ) -> RunEvents:
@@ -316,7 +316,7 @@ def _phase(happened: RunEvents, phase: PhaseBegan) -> dict[str, Any]:
     }
 
 
-def _trigger(happened: RunEvents, fired: Triggered) -> dict[str, Any]:
+def _trigger(happened: RunEvents, fired: TriggerDecision) -> dict[str, Any]:
     return {
         "trigger_id": fired.trigger_id,
         "condition": fired.condition,
@@ -341,9 +341,9 @@ def _fault(happened: RunEvents, fault: FaultFact) -> dict[str, Any]:
     }
 
 
-def _fired(message: Any) -> Triggered:
+def _fired(message: Any) -> TriggerDecision:
     pairs = zip(message.sample_stamps, message.sample_values, strict=True)
-    return Triggered(
+    return TriggerDecision(
         stamp_ns=stamp_ns(message.header.stamp),
         trigger_id=str(message.trigger_id),
         condition=str(message.condition),

@@ -108,7 +108,7 @@ def causes(spec: RunSpec, facts: Facts, heard: Mapping[str, bool]) -> dict[str, 
     return found
 
 
-class Shown:
+class PromptFacts:
     """The connections and reasons that a person has seen at the prompt.
 
     Args:

@@ -76,7 +76,7 @@ class Dispatches:
         target = next(t for t in self._spec.targets if t.id == trigger.object_id)
         if target.id not in targets:
             raise CannotFire(f"{target.id} was never heard")
-        record = outbox.Triggered(
+        record = outbox.TriggerDecision(
             stamp_ns=firing.fired_ns,
             trigger_id=trigger.id,
             condition=firing.condition,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ssp_core.cdr.codec import ENCAPSULATION, write
 from ssp_core.run_file.model import RunSpec
-from ssp_scenario_manager.session.outbox import StateChanged, Triggered
+from ssp_scenario_manager.session.outbox import StateChanged, TriggerDecision
 
 
 def encode_session_state(change: StateChanged, spec: RunSpec | None) -> bytes:
@@ -23,7 +23,7 @@ def encode_session_state(change: StateChanged, spec: RunSpec | None) -> bytes:
     return ENCAPSULATION + write("mBBtttttBI" + "t" * len(change.reasons), values)
 
 
-def encode_trigger(fired: Triggered, processing_s: float) -> bytes:
+def encode_trigger(fired: TriggerDecision, processing_s: float) -> bytes:
     """Encode TriggerEvent.msg, in frame map.
 
     Args:

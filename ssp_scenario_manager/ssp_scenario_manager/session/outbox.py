@@ -26,7 +26,7 @@ class StateChanged:
 
 
 @dataclass(frozen=True, slots=True)
-class Triggered:
+class TriggerDecision:
     """Decision record of a trigger (TriggerEvent.msg, without the node's own latency)."""
 
     stamp_ns: int
@@ -57,4 +57,6 @@ class Note:
 
 
 # A reference goes to its object; a violation is announced, and the session aborts.
-Outgoing = StateChanged | Reference | Triggered | PhaseBegan | Violation | ObjectCommand | Note
+Outgoing = (
+    StateChanged | Reference | TriggerDecision | PhaseBegan | Violation | ObjectCommand | Note
+)

@@ -242,7 +242,7 @@ def _nearest(numerator: int, denominator: int) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class ThresholdCondition:
     """A value compared with a threshold.
 
     Between two samples the value is taken for linear, so that the change is at the interpolated
@@ -273,7 +273,7 @@ class Measured:
 
 
 @dataclass(frozen=True, slots=True)
-class Timed:
+class DelayedCondition:
     """Holds from an instant on, which may become known only after it.
 
     Args:
@@ -307,23 +307,25 @@ def question(condition: Leaf, path: Polyline, started_ns: int) -> Question:
     what = quantity(condition)
     match condition:
         case RelativeDistance(object_id=who):
-            return Measured(what, partial(Snapshot.gap_m, object_id=who))
+            return ThresholdCondition(what, partial(Snapshot.gap_m, object_id=who))
         case TimeHeadway(object_id=who):
-            return Measured(what, partial(Snapshot.headway_s, object_id=who))
+            return ThresholdCondition(what, partial(Snapshot.headway_s, object_id=who))
         case TimeToCollision(object_id=who):
-            return Measured(what, partial(Snapshot.ttc_s, object_id=who))
+            return ThresholdCondition(what, partial(Snapshot.ttc_s, object_id=who))
         case TimeToArrival(anchor=anchor):
             station_m, _ = path.project(*anchor)
-            return Measured(what, partial(Snapshot.arrival_s, station_m=station_m))
+            return ThresholdCondition(what, partial(Snapshot.arrival_s, station_m=station_m))
         case SpeedIs(object_id=who):
-            return Measured(what, partial(Snapshot.speed_mps, object_id=who))
+            return ThresholdCondition(what, partial(Snapshot.speed_mps, object_id=who))
         case InRegion(object_id=who, polygon=polygon):
-            return Measured(what, partial(Snapshot.room_m, object_id=who, polygon=polygon))
+            return ThresholdCondition(
+                what, partial(Snapshot.room_m, object_id=who, polygon=polygon)
+            )
         case PhaseReached():
             phase = Phase[condition.phase.upper()]
-            return Timed(what, lambda now: now.phases.get(phase))
+            return DelayedCondition(what, lambda now: now.phases.get(phase))
         case ElapsedTime():
-            return Timed(what, lambda _: started_ns)
+            return DelayedCondition(what, lambda _: started_ns)
 
 
 def leaves(condition: Condition) -> list[Leaf]:

@@ -15,7 +15,7 @@ from ssp_core.cli import main
 from ssp_core.errors import InputError
 from ssp_core.hashing import sha256_json
 from ssp_core.run_file.model import RunSpec
-from ssp_scenario_manager.compile.compiler import Compiled
+from ssp_scenario_manager.compile.compiler import CompiledEvent
 from ssp_scenario_manager.compile.targets import folder
 from ssp_scenario_manager.compile.targets.folder import mode_of, prepare_run
 from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task
@@ -160,7 +160,7 @@ def test_what_another_compilation_wrote_meanwhile_is_kept(
     out = tmp_path / "out"
     write_target = folder.write_target
 
-    def written_late(made: Compiled, work: Path) -> None:
+    def written_late(made: CompiledEvent, work: Path) -> None:
         write_target(made, work)
         shutil.copytree(compiled, out)
 

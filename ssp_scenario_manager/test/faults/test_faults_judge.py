@@ -13,10 +13,10 @@ from ssp_core.run_file.model import Fault, RunSpec
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_scenario_manager.faults.evidence import Evidence, FaultNote, HeardEvent, SafetyNote, Track
 from ssp_scenario_manager.faults.judge import judge
-from ssp_scenario_manager.faults.matrix import Expected, Within
+from ssp_scenario_manager.faults.matrix import ExpectedOutcome, Within
 
 ABORTED = frozenset({"aborted"})
-EXPECTED = Expected(
+EXPECTED = ExpectedOutcome(
     ABORTED,
     "as the test says",
     by="the object",

@@ -11,7 +11,7 @@ import pytest
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import MEANINGS
 from ssp_scenario_manager.faults.campaign import FaultScenario, prepare_scene, run_cells
-from ssp_scenario_manager.faults.matrix import MATRIX, Expected, NotApplicable, Row, Stage
+from ssp_scenario_manager.faults.matrix import MATRIX, ExpectedOutcome, NotApplicable, Row, Stage
 from ssp_scenario_manager.run.faults import NEED_PROCESSES
 
 LIMITS = {meaning.limit_name for meaning in MEANINGS.values()}
@@ -33,7 +33,7 @@ EXPECTED = [
     for row in MATRIX
     for stage in Stage
     for cell in (row.cells[stage], *([row.standing[stage]] if stage in row.standing else []))
-    if isinstance(cell, Expected)
+    if isinstance(cell, ExpectedOutcome)
 ]
 
 
@@ -73,7 +73,7 @@ def test_a_session_whose_standstill_nothing_confirms_ends_while_it_aborts(name: 
     (row,) = (row for row in MATRIX if row.name == name)
     for stage in (Stage.BEFORE, Stage.AFTER, Stage.CONFLICT):
         expected = row.cells[stage]
-        assert isinstance(expected, Expected)
+        assert isinstance(expected, ExpectedOutcome)
         assert "the recording ends while the session is" in expected.also
 
 
@@ -89,7 +89,9 @@ def test_every_stage_has_a_cell_with_its_reason() -> None:
 @pytest.mark.parametrize(
     ("row", "stage", "cell"), EXPECTED, ids=[f"{r.name}-{s.value}" for r, s, _ in EXPECTED]
 )
-def test_a_cell_says_what_it_must(row: Row, stage: Stage, cell: Expected, run: RunSpec) -> None:
+def test_a_cell_says_what_it_must(
+    row: Row, stage: Stage, cell: ExpectedOutcome, run: RunSpec
+) -> None:
     assert cell.verdicts <= {"valid", "off_spec", "invalid_harness", "failed_safety", "aborted"}
     for beginning in (*cell.primary, *cell.also):
         limit = beginning.partition(":")[0]

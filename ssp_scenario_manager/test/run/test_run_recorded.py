@@ -22,7 +22,7 @@ from ssp_core.world.plant import FaultFact, LimitFact
 from ssp_scenario_manager.cli.run import run as run_command
 from ssp_scenario_manager.run.sweep import for_one_process, run_one
 from ssp_scenario_manager.session.messages import encode_session_state, encode_trigger
-from ssp_scenario_manager.session.outbox import StateChanged, Triggered
+from ssp_scenario_manager.session.outbox import StateChanged, TriggerDecision
 from ssp_scenario_manager.triggers.conditions import Sample
 
 S = 10**9
@@ -36,7 +36,7 @@ CHANGE = StateChanged(
     Verdict.OFF_SPEC,
     ("first", "second, longer"),
 )
-FIRED = Triggered(
+FIRED = TriggerDecision(
     9 * S,
     "t1",
     "gap < 18 m",

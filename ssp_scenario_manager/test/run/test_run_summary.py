@@ -13,7 +13,14 @@ from ssp_core.safety.arming import Facts
 from ssp_core.safety.body_status import BodyStatus, known_bodies
 from ssp_core.vocabulary import ControlState
 from ssp_scenario_manager.run.live import LiveSetup
-from ssp_scenario_manager.run.summary import LOST_S, PROMPT, Shown, changes, connected, summary
+from ssp_scenario_manager.run.summary import (
+    LOST_S,
+    PROMPT,
+    PromptFacts,
+    changes,
+    connected,
+    summary,
+)
 
 
 def test_nobody_is_connected(run: RunSpec) -> None:
@@ -127,7 +134,7 @@ def test_a_reason_that_is_new_after_the_summary_is_said_once(run: RunSpec) -> No
     def facts(*cannot_arm: str, **ages_s: float) -> Facts:
         return Facts(ages_s, bodies={"ot1": BodyStatus("ot1", (), cannot_arm)})
 
-    shown = Shown(run, facts(_NO_PROBE, vut=0.0, ot1=0.0))
+    shown = PromptFacts(run, facts(_NO_PROBE, vut=0.0, ot1=0.0))
     assert shown.news(facts(_NO_PROBE, vut=0.0, ot1=0.0)) == []
     late = "its body's readings are {} s old on arrival, limit 0.2 s"
     assert shown.news(facts(late.format(0.31), _NO_PROBE, vut=0.0, ot1=0.0)) == [
@@ -146,7 +153,7 @@ def test_a_stranger_is_named_above_the_prompt_and_once_where_it_comes_later(run:
     both = Facts(other_managers=1, foreign="ot1/state has /ssp/ours and /ssp/x")
     assert f"  {line}" in summary(run, LiveSetup({}), both, {})
     assert not any("strangers" in one for one in summary(run, LiveSetup({}), alone, {}))
-    shown = Shown(run, alone)
+    shown = PromptFacts(run, alone)
     assert shown.news(both) == [line]
     assert shown.news(both) == []
 

@@ -244,7 +244,7 @@ def test_nothing_is_sent_after_the_abort_that_was_found_with_it(
     driver.move("vut", x_m=25.0, speed_mps=5.0)
     driver.step()
     sent = [type(fact) for fact in driver.session.outbox]
-    assert sent == [Reference, outbox.Triggered, Violation, outbox.StateChanged]
+    assert sent == [Reference, outbox.TriggerDecision, Violation, outbox.StateChanged]
     assert "trigger gap fired" in driver.session.reasons[0]
 
 

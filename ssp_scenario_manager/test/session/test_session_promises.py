@@ -124,7 +124,7 @@ def test_no_sequence_breaks_the_promises(
                     assert all(wanted in happened for wanted in needed)
                     assert "abort" not in since or "all_clear" in since
                     since = []
-            elif isinstance(fact, Reference | outbox.Triggered | PhaseBegan):
+            elif isinstance(fact, Reference | outbox.TriggerDecision | PhaseBegan):
                 # Nothing is sent but while running: what follows an abort in the outbox would
                 # reach the objects after it.
                 assert here is SessionPhase.RUNNING

@@ -46,7 +46,7 @@ def test_a_run_from_load_to_reset(driver: Any, tools: Any) -> None:
     driver.move("vut", x_m=24.0)
     driver.step()
     fired, dispatched = sorted(driver.acknowledge(), key=lambda f: isinstance(f, Reference))
-    assert isinstance(fired, outbox.Triggered)
+    assert isinstance(fired, outbox.TriggerDecision)
     assert [s.value for s in fired.samples] == pytest.approx([12.5, 11.5])
     assert fired.crossing_ns == 5030 * MS
     assert fired.stamp_ns == 5040 * MS

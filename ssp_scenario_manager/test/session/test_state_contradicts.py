@@ -15,7 +15,7 @@ from ssp_core.vocabulary import SessionPhase, Verdict
 from ssp_core.world.plant import ManagerUpdate, Plant, StepReport, make_plant
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.run.in_process_session import InProcessSession
-from ssp_scenario_manager.session.outbox import StateChanged, Triggered
+from ssp_scenario_manager.session.outbox import StateChanged, TriggerDecision
 from ssp_scenario_manager.session.state_machine import STANDSTILL_GIVEN_UP
 
 Change = Callable[[ObjectState], ObjectState]
@@ -96,7 +96,7 @@ def test_a_vut_that_contradicts_its_places_ends_the_session(
     assert f"({kind}: " in reason
     assert session.session.verdict is Verdict.FAILED_SAFETY
     assert session.session.state is SessionPhase.ABORTED
-    assert session.of_kind(Triggered) == []
+    assert session.of_kind(TriggerDecision) == []
     assert_it_stands(session, plant)
 
 
@@ -157,7 +157,7 @@ def test_a_vut_with_one_antenna_that_leaves_backwards_ends_the_session(spec: Run
     assert "lead +180° off its start's heading, limit 20° at 1." in reason
     assert session.session.verdict is Verdict.FAILED_SAFETY
     assert session.session.state is SessionPhase.ABORTED
-    assert session.of_kind(Triggered) == []
+    assert session.of_kind(TriggerDecision) == []
     assert_it_stands(session, plant)
 
 

@@ -19,11 +19,11 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.participants import Condition
 from ssp_core.vocabulary import ObjectClass, Phase
 from ssp_scenario_manager.triggers.conditions import (
-    Measured,
     Quantity,
     Reading,
     Sample,
     Snapshot,
+    ThresholdCondition,
     condition_text,
     question,
 )
@@ -251,7 +251,7 @@ def test_the_crossing_is_the_exact_one_rounded_half_to_even(
 ) -> None:
     before, threshold, after = values
     assume(before != after)
-    asked = Measured(Quantity("gap", "<", threshold, "m"), lambda snapshot: math.nan)
+    asked = ThresholdCondition(Quantity("gap", "<", threshold, "m"), lambda snapshot: math.nan)
     first = Reading(Sample(stamp_ns, before), False)
     second = Reading(Sample(stamp_ns + step_ns, after), True)
     share = (Fraction(before) - Fraction(threshold)) / (Fraction(before) - Fraction(after))

@@ -28,7 +28,7 @@ class AdapterInfo:
 
 
 @dataclass(frozen=True)
-class Adapted:
+class AdaptedResponse:
     """Text and trajectory of one response.
 
     Args:
@@ -44,7 +44,7 @@ class Adapted:
 
 def without_trajectory(
     response: Response, info: AdapterInfo, reason: str, note: str = ""
-) -> Adapted:
+) -> AdaptedResponse:
     """Make the result of an adapter that can't read a trajectory.
 
     Args:
@@ -55,7 +55,7 @@ def without_trajectory(
     """
     if response.error_code:
         note = f"error {response.error_code} instead of an answer"
-    return Adapted(response.text, None, (reason,), replace(info, notes=(*info.notes, note)))
+    return AdaptedResponse(response.text, None, (reason,), replace(info, notes=(*info.notes, note)))
 
 
 def answer_part(response: Response) -> tuple[Response, tuple[str, ...]]:

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 from ssp_vla_bridge.adapters.adapted import (
     MOTION,
-    Adapted,
+    AdaptedResponse,
     AdapterInfo,
     arcs,
     at_steps,
@@ -44,7 +44,7 @@ def adapt_pairs(
     info: AdapterInfo,
     form: Form,
     integrate: Callable[[Rows], Trajectory],
-) -> Adapted:
+) -> AdaptedResponse:
     """Return text and trajectory of an answer in pairs.
 
     Args:
@@ -60,18 +60,18 @@ def adapt_pairs(
     choice = choose_answer(motion, form, history, motion_is_cut(response))
     info = replace(info, notes=(*stage_notes, *choice.notes))
     if choice.reason:
-        return Adapted(response.text, None, (choice.reason,), info)
+        return AdaptedResponse(response.text, None, (choice.reason,), info)
     if choice.times_s and not _is_raster(choice.times_s):
         info = replace(info, notes=(*info.notes, f"its times aren't steps of {STEP_S:g} s"))
-        return Adapted(response.text, None, ("timestamps",), info)
+        return AdaptedResponse(response.text, None, ("timestamps",), info)
     trajectory = integrate(choice.rows)
     invalid = check_trajectory(trajectory)
     if invalid:
-        return Adapted(response.text, None, invalid, info)
+        return AdaptedResponse(response.text, None, invalid, info)
     if _most_lateral_mps2(trajectory) > _MOST_LATERAL_MPS2:
         note = f"it turns with more than {_MOST_LATERAL_MPS2:g} m/s² to the side"
         info = replace(info, notes=(*info.notes, note))
-    return Adapted(response.text, trajectory, (), info)
+    return AdaptedResponse(response.text, trajectory, (), info)
 
 
 def _is_raster(times_s: tuple[float, ...]) -> bool:
@@ -122,7 +122,7 @@ _OPENEMMA_FORM = Form(
 
 def adapt_openemma(
     response: Response, request: Request | None = None, mode: str = CORRECTED
-) -> Adapted:
+) -> AdaptedResponse:
     """Read the pairs of the motion stage, or of the whole text where no stage is named.
 
     ``corrected``: speed v / 0.5 s and curvature k / 100 hold for one step of 0.5 s each (arcs), so
@@ -167,7 +167,7 @@ _LIGHTEMMA_FORM = Form(
 
 def adapt_lightemma(
     response: Response, request: Request | None = None, mode: str = NATIVE
-) -> Adapted:
+) -> AdaptedResponse:
     """Read the pairs of the motion stage, or of the whole text where no stage is named.
 
     ``native``: LightEMMA's own integration (straight_steps). ``corrected``: arcs, whose heading

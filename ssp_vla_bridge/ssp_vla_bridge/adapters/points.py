@@ -8,7 +8,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ssp_vla_bridge.adapters.adapted import Adapted, AdapterInfo, motion_is_cut, without_trajectory
+from ssp_vla_bridge.adapters.adapted import (
+    AdaptedResponse,
+    AdapterInfo,
+    motion_is_cut,
+    without_trajectory,
+)
 from ssp_vla_bridge.adapters.answer import FROM_ORIGIN, Choice, Form, choose_answer
 from ssp_vla_bridge.adapters.stated import POINTS, POINTS_RIGHT_FIRST
 from ssp_vla_bridge.messages import TASK, NativeArray, Request, Response
@@ -30,7 +35,7 @@ def adapt_points(
     ys_m: Sequence[float],
     times_s: Sequence[float],
     request: Request | None,
-) -> Adapted:
+) -> AdaptedResponse:
     """Return the trajectory of points, with the origin before a start one step late.
 
     Args:
@@ -47,14 +52,14 @@ def adapt_points(
     if problem or note:
         info = replace(info, notes=(*info.notes, problem or note))
     if problem:
-        return Adapted(response.text, None, ("shape",), info)
+        return AdaptedResponse(response.text, None, ("shape",), info)
     origin_added = step_s > 0 and abs(times[0] - step_s) <= TOLERANCE_S
     if origin_added:
         times, xs, ys = (0.0, *times), (0.0, *xs), (0.0, *ys)
     trajectory = Trajectory(times, xs, ys)
     invalid = check_trajectory(trajectory)
     info = replace(info, origin_added=origin_added)
-    return Adapted(response.text, None if invalid else trajectory, invalid, info)
+    return AdaptedResponse(response.text, None if invalid else trajectory, invalid, info)
 
 
 def present_speed_mps(request: Request | None) -> float | None:
@@ -121,7 +126,7 @@ _LLAVIDA_FORM = Form(
 
 def adapt_llavida(
     response: Response, request: Request | None = None, mode: str = LLAVIDA_FRAME
-) -> Adapted:
+) -> AdaptedResponse:
     """Read the list behind the label ``… trajectory:``, points at 0.5, 1.0, … s.
 
     A native x is lateral, negative to the left, and a native y is forward: (X, Y) = (y, −x). The
@@ -141,7 +146,7 @@ def adapt_llavida(
     choice = choose_answer(response.text, _LLAVIDA_FORM, history, motion_is_cut(response))
     info = replace(info, notes=choice.notes)
     if choice.reason:
-        return Adapted(response.text, None, (choice.reason,), info)
+        return AdaptedResponse(response.text, None, (choice.reason,), info)
     lateral, forward = zip(*choice.rows, strict=True)
     # 0.0 − x instead of −x, which would make a negative zero of straight ahead.
     ys = [0.0 - x for x in lateral]
@@ -165,7 +170,7 @@ def adapt_waypoints(
     response: Response,
     request: Request | None = None,
     mode: str = WAYPOINTS_FRAME,  # noqa: ARG001  # as every reader has it
-) -> Adapted:
+) -> AdaptedResponse:
     """Read the array ``trajectory``: frame ``ego_xy``, unit m, shape (n, 2), constant step.
 
     A first row one step after t = 0 gets the frame's origin before it, marked (METHOD 5.4). A
@@ -189,7 +194,9 @@ def adapt_waypoints(
     return _read_waypoints(response, arrays[0], request)
 
 
-def _read_waypoints(response: Response, array: NativeArray, request: Request | None) -> Adapted:
+def _read_waypoints(
+    response: Response, array: NativeArray, request: Request | None
+) -> AdaptedResponse:
     if array.frame != WAYPOINTS_FRAME or array.unit != "m":
         return _without(response, "shape", f"frame {array.frame!r} in {array.unit!r} is not read")
     rows = array.shape[0] if len(array.shape) == 2 else -1
@@ -204,7 +211,7 @@ def _read_waypoints(response: Response, array: NativeArray, request: Request | N
     return adapt_points(response, _WAYPOINTS_INFO, xs, ys, times_s, request)
 
 
-def _read_text(response: Response, request: Request | None) -> Adapted:
+def _read_text(response: Response, request: Request | None) -> AdaptedResponse:
     """Return the list behind ``Trajectory:``, whose step and first time the task declares."""
     task = TASK if request is None else request.task
     history = () if request is None else waypoints_history(request).rows
@@ -226,7 +233,7 @@ def _read_text(response: Response, request: Request | None) -> Adapted:
     return adapt_points(response, info, xs, ys, _times_of(choice, step_s), request)
 
 
-def _without(response: Response, reason: str, note: str) -> Adapted:
+def _without(response: Response, reason: str, note: str) -> AdaptedResponse:
     return without_trajectory(response, _WAYPOINTS_INFO, reason, note)
 
 
@@ -244,7 +251,7 @@ _PRINTED = re.compile(rf"\s*\[[\[\s]*+({_LITERAL})(?:[\s,\[\]]++|{_LITERAL})*+")
 
 def adapt_alpamayo(
     response: Response, request: Request | None = None, mode: str = ALPAMAYO_MODE
-) -> Adapted:
+) -> AdaptedResponse:
     """Read set 0, sample 0 of ``pred_xyz``: shape [B, sets, samples, n, 3], or fewer leading axes.
 
     x is forward, y to the left, m, in the ego frame at the record's time; z is not used. B must be
@@ -266,7 +273,7 @@ def adapt_alpamayo(
 
 def _read_alpamayo(
     response: Response, info: AdapterInfo, array: NativeArray, request: Request | None
-) -> Adapted:
+) -> AdaptedResponse:
     if array.frame not in ALPAMAYO_FRAMES or array.unit != "m":
         note = f"frame {array.frame!r} in {array.unit!r} is not read"
         return without_trajectory(response, info, "shape", note)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from ssp_core.errors import InputError
-from ssp_vla_bridge.adapters.adapted import Adapted, AdapterInfo, answer_part, cut_parts
+from ssp_vla_bridge.adapters.adapted import AdaptedResponse, AdapterInfo, answer_part, cut_parts
 from ssp_vla_bridge.adapters.pairs import CORRECTED, NATIVE, adapt_lightemma, adapt_openemma
 from ssp_vla_bridge.adapters.points import (
     ALPAMAYO_MODE,
@@ -21,13 +21,13 @@ from ssp_vla_bridge.adapters.points import (
 from ssp_vla_bridge.adapters.points import LLAVIDA_FRAME as LLAVIDA_MODE
 from ssp_vla_bridge.messages import Request, Response
 
-__all__ = ["ADAPTERS", "Adapted", "AdapterInfo", "adapt", "check_adapter"]
+__all__ = ["ADAPTERS", "AdaptedResponse", "AdapterInfo", "adapt", "check_adapter"]
 
 
 class Read(Protocol):
     """Reads a response as one interface defines it."""
 
-    def __call__(self, response: Response, request: Request | None, mode: str) -> Adapted:
+    def __call__(self, response: Response, request: Request | None, mode: str) -> AdaptedResponse:
         """Return text and trajectory; raise on nothing.
 
         Args:
@@ -54,7 +54,7 @@ ADAPTERS: dict[str, _Adapter] = {
 }
 
 
-def adapt(adapter_name: str, response: Response, request: Request | None = None) -> Adapted:
+def adapt(adapter_name: str, response: Response, request: Request | None = None) -> AdaptedResponse:
     """Return text and trajectory of a response, read as the named interface defines it.
 
     Args:

@@ -211,7 +211,7 @@ _CHARACTERS_OF_REASONING = 100_000
 
 
 @dataclass(frozen=True)
-class _Said:
+class _StageAnswer:
     """One stage's question and answer."""
 
     name: str
@@ -294,7 +294,9 @@ class OpenAIBackend:
         if fact not in ("", CONTROL) and not is_turned:
             raise PeerError(f"n/a: its text says no {fact} that could be turned")
 
-    def _asked_on(self, own: _Said, pictures: Sequence[Mapping[str, Any]], end_s: float) -> _Said:
+    def _asked_on(
+        self, own: _StageAnswer, pictures: Sequence[Mapping[str, Any]], end_s: float
+    ) -> _StageAnswer:
         """Return the text of one stage with the trajectory that follows from it as given back.
 
         Raises:
@@ -320,7 +322,7 @@ class OpenAIBackend:
         pictures: Sequence[Mapping[str, Any]],
         end_s: float,
         begun: str = "",
-    ) -> _Said:
+    ) -> _StageAnswer:
         """Ask one stage.
 
         Args:
@@ -346,13 +348,13 @@ class OpenAIBackend:
             completion, text = _read(reply)
         except PeerError as error:
             raise _kind_of(error)(f"stage {name}: {error}") from None
-        return _Said(name, prompt, text, completion, reply.tries, time.monotonic() - begun_s)
+        return _StageAnswer(name, prompt, text, completion, reply.tries, time.monotonic() - begun_s)
 
     def _picture(self, frame: Frame) -> dict[str, Any]:
         data = base64.b64encode(scaled(frame.jpeg, self._options.image_width_px)).decode()
         return {"type": "image_url", "image_url": {"url": f"data:image/jpeg;base64,{data}"}}
 
-    def _facts(self, request: Request, said: Sequence[_Said]) -> dict[str, Any]:
+    def _facts(self, request: Request, said: Sequence[_StageAnswer]) -> dict[str, Any]:
         options = self._options
         stages, notes, start = [], [], 0
         for one in said:
@@ -424,7 +426,7 @@ def _read(reply: Reply) -> tuple[Completion, str]:
     return said, text
 
 
-def _stage_facts(one: _Said) -> dict[str, Any]:
+def _stage_facts(one: _StageAnswer) -> dict[str, Any]:
     said = one.completion
     facts: dict[str, Any] = {
         "prompt_sha256": one.prompt.sha256,

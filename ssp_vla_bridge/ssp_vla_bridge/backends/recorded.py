@@ -126,7 +126,7 @@ def _bag(path: Path) -> Iterator[AnswerOnDisk]:
             yield AnswerOnDisk(response, f"{path}:{message.topic}")
 
 
-class Recorded:
+class RecordedAnswers:
     """The stored answer with the request's id, else the one with its stamp.
 
     Args:
@@ -178,7 +178,7 @@ def _said(response: Response) -> str:
     return repr((response.text, response.arrays, response.error_code, dict(response.decoding)))
 
 
-def make(options: Mapping[str, Any]) -> Recorded:
+def make(options: Mapping[str, Any]) -> RecordedAnswers:
     """Make a backend for the options ``file``, ``model`` and ``interface``.
 
     ``file`` is JSON Lines of responses (messages.py), a cell's or a campaign's folder, or a
@@ -217,4 +217,4 @@ def make(options: Mapping[str, Any]) -> Recorded:
             value=spoken,
             remedy=f'give "interface": "{known[0]}", and "model" where the file has several models',
         )
-    return Recorded(stored, spoken)
+    return RecordedAnswers(stored, spoken)

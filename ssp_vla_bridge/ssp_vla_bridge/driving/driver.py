@@ -14,7 +14,7 @@ from ssp_core.run_file.model import Camera
 from ssp_core.world import driver as core
 from ssp_core.world.camera import intrinsics
 from ssp_vla_bridge.backend import BACKENDS, OPTION_TIMEOUT, SERVICES
-from ssp_vla_bridge.driving.process import Measured, ModelProcess, no_answer_within
+from ssp_vla_bridge.driving.process import MeasuredAnswer, ModelProcess, no_answer_within
 from ssp_vla_bridge.http_messages import request_to_json
 from ssp_vla_bridge.messages import (
     TASK,
@@ -284,7 +284,7 @@ def history_by(samples: Sequence[core.EgoSample], rules: Preprocessing) -> tuple
     return tuple(EgoSample(*astuple(sample)) for sample in reversed(chosen))
 
 
-def answer_of(got: Measured) -> core.Answer:
+def answer_of(got: MeasuredAnswer) -> core.Answer:
     """Return what a model's answer says, and how it came."""
     response = got.response
     arrays = tuple(core.RawArray(**asdict(array)) for array in response.arrays)

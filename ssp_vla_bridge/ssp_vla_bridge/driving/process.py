@@ -59,7 +59,7 @@ _NO_ANSWER = "its process sent what is no answer"
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredAnswer:
     """One answer, read.
 
     Args:
@@ -84,7 +84,7 @@ class Measured:
         return LatencyParts(*map(seconds_to_ns, (total_s, encoding_s, parsing_s)))
 
 
-def measured_answer(backend: Backend, model: str, adapter: str, request: Request) -> Measured:
+def measured_answer(backend: Backend, model: str, adapter: str, request: Request) -> MeasuredAnswer:
     """Ask a backend, and read its answer.
 
     Args:
@@ -102,7 +102,7 @@ def measured_answer(backend: Backend, model: str, adapter: str, request: Request
     if read.trajectory is None:
         said = bool(response.text.strip() or response.arrays)
         invalid = "; ".join([*read.invalid, *read.info.notes]) if said else "not_ready"
-    return Measured(
+    return MeasuredAnswer(
         response=response,
         trajectory=read.trajectory,
         invalid=invalid,
@@ -144,7 +144,7 @@ def _unicode(text: str) -> str:
     return text.encode("utf-8", "replace").decode()
 
 
-def measured_to_bytes(measured: Measured) -> bytes:
+def measured_to_bytes(measured: MeasuredAnswer) -> bytes:
     """Return a read answer as JSON; one of wrong types as the error that it is."""
     try:
         response = response_to_json(measured.response)
@@ -167,7 +167,7 @@ def measured_to_bytes(measured: Measured) -> bytes:
     return json.dumps(value).encode()
 
 
-def measured_from_bytes(data: bytes) -> Measured:
+def measured_from_bytes(data: bytes) -> MeasuredAnswer:
     """Read what measured_to_bytes wrote.
 
     Raises:
@@ -177,7 +177,7 @@ def measured_from_bytes(data: bytes) -> Measured:
         value = json.loads(data)
         response = response_from_json(value["response"])
         plan = value["trajectory"]
-        measured = Measured(
+        measured = MeasuredAnswer(
             response=_sound(response),
             trajectory=None
             if plan is None
@@ -323,7 +323,7 @@ class ModelProcess:
 
     def ask(
         self, request: Request, timeout_s: float
-    ) -> tuple[Measured, LatencyParts] | GivenAnswer:
+    ) -> tuple[MeasuredAnswer, LatencyParts] | GivenAnswer:
         """Return the answer to a request, or how the process ended, or was ended after its time.
 
         The latency runs from the complete request to the parsed trajectory, by this process's
@@ -340,11 +340,11 @@ class ModelProcess:
 
     def _ask(
         self, request: Request, timeout_s: float
-    ) -> tuple[Measured, LatencyParts] | GivenAnswer:
+    ) -> tuple[MeasuredAnswer, LatencyParts] | GivenAnswer:
         if self._has_sent():
             return GivenAnswer(None, ended="its process sent an answer that wasn't asked for")
         begin_s = time.perf_counter()
-        got: list[tuple[Measured | None, float]] = []
+        got: list[tuple[MeasuredAnswer | None, float]] = []
         # Sending, too, waits for a process that doesn't read.
         exchange = threading.Thread(target=self._exchange, args=(request, got), daemon=True)
         exchange.start()
@@ -386,7 +386,7 @@ class ModelProcess:
             return _is_too_long(error)
         return False
 
-    def _exchange(self, request: Request, got: list[tuple[Measured | None, float]]) -> None:
+    def _exchange(self, request: Request, got: list[tuple[MeasuredAnswer | None, float]]) -> None:
         measured = None
         try:
             self._connection.send(request)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ssp_vla_bridge.adapters.adapted import Adapted
+from ssp_vla_bridge.adapters.adapted import AdaptedResponse
 from ssp_vla_bridge.adapters.registry import adapt
 from ssp_vla_bridge.messages import EgoSample, Request, Response
 
@@ -23,12 +23,14 @@ def pairs(rows: Sequence[Sequence[float]], form: str = "[{}, {}]", joint: str = 
 NO_HISTORY = Request("r1", 10 * NS, ())
 
 
-def read(adapter: str, text: str, request: Request | None = NO_HISTORY, **kwargs) -> Adapted:
+def read(
+    adapter: str, text: str, request: Request | None = NO_HISTORY, **kwargs
+) -> AdaptedResponse:
     """Adapted from the answer to a request without a history, unless another is given."""
     return adapt(adapter, Response("r1", 10 * NS, "model", "model/1", text, **kwargs), request)
 
 
-def points(adapted: Adapted) -> list[tuple[float, float]]:
+def points(adapted: AdaptedResponse) -> list[tuple[float, float]]:
     trajectory = adapted.trajectory
     return list(zip(trajectory.x_m, trajectory.y_m, strict=True))
 

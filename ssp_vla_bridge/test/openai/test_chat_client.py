@@ -9,7 +9,7 @@ from contextlib import suppress
 import pytest
 
 from ssp_core.chat.client import NoAnswer, OpenAIChat, Policy
-from ssp_core.chat.transport import FailedRequest, Failure, Received, exchange, retry_after_s
+from ssp_core.chat.transport import FailedRequest, Failure, RawReply, exchange, retry_after_s
 
 MIB = 1 << 20
 REQUEST = {"model": "m", "messages": [{"role": "user", "content": [{"type": "text", "text": ""}]}]}
@@ -42,7 +42,7 @@ def test_the_limit_is_of_the_uncompressed_answer(service, coding, size, whole):
     headers = {"Content_Encoding": coding} if coding else {}
     came = ask(service, sending(gzip.compress(body) if coding else body, **headers))
     if whole:
-        assert came == Received(200, came.headers, body)
+        assert came == RawReply(200, came.headers, body)
     else:
         assert came == FailedRequest(Failure.TOO_LARGE, "the answer is larger than 0 KiB")
 

@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 from ssp_eval.data.records import BehaviourRecord
 from ssp_eval.evaluate.store.requests import Exchange
-from ssp_eval.extract.combined.extractor import Extracted, Extractor
+from ssp_eval.extract.combined.extractor import Extractor, TextExtraction
 from ssp_eval.extract.language import NOT_READ
 from ssp_vla_bridge.adapters.registry import adapt
 from ssp_vla_bridge.messages import Request, Response
@@ -79,7 +79,7 @@ def record_of(
     )
 
 
-def _sources(found: Extracted) -> list[str]:
+def _sources(found: TextExtraction) -> list[str]:
     """List the slots that the rules didn't fill, and the failures of the extraction's LLM."""
     notes = []
     if found.by_reader:

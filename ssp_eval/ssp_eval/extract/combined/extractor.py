@@ -28,7 +28,7 @@ MAX_FAILURES = 5  # in a row, after which the service isn't asked any more
 
 
 @dataclass(frozen=True)
-class Extracted:
+class TextExtraction:
     """The result for one text.
 
     Args:
@@ -78,7 +78,7 @@ class Extractor:
         self._failures = 0
         self.counts: Counter[str] = Counter()
 
-    def __call__(self, text: str) -> Extracted:
+    def __call__(self, text: str) -> TextExtraction:
         """Return the slots of a text; an LLM's failure costs only its slots of this text.
 
         Raises:
@@ -92,15 +92,15 @@ class Extractor:
         self.counts["reader_withdrawn"] += len(extracted.withdrawn)
         return extracted
 
-    def _slots(self, text: str, is_english: bool) -> Extracted:
+    def _slots(self, text: str, is_english: bool) -> TextExtraction:
         reading = read(text)
         if not (self._use_reader and is_english):
-            return self._with_llm(text, Extracted(reading.slots))
+            return self._with_llm(text, TextExtraction(reading.slots))
         judgement = complete(text, reading)
-        known = Extracted(judgement.slots, judgement.filled, judgement.withdrawn)
+        known = TextExtraction(judgement.slots, judgement.filled, judgement.withdrawn)
         return self._with_llm(text, known)
 
-    def _with_llm(self, text: str, known: Extracted) -> Extracted:
+    def _with_llm(self, text: str, known: TextExtraction) -> TextExtraction:
         """Fill the slots that are still empty by the LLM."""
         found = known.slots
         empty = [name for name in SLOT_NAMES if getattr(found, name) is None]

@@ -55,7 +55,7 @@ class View:
     classes: dict[str, set[str]]
 
 
-class _Seen(NamedTuple):
+class _ClauseFeatures(NamedTuple):
     """A clause by itself: features, the hits' names, the plain words, the kind of the subject."""
 
     features: set[str]
@@ -143,7 +143,7 @@ def _hits_inside(reading: Reading, clauses: list[ClauseSpan]) -> list[list[int]]
     return inside
 
 
-def _seen(words: list[str], hits: list[tuple[Hit, Scope]], mentions: set[int]) -> _Seen:
+def _seen(words: list[str], hits: list[tuple[Hit, Scope]], mentions: set[int]) -> _ClauseFeatures:
     """Return a clause by itself."""
     plain = [word for word in words if word and (word[0].isalnum() or word[0] in "<#")]
     hits = [(hit, flags) for hit, flags in hits if hit.kind != "mark"]
@@ -165,7 +165,7 @@ def _seen(words: list[str], hits: list[tuple[Hit, Scope]], mentions: set[int]) -
         found.add(f"uform:{users[0].form}")
     if any(hit.first in mentions for hit in users):
         found.add("crit")
-    return _Seen(found, names, plain, subject)
+    return _ClauseFeatures(found, names, plain, subject)
 
 
 def _grams(words: list[str]) -> Iterator[str]:
@@ -236,7 +236,7 @@ def _told(reading: Reading, clauses: list[ClauseSpan]) -> list[set[str]]:
     return found
 
 
-def _around(at: int, clauses: list[ClauseSpan], seen: list[_Seen]) -> Iterator[str]:
+def _around(at: int, clauses: list[ClauseSpan], seen: list[_ClauseFeatures]) -> Iterator[str]:
     """Yield the features before and behind a clause."""
     if at:
         before = seen[at - 1]

@@ -24,7 +24,7 @@ from ssp_core.run_file.model import Limits
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.limits import LimitViolation
 from ssp_core.vocabulary import ControlState, SessionPhase
-from ssp_ot_controller.bodies.body import BodyCheck, Decided
+from ssp_ot_controller.bodies.body import BodyCheck, TrajectoryDecision
 from ssp_ot_controller.bodies.iso22133.messages import (
     CentreStatus,
     CoordinateSystem,
@@ -296,7 +296,7 @@ class Conversation:
     def __init__(self, settings: Settings) -> None:
         self.timing = Timing()
         self._settings = settings
-        self._decided = Decided(P.UNKNOWN, C.OFF)
+        self._decided = TrajectoryDecision(P.UNKNOWN, C.OFF)
         self._reported = NewestReport()
         self._violation: LimitViolation | None = None
         self._queue = ControlQueue()
@@ -320,7 +320,7 @@ class Conversation:
         """Note that the control connection broke, for however short a time."""
         self._lost = True
 
-    def step(self, decided: Decided, reported: NewestReport, now_ns: int) -> None:
+    def step(self, decided: TrajectoryDecision, reported: NewestReport, now_ns: int) -> None:
         """Take the object target's decision and the object's report; ``due`` sends what follows."""
         before, self._decided, self._reported = self._decided, decided, reported
         self._now_ns = now_ns

@@ -53,7 +53,7 @@ class Reason(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Rejected:
+class RejectedBytes:
     """Bytes that are not taken.
 
     Args:
@@ -145,19 +145,21 @@ def pack_items(items: Iterable[Item]) -> bytes:
     return b"".join(parts)
 
 
-def items_of(payload: bytes) -> tuple[Item, ...] | Rejected:
+def items_of(payload: bytes) -> tuple[Item, ...] | RejectedBytes:
     """Return the items of a payload in their order."""
     items: list[Item] = []
     at = 0
     while at < len(payload):
         start = at + _ITEM.size
         if start > len(payload):
-            return Rejected(Reason.ITEM, f"ends {start - len(payload)} bytes before its length")
+            return RejectedBytes(
+                Reason.ITEM, f"ends {start - len(payload)} bytes before its length"
+            )
         value_id, size = _ITEM.unpack_from(payload, at)
         at = start + size
         if at > len(payload):
             text = f"item 0x{value_id:04X} says {size} bytes, {len(payload) - start} are left"
-            return Rejected(Reason.ITEM, text, payload[start - _ITEM.size :][:EVIDENCE_BYTES])
+            return RejectedBytes(Reason.ITEM, text, payload[start - _ITEM.size :][:EVIDENCE_BYTES])
         items.append(Item(value_id, payload[start:at]))
     return tuple(items)
 
@@ -189,7 +191,7 @@ class StreamDecoder:
         """Bytes of a frame that isn't complete."""
         return len(self._buffer)
 
-    def feed(self, data: bytes) -> list[Frame | Rejected]:
+    def feed(self, data: bytes) -> list[Frame | RejectedBytes]:
         """Return the frames that these bytes complete, and each loss of synchronisation, in order.
 
         A loss is reported once, with what was found first; what follows it is counted.
@@ -197,7 +199,7 @@ class StreamDecoder:
         self._buffer += data
         return self._scan(0)
 
-    def resync(self) -> list[Frame | Rejected]:
+    def resync(self) -> list[Frame | RejectedBytes]:
         """Give up the frame that is waited for, and look for others in what there is.
 
         For callers with a clock: a damaged length may announce more bytes than will ever come.
@@ -209,8 +211,8 @@ class StreamDecoder:
         self.skipped_bytes += 1
         return [*lost, *self._scan(1)]
 
-    def _scan(self, at: int) -> list[Frame | Rejected]:
-        found: list[Frame | Rejected] = []
+    def _scan(self, at: int) -> list[Frame | RejectedBytes]:
+        found: list[Frame | RejectedBytes] = []
         buffer = self._buffer
         while True:
             start = self._next_sync(at)
@@ -239,7 +241,7 @@ class StreamDecoder:
         end = len(self._buffer)
         return end - 1 if end > at and self._buffer[-1] == SYNC[0] else end
 
-    def _read(self, at: int) -> Frame | Rejected | None:
+    def _read(self, at: int) -> Frame | RejectedBytes | None:
         """Read the frame that begins at a sync word; None when it isn't complete."""
         buffer = self._buffer
         if len(buffer) - at < _HEADER.size:
@@ -248,9 +250,9 @@ class StreamDecoder:
         _, size, version, transmitter_id, receiver_id, counter, message_id = fields
         if version & ~_ACKNOWLEDGE != VERSION:
             text = f"version {version & ~_ACKNOWLEDGE}, only {VERSION} is known"
-            return Rejected(Reason.VERSION, text)
+            return RejectedBytes(Reason.VERSION, text)
         if size > self._longest:
-            return Rejected(Reason.LENGTH, f"says {size} bytes, limit is {self._longest}")
+            return RejectedBytes(Reason.LENGTH, f"says {size} bytes, limit is {self._longest}")
         end = at + _HEADER.size + size
         if len(buffer) < end + _CRC.size:
             return None
@@ -259,20 +261,20 @@ class StreamDecoder:
         crc = crc_hqx(data[: -_CRC.size], 0)
         if stated != crc:
             text = f"message 0x{message_id:04X} states 0x{stated:04X}, its bytes give 0x{crc:04X}"
-            return Rejected(Reason.CHECKSUM, text)
+            return RejectedBytes(Reason.CHECKSUM, text)
         acknowledge = bool(version & _ACKNOWLEDGE)
         header = Header(message_id, transmitter_id, receiver_id, counter, acknowledge)
         return Frame(header, data)
 
-    def _lose(self, reason: Reason, text: str, at: int) -> list[Rejected]:
+    def _lose(self, reason: Reason, text: str, at: int) -> list[RejectedBytes]:
         self.rejected[reason] += 1
         if not self._in_sync:
             return []
         self._in_sync = False
-        return [Rejected(reason, text, bytes(self._buffer[at : at + EVIDENCE_BYTES]))]
+        return [RejectedBytes(reason, text, bytes(self._buffer[at : at + EVIDENCE_BYTES]))]
 
 
-def frames_of(datagram: bytes) -> list[Frame | Rejected]:
+def frames_of(datagram: bytes) -> list[Frame | RejectedBytes]:
     """Return the frames of one datagram; what is left at its end is a rejected one."""
     decoder = StreamDecoder()
     found = decoder.feed(datagram)

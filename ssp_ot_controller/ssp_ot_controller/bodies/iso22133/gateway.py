@@ -19,13 +19,13 @@ from ssp_core.motion.reference import Reference
 from ssp_core.names import ISO_LEVER, iso_body
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
-from ssp_ot_controller.bodies.body import BodyCheck, BodyReading, Decided
+from ssp_ot_controller.bodies.body import BodyCheck, BodyReading, TrajectoryDecision
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.bodies.iso22133.conversation import Conversation, NewestReport, Settings
-from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, Rejected
+from ssp_ot_controller.bodies.iso22133.framing import TCP_PORT, RejectedBytes
 from ssp_ot_controller.bodies.iso22133.link import Link, Tap
 from ssp_ot_controller.bodies.iso22133.messages import (
-    Decoded,
+    DecodedMessage,
     Dres,
     Monr,
     Traj,
@@ -280,7 +280,7 @@ class IsoBody:
                 self._retry_ns = now_ns + _RETRY_NS
                 self._link.connect()
         for received in self._link.poll():
-            if isinstance(received.outcome, Rejected):
+            if isinstance(received.outcome, RejectedBytes):
                 self._reject(received.outcome)
             else:
                 self._hear(received.outcome, received.stamp_ns)
@@ -309,7 +309,7 @@ class IsoBody:
             self._say.always(f" is not connected any more: {self._link.problem}")
             self._say.forget()
 
-    def follow(self, decided: Decided, now_ns: int) -> None:
+    def follow(self, decided: TrajectoryDecision, now_ns: int) -> None:
         """Take the object target's decision."""
         before = self._conversation.timing
         self._conversation.step(decided, self._reported, now_ns)
@@ -333,13 +333,13 @@ class IsoBody:
 
     # -- inside --------------------------------------------------------------------------------
 
-    def _hear(self, decoded: Decoded, arrived_ns: int) -> None:
+    def _hear(self, decoded: DecodedMessage, arrived_ns: int) -> None:
         message = decoded.message
         for text in decoded.odd:
             self._say.once(f" {text}")
         if isinstance(message, Monr):
             reading = self._readings.take(message, arrived_ns)
-            if isinstance(reading, Rejected):
+            if isinstance(reading, RejectedBytes):
                 self._reject(reading)
                 self.statistics.take(message, None, arrived_ns)
             else:
@@ -355,7 +355,7 @@ class IsoBody:
             self._reported = self._gate.judge(self._reported)
             self._say.once(f" is {message.vendor} {message.product}, firmware {message.firmware}")
 
-    def _reject(self, rejected: Rejected) -> None:
+    def _reject(self, rejected: RejectedBytes) -> None:
         self.statistics.rejected[rejected.reason.value] += 1
         self._refused = f"{rejected.reason.value}: {rejected.text}"
         evidence = f" ({rejected.evidence.hex()})" if rejected.evidence else ""

@@ -15,7 +15,7 @@ from dataclasses import MISSING, dataclass, fields
 from itertools import groupby
 from typing import Any, get_type_hints
 
-from ssp_ot_controller.bodies.iso22133.framing import EVIDENCE_BYTES, Item, Reason, Rejected
+from ssp_ot_controller.bodies.iso22133.framing import EVIDENCE_BYTES, Item, Reason, RejectedBytes
 
 # struct's letters; 48 bits and texts are bytes for it.
 _LETTERS = {
@@ -208,7 +208,7 @@ def items_to_send(message: object) -> list[Item]:
     return items
 
 
-def read_items(cls: type, items: tuple[Item, ...], odd: list[str]) -> Any | Rejected:
+def read_items(cls: type, items: tuple[Item, ...], odd: list[str]) -> Any | RejectedBytes:
     """Return a message of a class, or why its items are none.
 
     Args:
@@ -227,13 +227,13 @@ def read_items(cls: type, items: tuple[Item, ...], odd: list[str]) -> Any | Reje
         problem = _read_item(group, item, values, odd)
         if problem is not None:
             evidence = item.content[:EVIDENCE_BYTES]
-            return Rejected(Reason.ITEM, f"item 0x{item.value_id:04X} {problem}", evidence)
+            return RejectedBytes(Reason.ITEM, f"item 0x{item.value_id:04X} {problem}", evidence)
     for group in known.values():
         first = group.fields[0]
         if first.wire.points is not None:
             values[first.name] = tuple(values.get(first.name, ()))
         elif first.name not in values and not group.optional:
-            return Rejected(Reason.MISSING, f"item 0x{group.value_id:04X} is missing")
+            return RejectedBytes(Reason.MISSING, f"item 0x{group.value_id:04X} is missing")
     return cls(**values)
 
 
@@ -242,7 +242,7 @@ def _read_item(group: _Group, item: Item, values: dict[str, Any], odd: list[str]
     first = group.fields[0]
     if first.wire.points is not None:
         point = read_items(first.wire.points, (item,), odd)
-        if isinstance(point, Rejected):
+        if isinstance(point, RejectedBytes):
             return point.text
         values.setdefault(first.name, []).append(point)
         return None

@@ -26,12 +26,12 @@ from ssp_ot_controller.bodies.iso22133.framing import (
     TCP_PORT,
     Frame,
     Header,
-    Rejected,
+    RejectedBytes,
     StreamDecoder,
     frames_of,
 )
 from ssp_ot_controller.bodies.iso22133.messages import (
-    Decoded,
+    DecodedMessage,
     Heab,
     Message,
     Rcmm,
@@ -54,7 +54,7 @@ Tap = Callable[[bool, int, bytes], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Received:
+class ReceivedMessage:
     """A message that came from the object.
 
     Args:
@@ -64,7 +64,7 @@ class Received:
 
     udp: bool
     stamp_ns: int
-    outcome: Decoded | Rejected
+    outcome: DecodedMessage | RejectedBytes
     data: bytes
 
 
@@ -75,14 +75,14 @@ class TcpFrames:
         self._decoder = StreamDecoder()
         self._waits_since_ns: int | None = None
 
-    def feed(self, data: bytes) -> list[Frame | Rejected]:
+    def feed(self, data: bytes) -> list[Frame | RejectedBytes]:
         """Take what one read gave; return the frames that are whole."""
         frames = self._decoder.feed(data)
         if frames:
             self._waits_since_ns = None
         return frames
 
-    def give_up(self, now_ns: int) -> list[Frame | Rejected]:
+    def give_up(self, now_ns: int) -> list[Frame | RejectedBytes]:
         """Return what is left of a frame whose rest hasn't come for RESYNC_S; empty otherwise.
 
         Args:
@@ -186,7 +186,7 @@ class Link:
         if code not in (0, errno.EINPROGRESS):
             self._lose(os.strerror(code))
 
-    def poll(self) -> list[Received]:
+    def poll(self) -> list[ReceivedMessage]:
         """Return the messages since the last call, in order for each socket.
 
         Also send what waited.
@@ -237,8 +237,8 @@ class Link:
                 self._udp.send(data)
                 self._tap(True, time.time_ns(), data)
 
-    def _read_udp(self) -> list[Received]:
-        found: list[Received] = []
+    def _read_udp(self) -> list[ReceivedMessage]:
+        found: list[ReceivedMessage] = []
         for _ in range(_READS_PER_POLL):
             if self._udp is None:
                 break
@@ -299,8 +299,8 @@ class Link:
             else:
                 self._queue.popleft()
 
-    def _read_tcp(self) -> list[Received]:
-        found: list[Received] = []
+    def _read_tcp(self) -> list[ReceivedMessage]:
+        found: list[ReceivedMessage] = []
         now_ns = self._monotonic_ns()
         for _ in range(_READS_PER_POLL):
             if self._tcp is None:
@@ -330,11 +330,13 @@ class Link:
         self._queue.clear()
 
 
-def _received(frames: list[Frame | Rejected], udp: bool, stamp_ns: int) -> list[Received]:
+def _received(
+    frames: list[Frame | RejectedBytes], udp: bool, stamp_ns: int
+) -> list[ReceivedMessage]:
     found = []
     for frame in frames:
-        if isinstance(frame, Rejected):
-            found.append(Received(udp, stamp_ns, frame, frame.evidence))
+        if isinstance(frame, RejectedBytes):
+            found.append(ReceivedMessage(udp, stamp_ns, frame, frame.evidence))
         else:
-            found.append(Received(udp, stamp_ns, decode(frame), frame.data))
+            found.append(ReceivedMessage(udp, stamp_ns, decode(frame), frame.data))
     return found

@@ -18,7 +18,7 @@ from ssp_ot_controller.bodies.iso22133.framing import (
     Header,
     Item,
     Reason,
-    Rejected,
+    RejectedBytes,
     items_of,
     pack_frame,
     pack_items,
@@ -486,7 +486,7 @@ Message: TypeAlias = (
 
 
 @dataclass(frozen=True, slots=True)
-class Decoded:
+class DecodedMessage:
     """A message.
 
     Args:
@@ -519,19 +519,19 @@ def encode(
     return pack_frame(header, pack_items(items))
 
 
-def decode(frame: Frame) -> Decoded | Rejected:
+def decode(frame: Frame) -> DecodedMessage | RejectedBytes:
     """Return the message of a frame, or why it is none."""
     message_id = frame.header.message_id
     if message_id not in _KNOWN and message_id not in VENDORS:
-        return Rejected(Reason.MESSAGE, f"message 0x{message_id:04X} isn't known")
+        return RejectedBytes(Reason.MESSAGE, f"message 0x{message_id:04X} isn't known")
     items = items_of(frame.payload)
-    if isinstance(items, Rejected):
+    if isinstance(items, RejectedBytes):
         return items
     cls = _CLASSES.get(message_id)
     if cls is None:
-        return Decoded(frame.header, Opaque(message_id, items))
+        return DecodedMessage(frame.header, Opaque(message_id, items))
     odd: list[str] = []
     message = read_items(cls, items, odd)
-    if isinstance(message, Rejected):
+    if isinstance(message, RejectedBytes):
         return message
-    return Decoded(frame.header, message, tuple(odd))
+    return DecodedMessage(frame.header, message, tuple(odd))

@@ -10,7 +10,7 @@ from ssp_core.geodesy import Datum
 from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.body import BodyReading
-from ssp_ot_controller.bodies.iso22133.framing import Header, Reason, Rejected
+from ssp_ot_controller.bodies.iso22133.framing import Header, Reason, RejectedBytes
 from ssp_ot_controller.bodies.iso22133.messages import (
     DriveDirection,
     Grem,
@@ -49,7 +49,7 @@ class MonrReadings:
         """Begin anew with the next MONR: a new connection stands, maybe to another clock."""
         self._last = None
 
-    def take(self, monr: Monr, now_ns: int) -> BodyReading | Rejected:
+    def take(self, monr: Monr, now_ns: int) -> BodyReading | RejectedBytes:
         """Return the reading of a MONR, or why it gives none.
 
         One of more than AHEAD_S ahead, which isn't taken elsewhere, is not remembered: no later
@@ -62,12 +62,12 @@ class MonrReadings:
         missing = [name for name in _NEEDED if getattr(monr, name) is None]
         x, y, yaw, speed, time_ns = (getattr(monr, name) for name in _NEEDED)
         if missing:
-            return Rejected(Reason.MISSING, f"{', '.join(missing)} unavailable")
+            return RejectedBytes(Reason.MISSING, f"{', '.join(missing)} unavailable")
         stamp_ns = nearest_utc_ns(time_ns, now_ns)
         last = self._last
         if last is not None and stamp_ns <= last.stamp_ns:
             late_s = ns_to_seconds(last.stamp_ns - stamp_ns)
-            return Rejected(Reason.ORDER, f"is {late_s:.4f} s older than the newest one")
+            return RejectedBytes(Reason.ORDER, f"is {late_s:.4f} s older than the newest one")
         lever = self._lever
         told = self._datum.of_enu(Pose2(x, y, yaw))
         there = Pose2(told.x_m, told.y_m, wrap_angle(told.yaw_rad - lever.yaw_left_rad))

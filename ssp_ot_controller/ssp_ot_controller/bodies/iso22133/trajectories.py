@@ -20,7 +20,7 @@ from ssp_core.files.reading import read_text
 from ssp_core.geodesy import Datum
 from ssp_core.geometry import Pose2
 from ssp_core.motion.reference import Points, Reference, sample
-from ssp_ot_controller.bodies.iso22133.framing import Reason, Rejected
+from ssp_ot_controller.bodies.iso22133.framing import Reason, RejectedBytes
 from ssp_ot_controller.bodies.iso22133.messages import Traj, TrajectoryInfo, TrajPoint
 
 # Whole milliseconds, which is what the wire has.
@@ -84,7 +84,7 @@ def trajectory_of(
     return Traj(trajectory_id, info, name, tuple(points))
 
 
-def points_of(trajectory: Traj, datum: Datum) -> Points | Rejected:
+def points_of(trajectory: Traj, datum: Datum) -> Points | RejectedBytes:
     """Return the points of a trajectory of another centre, with times since the start.
 
     Accelerations that aren't stated are the differences of the speeds; curvatures that aren't
@@ -92,14 +92,14 @@ def points_of(trajectory: Traj, datum: Datum) -> Points | Rejected:
     """
     if trajectory.info != TrajectoryInfo.RELATIVE_TO_ORIGIN:
         text = f"trajectory info {trajectory.info} isn't supported, only relative to the origin"
-        return Rejected(Reason.ITEM, text)
+        return RejectedBytes(Reason.ITEM, text)
     if len(trajectory.points) < 2:
-        return Rejected(Reason.MISSING, f"{len(trajectory.points)} points, needs 2 or more")
+        return RejectedBytes(Reason.MISSING, f"{len(trajectory.points)} points, needs 2 or more")
     rows = []
     for number, point in enumerate(trajectory.points):
         x, y, yaw, speed = point.x_m, point.y_m, point.yaw_rad, point.speed_mps
         if x is None or y is None or yaw is None or speed is None:
-            return Rejected(Reason.MISSING, f"point {number} states no place, yaw or speed")
+            return RejectedBytes(Reason.MISSING, f"point {number} states no place, yaw or speed")
         pose = datum.of_enu(Pose2(x, y, yaw))
         stated = (point.acceleration_mps2, point.curvature_1pm)
         rest = [np.nan if value is None else value for value in stated]
@@ -107,7 +107,7 @@ def points_of(trajectory: Traj, datum: Datum) -> Points | Rejected:
     columns = np.array(rows, dtype=np.float64).T.copy()
     t_s, _, _, yaw_rad, speed_mps = columns[:5]
     if not np.all(np.diff(t_s) > 0.0):
-        return Rejected(Reason.ORDER, "times of the points don't rise")
+        return RejectedBytes(Reason.ORDER, "times of the points don't rise")
     acceleration = np.gradient(speed_mps, t_s)
     turn = np.gradient(np.unwrap(yaw_rad), t_s)
     curvature = np.where(speed_mps > 0.1, turn / np.maximum(speed_mps, 0.1), 0.0)

@@ -13,7 +13,7 @@ from ssp_core.files.folders import make_folder, put_in_place, scratch_beside
 from ssp_core.files.writing import write_bytes, write_json, write_text
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.run_file.shortlist import SHORTLIST_FILE
-from ssp_scenario_manager.compile.compiler import Compiled
+from ssp_scenario_manager.compile.compiler import CompiledEvent
 from ssp_scenario_manager.compile.targets.task_sheet import SHEET_FILE, write_sheet
 from ssp_scenario_manager.compile.task import (
     EVENT_FILE,
@@ -31,7 +31,7 @@ from ssp_scenario_manager.event_spec.log import LOG_FILE, read_log, record_line
 from ssp_scenario_manager.maps.site import load_site
 
 
-def _map_text(compiled: Compiled) -> str | None:
+def _map_text(compiled: CompiledEvent) -> str | None:
     """Return the user's map, where it is OpenDRIVE."""
     data, area = compiled.area.map_data, compiled.area
     if data is None or area.link.kind != "opendrive":
@@ -46,7 +46,7 @@ def _map_text(compiled: Compiled) -> str | None:
         ) from error
 
 
-def write_target(compiled: Compiled, folder: Path) -> None:
+def write_target(compiled: CompiledEvent, folder: Path) -> None:
     """Write the target's own files and the task sheet into a compiled folder.
 
     A track task is task.json; the sheet that every target has is its reading for people.
@@ -91,7 +91,7 @@ def run_text(run: RunSpec) -> str:
     return run.model_dump_json(by_alias=True, indent=1) + "\n"
 
 
-def write_task_files(compiled: Compiled, folder: Path) -> list[Path]:
+def write_task_files(compiled: CompiledEvent, folder: Path) -> list[Path]:
     """Write the files of its task that a recording carries, into a folder that exists.
 
     Returns:
@@ -111,7 +111,7 @@ def write_task_files(compiled: Compiled, folder: Path) -> list[Path]:
     return files
 
 
-def write_folder(compiled: Compiled, out: Path, *, replace: bool = False) -> list[Path]:
+def write_folder(compiled: CompiledEvent, out: Path, *, replace: bool = False) -> list[Path]:
     """Write a compiled folder with its target's own files.
 
     Args:

@@ -11,7 +11,7 @@ from ssp_core.names import VUT_ID
 from ssp_core.run_file.model import Limits
 from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.templates import templates
-from ssp_scenario_manager.compile.compiler import Compiled
+from ssp_scenario_manager.compile.compiler import CompiledEvent
 from ssp_scenario_manager.compile.targets.task_picture import (
     HEIGHT_PX,
     ROW_PX,
@@ -59,7 +59,7 @@ class StartRow:
     body: str
 
 
-def write_sheet(compiled: Compiled, folder: Path) -> Path:
+def write_sheet(compiled: CompiledEvent, folder: Path) -> Path:
     """Write task.html into a compiled folder."""
     path = folder / SHEET_FILE
     write_text(path, sheet(compiled.task))

@@ -10,10 +10,10 @@ import numpy as np
 from ssp_core.clock import NS_PER_S, ns_to_seconds
 from ssp_core.safety.contradiction import HOLDS_S
 from ssp_core.vocabulary import ControlState
-from ssp_ot_controller.bodies.iso22133.framing import Rejected
-from ssp_ot_controller.bodies.iso22133.link import Received
+from ssp_ot_controller.bodies.iso22133.framing import RejectedBytes
+from ssp_ot_controller.bodies.iso22133.link import ReceivedMessage
 from ssp_ot_controller.bodies.iso22133.messages import (
-    Decoded,
+    DecodedMessage,
     Dres,
     DriveDirection,
     Grem,
@@ -130,7 +130,7 @@ def _frames(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Findi
     if not step.came:
         return Finding(Outcome.FAIL, "no frame came")
     came = [r for one in steps.values() for r in one.came]
-    bad = [(r, r.outcome) for r in came if isinstance(r.outcome, Rejected)]
+    bad = [(r, r.outcome) for r in came if isinstance(r.outcome, RejectedBytes)]
     text = _names(f"{o.reason.value}: {o.text}" for _, o in bad[:_MOST_EVIDENCE])
     return within(clause, len(bad), text, came=tuple(r.data for r, _ in bad))
 
@@ -162,7 +162,7 @@ def _pause(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Findin
     return within(clause, worst_s, text, came=(received.data,))
 
 
-def _all_monrs(steps: Mapping[str, Step]) -> list[tuple[Received, Monr]]:
+def _all_monrs(steps: Mapping[str, Step]) -> list[tuple[ReceivedMessage, Monr]]:
     return [pair for one in steps.values() for pair in one.monrs()]
 
 
@@ -195,7 +195,7 @@ def _values(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Findi
         return silent(step)
     odd: dict[str, bytes] = {}
     for received, monr in _all_monrs(steps):
-        if isinstance(received.outcome, Decoded):
+        if isinstance(received.outcome, DecodedMessage):
             odd.update(dict.fromkeys(received.outcome.odd, received.data))
         for name, kind in (("drive_direction", DriveDirection), ("ready_to_arm", ReadyToArm)):
             value = getattr(monr, name)
@@ -212,8 +212,10 @@ def _counter(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Find
     missing = standing = count = 0
     for one in steps.values():
         # By UDP alone: frames of both sockets are read in no common order.
-        headers = [r.outcome.header for r, _ in one.monrs() if isinstance(r.outcome, Decoded)]
-        others = sum(isinstance(r.outcome, Decoded) and not r.udp for r in one.came)
+        headers = [
+            r.outcome.header for r, _ in one.monrs() if isinstance(r.outcome, DecodedMessage)
+        ]
+        others = sum(isinstance(r.outcome, DecodedMessage) and not r.udp for r in one.came)
         jumps = np.diff([h.counter for h in headers]) % 256
         missing += max(0, int(np.sum(np.maximum(jumps - 1, 0))) - others)
         standing += int(np.sum(jumps == 0))
@@ -225,7 +227,7 @@ def _counter(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Find
 def _ids(step: Step, clause: ProbeClause, steps: Mapping[str, Step]) -> Finding:
     osem = step.last_sent(Osem)
     monrs = _all_monrs(steps)
-    headers = [r.outcome.header for r, _ in monrs if isinstance(r.outcome, Decoded)]
+    headers = [r.outcome.header for r, _ in monrs if isinstance(r.outcome, DecodedMessage)]
     if osem is None or not isinstance(osem.message, Osem) or not headers:
         return silent(step)
     given, carried = osem.message.device_id, {h.transmitter_id for h in headers}
@@ -241,7 +243,7 @@ def _acknowledge(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Find
     answers = {
         (r.outcome.message.message_id, r.outcome.message.counter): (r, r.outcome.message)
         for r in step.came
-        if isinstance(r.outcome, Decoded) and isinstance(r.outcome.message, Grem)
+        if isinstance(r.outcome, DecodedMessage) and isinstance(r.outcome.message, Grem)
     }
     unanswered = [s for s in asked if (s.header.message_id, s.header.counter) not in answers]
     refused = [
@@ -258,7 +260,7 @@ def _acknowledge(step: Step, clause: ProbeClause, _: Mapping[str, Step]) -> Find
 
 def _identity(step: Step, _clause: ProbeClause, _: Mapping[str, Step]) -> Finding:
     for r in step.came:
-        if isinstance(r.outcome, Decoded) and isinstance(r.outcome.message, Dres):
+        if isinstance(r.outcome, DecodedMessage) and isinstance(r.outcome.message, Dres):
             d = r.outcome.message
             text = f"{d.vendor} {d.product}, firmware {d.firmware}, {d.name}"
             return Finding(Outcome.INFO, text, came=(r.data,))
@@ -280,7 +282,7 @@ def _reaches(*wanted: ControlState) -> Judge:
         if not after:
             return silent(step)
         stimulus = tuple(s.data for s in step.sent if s.stamp_ns >= since_ns)[:1]
-        first: tuple[Received, int | None] | None = None
+        first: tuple[ReceivedMessage, int | None] | None = None
         for received, number in after:
             if state_of(number) in wanted:
                 first = first or (received, number)

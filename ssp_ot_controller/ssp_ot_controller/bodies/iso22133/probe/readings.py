@@ -12,8 +12,8 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.geodesy import Datum, Place
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_ot_controller.bodies.body import BodyReading
-from ssp_ot_controller.bodies.iso22133.framing import Rejected
-from ssp_ot_controller.bodies.iso22133.link import Received
+from ssp_ot_controller.bodies.iso22133.framing import RejectedBytes
+from ssp_ot_controller.bodies.iso22133.link import ReceivedMessage
 from ssp_ot_controller.bodies.iso22133.messages import Monr, ObjectError, Strt
 from ssp_ot_controller.bodies.iso22133.probe.steps import (
     DRIVES,
@@ -42,7 +42,7 @@ class _Report:
         problem: why a session doesn't use it; empty: it does.
     """
 
-    received: Received
+    received: ReceivedMessage
     monr: Monr
     reading: BodyReading | None
     problem: str
@@ -63,7 +63,7 @@ def _reports(step: Step) -> Iterator[_Report]:
     readings = MonrReadings(_FRAME, None, 0.0)
     for received, monr in step.monrs():
         found = readings.take(monr, received.stamp_ns)
-        if isinstance(found, Rejected):
+        if isinstance(found, RejectedBytes):
             yield _Report(received, monr, None, found.text)
             continue
         one = _Report(received, monr, found, "")

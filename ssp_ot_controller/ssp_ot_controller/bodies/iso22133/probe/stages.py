@@ -25,10 +25,10 @@ from ssp_core.motion.reference import Points, Reference
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.iso22133.conversation import Settings
 from ssp_ot_controller.bodies.iso22133.framing import VERSION, Header
-from ssp_ot_controller.bodies.iso22133.link import CONNECT_TIMEOUT_S, Received, Tap
+from ssp_ot_controller.bodies.iso22133.link import CONNECT_TIMEOUT_S, ReceivedMessage, Tap
 from ssp_ot_controller.bodies.iso22133.messages import (
     CentreStatus,
-    Decoded,
+    DecodedMessage,
     Dreq,
     Dres,
     Heab,
@@ -47,7 +47,7 @@ from ssp_ot_controller.bodies.iso22133.probe.clauses import rows_of
 from ssp_ot_controller.bodies.iso22133.probe.fenced_way import FencedWay
 from ssp_ot_controller.bodies.iso22133.probe.latest import Latest
 from ssp_ot_controller.bodies.iso22133.probe.motion import STANDS_M
-from ssp_ot_controller.bodies.iso22133.probe.steps import LIMITS, Sent, Step
+from ssp_ot_controller.bodies.iso22133.probe.steps import LIMITS, ProbeFrame, Step
 from ssp_ot_controller.bodies.iso22133.probe_report import (
     CAR,
     ObjectKind,
@@ -90,7 +90,7 @@ class Wire(Protocol):
     @property
     def sockets(self) -> list[socket.socket]: ...
     def connect(self) -> None: ...
-    def poll(self) -> list[Received]: ...
+    def poll(self) -> list[ReceivedMessage]: ...
     def send(self, message: Message, *, acknowledge: bool = False) -> Header: ...
     def close(self) -> None: ...
 
@@ -219,7 +219,7 @@ class Probe:
     def _send(self, message: Message, *, acknowledge: bool = False) -> None:
         if self._wire is not None:
             header = self._wire.send(message, acknowledge=acknowledge)
-            sent = Sent(self._clock.now_ns(), header, message, self._bytes)
+            sent = ProbeFrame(self._clock.now_ns(), header, message, self._bytes)
             self._step.sent.append(sent)
 
     def _tap(self, sent: bool, _: int, data: bytes) -> None:
@@ -246,9 +246,9 @@ class Probe:
             self._clock.wait(self._wire, ns_to_seconds(until_ns - self._clock.now_ns()))
         return False
 
-    def _take(self, received: Received) -> None:
+    def _take(self, received: ReceivedMessage) -> None:
         self._step.came.append(received)
-        if isinstance(received.outcome, Decoded):
+        if isinstance(received.outcome, DecodedMessage):
             message = received.outcome.message
             if isinstance(message, Monr):
                 self._latest.take(message, received.stamp_ns)

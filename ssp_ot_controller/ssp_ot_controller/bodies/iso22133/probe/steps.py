@@ -12,8 +12,8 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.run_file.model import Limits
 from ssp_core.safety.consistency import Bounds
 from ssp_ot_controller.bodies.iso22133.framing import Header
-from ssp_ot_controller.bodies.iso22133.link import Received
-from ssp_ot_controller.bodies.iso22133.messages import Decoded, Message, Monr
+from ssp_ot_controller.bodies.iso22133.link import ReceivedMessage
+from ssp_ot_controller.bodies.iso22133.messages import DecodedMessage, Message, Monr
 from ssp_ot_controller.bodies.iso22133.probe_report import Outcome, Stage
 from ssp_ot_controller.bodies.iso22133.units import nearest_utc_ns
 
@@ -26,7 +26,7 @@ _OVERTAKEN_NS = NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
-class Sent:
+class ProbeFrame:
     """A frame that went out."""
 
     stamp_ns: int
@@ -46,22 +46,22 @@ class Step:
     """
 
     begin_ns: int
-    sent: list[Sent] = field(default_factory=list)
-    came: list[Received] = field(default_factory=list)
+    sent: list[ProbeFrame] = field(default_factory=list)
+    came: list[ReceivedMessage] = field(default_factory=list)
     marks: dict[str, int] = field(default_factory=dict)
     problem: str = ""
     bounds: Bounds = field(default_factory=Bounds)
 
-    def monrs(self) -> list[tuple[Received, Monr]]:
+    def monrs(self) -> list[tuple[ReceivedMessage, Monr]]:
         return [
             (r, r.outcome.message)
             for r in self.came
-            if isinstance(r.outcome, Decoded) and isinstance(r.outcome.message, Monr)
+            if isinstance(r.outcome, DecodedMessage) and isinstance(r.outcome.message, Monr)
         ]
 
-    def monrs_in_order(self) -> list[tuple[Received, Monr]]:
+    def monrs_in_order(self) -> list[tuple[ReceivedMessage, Monr]]:
         """Return the reports without those that the network delivered behind a newer one."""
-        kept: list[tuple[Received, Monr]] = []
+        kept: list[tuple[ReceivedMessage, Monr]] = []
         newest_ns: int | None = None
         for received, monr in self.monrs():
             if monr.time_of_week_ns is not None:
@@ -72,7 +72,7 @@ class Step:
             kept.append((received, monr))
         return kept
 
-    def last_sent(self, *kinds: type) -> Sent | None:
+    def last_sent(self, *kinds: type) -> ProbeFrame | None:
         return next((s for s in reversed(self.sent) if isinstance(s.message, kinds)), None)
 
 
