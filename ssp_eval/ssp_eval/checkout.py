@@ -65,9 +65,9 @@ def _checks(
     chosen = [*pytest, *(QUICK if quick else ())]
     if arguments:
         return [*checks, ("tests", [*chosen, *arguments])]
-    # Tests of nodes wait for processes more than they work: one worker more than there are
+    # Tests of nodes wait for processes more than they work: two workers more than there are
     # processors. A worker takes whole files, since what a file's tests share is made once then.
-    at_once = str((os.cpu_count() or 1) + 1)
+    at_once = str((os.cpu_count() or 1) + 2)
     return [
         *checks,
         ("tools of the site", DOCS_TOOLS),

@@ -93,7 +93,7 @@ def test_a_site_is_made_where_it_deletes_nothing_else(
 def test_one_more_than_there_are_processors_runs_all_of_them() -> None:
     (*_, (name, command)) = _checks((), False, False)
     assert name == "tests"
-    assert command[-2:] == ["-n", str((os.cpu_count() or 1) + 1)]
+    assert command[-2:] == ["-n", str((os.cpu_count() or 1) + 2)]
     assert "-m" not in command[3:]
     (*_, (_, quick)) = _checks((), True, False)
     assert quick[quick.index("-m", 3) + 1] == "not system and not programs"
