@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -49,8 +50,14 @@ from ssp_scenario_manager.scenarios.block_places import (
     within_block,
 )
 from ssp_scenario_manager.scenarios.motions import HOLD_S, cruise_reached_s, driver_travel, motions
-from ssp_scenario_manager.scenarios.planning import BODY_MPS2, Draft, plans_in_lane, plans_on
-from ssp_scenario_manager.scenarios.prediction import Prediction, predict
+from ssp_scenario_manager.scenarios.planning import (
+    BODY_MPS2,
+    MOST_DRAFTED,
+    Draft,
+    plans_in_lane,
+    plans_on,
+)
+from ssp_scenario_manager.scenarios.prediction import predict
 from ssp_scenario_manager.scenarios.values import (
     Choice,
     acceleration_limit,
@@ -58,6 +65,7 @@ from ssp_scenario_manager.scenarios.values import (
     choose,
     chosen,
     classes_of,
+    combinations,
     fixed,
     quantity_at,
     size_of,
@@ -396,24 +404,28 @@ def _met_on_way(setting: Setting, crossing: Crossing, start_s_m: float) -> _Met:
     return path, swept_on_way(way, vut, Polyline(path), half, _across_rad(conflict))
 
 
-def _earliest_fired(
+def _thresholds(
     setting: Setting,
     choices: Mapping[str, Choice],
     draft: Callable[[Mapping[str, float]], Draft],
     ahead_s: float,
-) -> Choice:
-    """Put first the least ``below`` at which the vehicle is there before a VUT that doesn't react.
+) -> list[Choice]:
+    """Return the choices of ``below`` that are searched, one after the other.
 
-    So near to its own arrival a VUT that keeps its speed meets the vehicle, and doesn't pass behind
-    it. The other values follow as they do for any quantity, and so do all where the first ones
-    can't be placed.
+    The first one begins with the least value at which the vehicle is there before a VUT that
+    doesn't react: so near to its own arrival a VUT that keeps its speed meets the vehicle, and
+    doesn't pass behind it. It is computed for the first values that can be placed. Where these
+    aren't the preferred ones, room is scarce, and the choice as K* gives it comes second.
     """
     event, as_it_is = setting.event, choices["below"]
-    values = {name: choice.values[0] for name, choice in choices.items()}
-    try:
-        made = draft(values)
-    except CannotPlace:
-        return as_it_is
+    for values in islice(combinations(choices), MOST_DRAFTED):
+        try:
+            made = draft(values)
+        except CannotPlace:
+            continue
+        break
+    else:
+        return [as_it_is]
     told = motions(
         setting.block.line, classes_of(event), event.vut_id, made.vut, made.targets, made.trigger
     )
@@ -421,12 +433,13 @@ def _earliest_fired(
     seen = predict(replace(told, driver=steady), "lateral", thresholds_of(event))
     least_s = round(values["below"] - (seen.vut_arrival_s - seen.overlap_s) + ahead_s, 2)
     if not math.isfinite(least_s):
-        return as_it_is
+        return [as_it_is]
     first = choose(event, _BELOW, "s", {_BELOW: least_s})
     why = f"it is there {ahead_s:g} s before a VUT that keeps its speed"
     if first.values[0] != least_s:
         why = f"the end of K*'s interval; with {least_s:g} s {why}"
-    return replace(first, why=why)
+    preferred = all(values[name] == choice.values[0] for name, choice in choices.items())
+    return [replace(first, why=why), *([] if preferred else [as_it_is])]
 
 
 def plans_with(
@@ -505,24 +518,35 @@ def _plans_over(setting: Setting, crossing: Crossing, route_motion: RouteMotion)
     ends = cache(partial(_zone, setting, crossing))
     meets = cache(partial(_met_on_way, setting, crossing))
     draft = partial(_draft, setting, crossing, route_motion, way_from, ends, meets)
+    thresholds = [below]
     if _BELOW not in setting.preferred:
-        choices["below"] = _earliest_fired(setting, choices, draft, route_motion.ahead_s)
-    if crossing[0].kind == "merge":
-        # It comes to stay, and goes on as fast as it came.
-        yield from plans_in_lane(
-            setting, "lateral", choices, draft, lambda *_: route_motion.beyond_m
-        )
-        return
-    half = corridor_half_m(size_of(event, vut).width_m)
-    near_s, far_s = ends()
+        thresholds = _thresholds(setting, choices, draft, route_motion.ahead_s)
 
-    def zone(_draft: Draft, _seen: Prediction, _conflict: BlockPoint) -> tuple[BlockPoint, ...]:
-        return rectangle(near_s, far_s, -half, half)
+    def plans(threshold: Choice) -> Iterator[Plan]:
+        tried = {**choices, "below": threshold}
+        if conflict.kind == "merge":
+            # It comes to stay, and goes on as fast as it came.
+            yield from plans_in_lane(
+                setting, "lateral", tried, draft, lambda *_: route_motion.beyond_m
+            )
+            return
+        half = corridor_half_m(size_of(event, vut).width_m)
+        near_s, far_s = ends()
+        corners = rectangle(near_s, far_s, -half, half)
+        for plan in plans_on(setting, "lateral", tried, draft, lambda *_: corners):
+            # One that has priority doesn't drive by what the VUT does.
+            gap_s = None if route_motion.has_priority else plan.gap_s
+            place = BlockPoint(corners[0].s_m, plan.conflict.l_m)
+            yield replace(plan, conflict=place, gap_s=gap_s)
 
-    for plan in plans_on(setting, "lateral", choices, draft, zone):
-        # One that has priority doesn't drive by what the VUT does.
-        gap_s = None if route_motion.has_priority else plan.gap_s
-        yield replace(plan, conflict=BlockPoint(plan.zone[0].s_m, plan.conflict.l_m), gap_s=gap_s)
+    refused: list[CannotPlace] = []
+    for threshold in thresholds:
+        try:
+            yield from plans(threshold)
+        except CannotPlace as error:
+            refused.append(error)
+    if len(refused) == len(thresholds):
+        raise refused[-1]
 
 
 def _across_rad(conflict: Conflict) -> float:

@@ -30,7 +30,7 @@ from ssp_scenario_manager.compile.choose import NotChosen
 from ssp_scenario_manager.compile.compiler import Request, compile_task, load_area
 from ssp_scenario_manager.compile.targets.foreseen import foresee
 from ssp_scenario_manager.compile.targets.openscenario import export_openscenario
-from ssp_scenario_manager.compile.task import PlaceLink, sealed
+from ssp_scenario_manager.compile.task import PlaceLink, Task, sealed
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.arms import junction_roads
@@ -284,15 +284,34 @@ def test_a_vut_that_keeps_its_speed_meets_it(side: str, object_class: str) -> No
     assert any("collision: ot1" in reason for reason in result.reasons)
 
 
+def why_below(task: Task) -> str:
+    """Why the trigger's threshold was chosen."""
+    tunings = task.tunings
+    return next(one.reason for one in tunings if one.field == "constraints.trigger.below")
+
+
+@pytest.mark.parametrize(
+    ("length_m", "least_s", "why"),
+    [
+        # Computed for values that have room.
+        (66.0, 3.2, "it is there 0.3 s before a VUT that keeps its speed"),
+        # With the computed value nothing has room.
+        (56.0, 2.6, "3.8 s (middle of what K* allows) doesn't work here"),
+    ],
+)
 def test_an_approach_too_short_for_the_middle_of_the_intervals_takes_lower_values(
-    tmp_path: Path,
+    length_m: float, least_s: float, why: str, tmp_path: Path
 ) -> None:
     def short(blocks: Blocks) -> None:
-        blocks["west_in"] |= {"pieces": [{"length_m": 66.0}]}
-        blocks["west_in"]["origin"]["x_m"] = -9.75 - 66.0
+        blocks["west_in"] |= {"pieces": [{"length_m": length_m}]}
+        blocks["west_in"]["origin"]["x_m"] = -9.75 - length_m
 
-    below = {"below": {"min": 3.2, "max": 5.0, "unit": "s"}}
-    assert made(event(trigger=below), changed_site(tmp_path, short)).task.run.triggers
+    below = {"below": {"min": least_s, "max": 5.0, "unit": "s"}}
+    task = made(event(trigger=below), changed_site(tmp_path, short)).task
+    assert why_below(task) == why
+    steady = task.run.driver.model_copy(update={"reacts": False})
+    result, _ = run_in_process(task.run.model_copy(update={"camera": None, "driver": steady}))
+    assert any("collision: ot1" in reason for reason in result.reasons)
 
 
 def test_a_bend_that_the_vut_doesnt_come_through_doesnt_count(tmp_path: Path) -> None:
@@ -334,8 +353,7 @@ def test_the_length_of_a_bend_doesnt_change_the_speed_in_it() -> None:
 def test_a_threshold_says_for_what_it_was_chosen() -> None:
     def reason(low_s: float, high_s: float) -> str:
         below = {"below": {"min": low_s, "max": high_s, "unit": "s"}}
-        tunings = made(event(trigger=below), ground("crossroads")).task.tunings
-        return next(one.reason for one in tunings if one.field == "constraints.trigger.below")
+        return why_below(made(event(trigger=below), ground("crossroads")).task)
 
     assert reason(3.2, 5.0) == "it is there 0.3 s before a VUT that keeps its speed"
     assert re.fullmatch(
