@@ -16,11 +16,11 @@ from carla_driver_interface import protocol as proto
 
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.model import Camera
-from ssp_core.world.driver import EgoSample, Question, SeenFrame
+from ssp_core.world.driver import ROUTE_STEP_M, EgoSample, Question, SeenFrame
 
 SMALL = Camera(width_px=64, height_px=64)
 STEP_NS = 100_000_000
-STRAIGHT_M = tuple((2.0 * k, 0.0) for k in range(41))
+STRAIGHT_M = tuple((ROUTE_STEP_M * k, 0.0) for k in range(81))
 # As far from the origin as UTM is.
 PLACE = Pose2(500_000.0, 5_600_000.0, 0.6)
 

@@ -24,6 +24,9 @@ from ssp_core.value_class import value_class
 from ssp_core.world.providers import Provider
 
 _NOWHERE = Pose2(0.0, 0.0, 0.0)
+# Spacing of the points of a question's centre line. A curve through points that stand farther apart
+# swings where a bend begins, and a plan along it turns in early.
+ROUTE_STEP_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +74,7 @@ class Question:
         number: counts from 1.
         stamp_ns: session time of the frame that it is about.
         history: of the VUT, oldest first, the last one at the stamp.
-        route_m: centre line of the lane ahead, ego frame, x forward and y left.
+        route_m: centre line of the lane ahead, ego frame, x forward and y left, each ROUTE_STEP_M.
         privileged: None for all but privileged drivers.
         frames: oldest first, the last one at the stamp; empty for a driver that sees none.
         camera: of the frames; None for a driver that sees none.

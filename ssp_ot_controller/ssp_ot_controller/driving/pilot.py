@@ -23,6 +23,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.driven import BUILT_IN, Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.world.driver import (
+    ROUTE_STEP_M,
     DriveMode,
     DriveReport,
     EffectiveAnswer,
@@ -38,7 +39,6 @@ from ssp_ot_controller.sil.vut_driver import steer
 from ssp_ot_controller.sil.world import World
 
 ROUTE_M = 80.0
-_ROUTE_STEP_M = 2.0
 # Speed is held with this gain; its loop with the drive's lag doesn't overshoot.
 _HOLD_1PS = 1.0
 
@@ -202,8 +202,8 @@ class Pilot:
 
     def _route(self, vut: ObjectState) -> tuple[Point, ...]:
         station, _ = self._path.project_beyond(vut.x_m, vut.y_m)
-        count = round(ROUTE_M / _ROUTE_STEP_M)
-        places = (self._path.pose(station + i * _ROUTE_STEP_M) for i in range(count + 1))
+        count = round(ROUTE_M / ROUTE_STEP_M)
+        places = (self._path.pose(station + i * ROUTE_STEP_M) for i in range(count + 1))
         return tuple(vut.pose.to_local(place.x_m, place.y_m) for place in places)
 
 

@@ -201,7 +201,7 @@ def test_a_route_is_the_lane_wherever_the_vut_avoids_to() -> None:
     question = driver.asked[-1]
     assert question.pose.y_m == 1.5
     lane = [question.pose.to_parent(x, y) for x, y in question.route_m]
-    assert [y for _, y in lane] == pytest.approx([0.0] * 41, abs=1e-9)
+    assert [y for _, y in lane] == pytest.approx([0.0] * 81, abs=1e-9)
 
 
 def test_a_history_turns_by_the_smaller_angle_where_the_heading_wraps() -> None:

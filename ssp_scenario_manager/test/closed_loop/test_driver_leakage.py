@@ -226,7 +226,7 @@ def test_a_driver_that_is_given_its_lane_gets_that_and_nothing_else_more(
     for _, body in asked:
         assert set(body) == PARTS | {"route_m"}
         line = body["route_m"]
-        assert 2 <= len(line) <= 41
+        assert 2 <= len(line) <= 81
         assert all(len(point) == 2 for point in line)
         ahead_m = [x for x, _ in line]
         assert ahead_m[0] == pytest.approx(0.0, abs=1e-6)

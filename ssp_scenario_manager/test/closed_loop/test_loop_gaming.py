@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -332,6 +333,23 @@ def test_constant_velocity_is_asked_first_at_its_twins_speed_and_has_its_speed_o
         contact = first_contact(steady_of(event).record.reports, start.run.vut.id)
         assert contact is not None
         assert contact.relative_mps == pytest.approx(start.v_r_mps, abs=0.05), event
+
+
+def test_constant_velocity_turns_into_a_ring_alike_at_each_latency(
+    start_of: Callable[[str], tuple[Start, Record]],
+) -> None:
+    """At a small L the VUT follows the beginnings of plans alone, which must bend as its lane does."""
+    start, _ = start_of("roundabout")
+    assert start.contact is not None
+    before_ns = seconds_to_ns(start.contact.at_s - 0.1)
+    headings = []
+    for latency in (ZERO_LATENCY, Latency(0.1), LATENCY):
+        drove = drive_start(start, CampaignDriver(driver="constant_velocity"), latency)
+        vut = next(s for s in drove.record.truths(start.run.vut.id) if s.stamp_ns == before_ns)
+        headings.append(math.degrees(vut.yaw_rad))
+        assert drove.outcome.contact is not None
+        assert drove.outcome.contact.relative_mps == pytest.approx(start.v_r_mps, abs=0.05)
+    assert max(headings) - min(headings) < 0.2
 
 
 def test_what_is_an_event_by_being_there_stands_beside_the_road_in_the_event_free_twin(

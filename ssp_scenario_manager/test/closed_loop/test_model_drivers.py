@@ -223,7 +223,7 @@ def test_a_model_is_given_the_centre_line_of_its_lane_where_its_entry_says_so(
         assert model_facts("mine", given)["sees_route"] is sees
         said = answers(drive(driven_run(start, options, latency_s=0.5), start)[2])[0].text
         places = [tuple(map(float, one.split(","))) for one in said.split()]
-        expected = [(2.0 * k, 0.0) for k in range(41)] if sees else []
+        expected = [(1.0 * k, 0.0) for k in range(81)] if sees else []
         assert len(places) == len(expected)
         assert np.allclose(np.array(places), np.array(expected), atol=0.1)
 

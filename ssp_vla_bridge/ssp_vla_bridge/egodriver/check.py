@@ -20,7 +20,7 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import Pose2
 from ssp_core.motion.trajectory import Trajectory, check_trajectory
 from ssp_core.run_file.model import Camera
-from ssp_core.world.driver import EgoSample, GivenAnswer, Question, SeenFrame
+from ssp_core.world.driver import ROUTE_STEP_M, EgoSample, GivenAnswer, Question, SeenFrame
 from ssp_vla_bridge.egodriver.client import ENDED, EgodriverDriver
 from ssp_vla_bridge.egodriver.options import EgodriverOptions
 
@@ -96,7 +96,7 @@ def _question(k: int, seed: int, yaw_rad: float = 0.0, speed_mps: float = _SPEED
         history=tuple(
             EgoSample(-back, -back * speed_mps, 0.0, 0.0, speed_mps, 0.0) for back in backs
         ),
-        route_m=tuple((2.0 * n, 0.0) for n in range(41)),
+        route_m=tuple((ROUTE_STEP_M * n, 0.0) for n in range(81)),
         frames=(SeenFrame(stamp_ns, _picture(way_m)),),
         camera=_CAMERA,
         pose=Pose2(way_m * math.cos(yaw_rad), way_m * math.sin(yaw_rad), yaw_rad),

@@ -25,13 +25,13 @@ from ssp_core.geometry import Pose2, wrap_angle
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.model import Camera
 from ssp_core.world.camera import Mounting, intrinsics, optical_axes
-from ssp_core.world.driver import EgoSample, Question, RawArray
+from ssp_core.world.driver import ROUTE_STEP_M, EgoSample, Question, RawArray
 from ssp_vla_bridge.messages import CameraGeometry
 
 ROUTE_POINTS = 20
-# Spacing of a route's points; it stands 2 m apart in a question.
+# Spacing of a route's points, a multiple of that in a question.
 _LEAST_M, _MOST_M = 3.5, 4.5
-_EVERY = 2
+_EVERY = round(4.0 / ROUTE_STEP_M)
 MOST_POINTS = 10_000
 MOST_SAMPLES = 64
 # Of one answer in all, three to a point; as of a bridge's.

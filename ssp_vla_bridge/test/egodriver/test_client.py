@@ -22,7 +22,7 @@ from ssp_core.errors import InputError
 from ssp_core.geometry import Pose2
 from ssp_core.run_file.model import Camera
 from ssp_core.world.camera import project, view_from
-from ssp_core.world.driver import GivenAnswer
+from ssp_core.world.driver import ROUTE_STEP_M, GivenAnswer
 from ssp_vla_bridge.egodriver import client, wire
 from ssp_vla_bridge.egodriver.client import EgodriverDriver
 from ssp_vla_bridge.egodriver.options import read_options
@@ -257,7 +257,7 @@ def test_a_name_that_another_session_holds_is_not_taken_from_it() -> None:
 def test_a_route_has_twenty_points_and_what_is_not_there_is_no_number(
     length_m: float, points: int
 ) -> None:
-    line = [(2.0 * k, 0.01 * k * k) for k in range(int(length_m / 2.0) + 1)]
+    line = [(ROUTE_STEP_M * k, 0.0025 * k * k) for k in range(int(length_m / ROUTE_STEP_M) + 1)]
     found = np.array(wire.route_points(line))
     assert found.shape == (20, 3)
     assert np.isfinite(found).all(axis=1).tolist() == [k < points for k in range(20)]
