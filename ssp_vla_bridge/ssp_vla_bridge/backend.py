@@ -41,6 +41,7 @@ BACKENDS: dict[str, str] = {
     "http": "ssp_vla_bridge.backends.http:make",
     "alpamayo": "ssp_vla_bridge.backends.http:make_alpamayo",
     "llavida": "ssp_vla_bridge.backends.http:make_llavida",
+    "node": "ssp_vla_bridge.backends.node:make",
 }
 
 # The interface that a backend speaks unless its option ``interface`` says otherwise; where there
@@ -53,7 +54,7 @@ _INTERFACES: dict[str, str] = {
 SERVICES = frozenset({"http", "alpamayo", "llavida"})
 # Backends that speak what their option ``interface`` says, give up by themselves after their
 # option ``timeout_s``, and wait ``start_s`` for their service before they answer.
-OPTION_INTERFACE = SERVICES | {"openai", "python", "recorded"}
+OPTION_INTERFACE = SERVICES | {"openai", "python", "recorded", "node"}
 OPTION_TIMEOUT = SERVICES | {"openai"}
 OPTION_START = SERVICES
 # Options of backends that decide whether an answer comes, and never what it says.
@@ -86,7 +87,7 @@ class DeclinedError(PeerError):
 
 
 # What is raised, by the error code of the response.
-_CODES: dict[type[SspError], ErrorCode] = {
+CODES: dict[type[SspError], ErrorCode] = {
     NotTakenError: ErrorCode.OVERLOAD,
     NoTimeError: ErrorCode.TIMEOUT,
     BrokenOffError: ErrorCode.BROKEN_OFF,
@@ -319,7 +320,7 @@ def respond(backend: Backend, model: str, request: Request) -> BackendResult:
             decoding=answer.decoding,
         )
     except SspError as error:  # written for people; where in the code it was raised says no more
-        code = _CODES.get(type(error), ErrorCode.BACKEND)
+        code = CODES.get(type(error), ErrorCode.BACKEND)
         return BackendResult(failure(blank, code, str(error)))
     except Exception as error:  # a model's failure costs one answer and goes to the caller's log
         message = f"{type(error).__name__}: {error}"
@@ -375,7 +376,7 @@ def with_end_read(response: Response) -> Response:
     try:
         _check_ended(response.decoding)
     except (BrokenOffError, DeclinedError) as error:
-        return failure(response, _CODES[type(error)], str(error))
+        return failure(response, CODES[type(error)], str(error))
     return response
 
 

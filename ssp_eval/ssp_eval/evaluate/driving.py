@@ -96,17 +96,17 @@ def driver_options(
 
 
 def _attached(name: str) -> InputError:
-    """Return the refusal of a bridge's node that runs already.
+    """Return the refusal of a bridge's node that runs nobody knows where.
 
-    Each run has a fresh driver (METHOD 8.2), and the world waits for what says that it is asked.
+    A session has a domain of its own, so that its driver hears nothing else of it (METHOD 8.2).
     """
     return InputError(
-        "a bridge's node that is already running doesn't drive: it would remember the previous "
-        "run, and its answers can't be distinguished from those to other nodes",
+        "doesn't say in which domain the bridge's node is already running",
         field=f"driver {name}.{ATTACHED}",
         value=True,
-        remedy='end that node, and name what it is made of: NAME={"backend": …, …options}; each '
-        "run then loads it anew, and a service that it asks may stay",
+        remedy='give NAME={"backend": "node", "topic": …, "domain_id": …}, with the parameter '
+        "`model` and the ROS_DOMAIN_ID of the node; or end it, and give its own backend, which "
+        "each run then loads anew",
     )
 
 

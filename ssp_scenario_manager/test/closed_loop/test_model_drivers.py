@@ -441,7 +441,7 @@ def test_what_a_card_says_of_a_model_is_what_its_driver_does() -> None:
         (
             "mine",
             {"attached": True},
-            r"mine\.attached.*already running.*end that node.*\"backend\"",
+            r"mine\.attached.*already running.*\"backend\": \"node\", \"topic\".*or end it",
         ),
     ],
 )

@@ -221,7 +221,7 @@ def prompt_facts(model: DriverModel) -> dict[str, str | None]:
             words = native_prompt(model.interface.name, request)
         except InputError as error:
             return {"prompt_sha256": None, "prompt": f"it can't be asked: {error}"}
-    elif backend == "python" or backend not in BACKENDS:
+    elif backend in ("python", "node") or backend not in BACKENDS:
         words, what = None, "task of the request; the words that it makes of it aren't known here"
     elif backend == "recorded":
         return {"prompt_sha256": None, "prompt": "repeats recorded answers, and isn't asked"}

@@ -26,7 +26,7 @@ from ssp_vla_bridge.backend import (
     make_backend,
     parse_options,
 )
-from ssp_vla_bridge.backends import python
+from ssp_vla_bridge.backends import node, python
 from ssp_vla_bridge.backends.given_back import FACTS
 from ssp_vla_bridge.window import Interface, Preprocessing, find_interface
 
@@ -590,6 +590,8 @@ def check_bridge(model: ModelSpec) -> None:
         check_options(backend, model.options_for("", 0), known)
     elif backend == "python":
         python.check(model.options)
+    elif backend == "node":
+        node.read_options(model.options)
     elif backend in BACKENDS:
         # Only options are checked: a service behind the backend isn't waited for.
         at_once = {"start_s": 0.0} if backend in OPTION_START else {}

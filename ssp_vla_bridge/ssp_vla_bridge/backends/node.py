@@ -1,0 +1,73 @@
+"""The options of a bridge's node that runs already, for drivers; ROS is begun in their process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ssp_core.errors import InputError
+from ssp_core.run_file.driven import is_driver_name
+from ssp_vla_bridge.backend import Backend, check_options, number_option
+
+_BACKEND = "node"
+_KNOWN = {"topic": str, "domain_id": int, "interface": str, "start_s": float}
+_START_S = 30.0
+# The ports of a higher domain don't exist.
+_MOST_DOMAIN = 232
+
+
+@dataclass(frozen=True)
+class NodeOptions:
+    """A running node.
+
+    Args:
+        topic: the model's name on its topics.
+        domain_id: in which it runs.
+        start_s: it is waited for so long when a run begins.
+    """
+
+    topic: str
+    domain_id: int
+    start_s: float
+
+
+def read_options(options: Mapping[str, Any]) -> NodeOptions:
+    """Return the options of the backend.
+
+    Raises:
+        InputError: one is missing or wrong.
+    """
+    check_options(_BACKEND, options, _KNOWN)
+    topic = options.get("topic", "")
+    if not is_driver_name(topic):
+        raise InputError(
+            "must be the name of a model on its topics",
+            field="backend_options.topic",
+            value=topic,
+            remedy="give the parameter `model` of the bridge's node",
+        )
+    if options.get("domain_id") is None:
+        raise InputError(
+            "is missing",
+            field="backend_options.domain_id",
+            remedy="give the ROS_DOMAIN_ID in which the bridge's node runs",
+        )
+    domain_id = number_option(options, "domain_id", 0, 0, _MOST_DOMAIN)
+    return NodeOptions(
+        topic, int(domain_id), number_option(options, "start_s", _START_S, 0.0, 600.0)
+    )
+
+
+def make(options: Mapping[str, Any]) -> Backend:
+    """Make the client of a running node.
+
+    Raises:
+        InputError: as read_options.
+        PeerError: no node is on the topics in time.
+    """
+    node = read_options(options)
+    # ROS is needed, and begun, in the process that asks.
+    from ssp_vla_bridge.ros.node_client import NodeClient
+
+    return NodeClient(node.topic, node.domain_id, node.start_s)
