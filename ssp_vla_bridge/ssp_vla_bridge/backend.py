@@ -41,7 +41,7 @@ BACKENDS: dict[str, str] = {
     "http": "ssp_vla_bridge.backends.http:make",
     "alpamayo": "ssp_vla_bridge.backends.http:make_alpamayo",
     "llavida": "ssp_vla_bridge.backends.http:make_llavida",
-    "node": "ssp_vla_bridge.backends.node:make",
+    "node": "ssp_vla_bridge.ros.node_client:make",
 }
 
 # The interface that a backend speaks unless its option ``interface`` says otherwise; where there

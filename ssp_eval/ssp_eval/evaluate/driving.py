@@ -96,7 +96,7 @@ def driver_options(
 
 
 def _attached(name: str) -> InputError:
-    """Return the refusal of a bridge's node that runs nobody knows where.
+    """Return the refusal of a bridge's node that runs already, without its domain.
 
     A session has a domain of its own, so that its driver hears nothing else of it (METHOD 8.2).
     """

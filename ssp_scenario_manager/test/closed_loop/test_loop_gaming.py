@@ -338,7 +338,7 @@ def test_constant_velocity_is_asked_first_at_its_twins_speed_and_has_its_speed_o
 def test_constant_velocity_turns_into_a_ring_alike_at_each_latency(
     start_of: Callable[[str], tuple[Start, Record]],
 ) -> None:
-    """At a small L the VUT follows beginnings of plans alone, which must bend as its lane does."""
+    """A VUT follows beginnings of plans alone at a small L, and they must bend as its lane does."""
     start, _ = start_of("roundabout")
     assert start.contact is not None
     before_ns = seconds_to_ns(start.contact.at_s - 0.1)

@@ -1,4 +1,4 @@
-"""The options of a bridge's node that runs already, for drivers; ROS is begun in their process."""
+"""The options of a bridge's node that runs already, for drivers; they are read without ROS."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from ssp_core.errors import InputError
 from ssp_core.run_file.driven import is_driver_name
-from ssp_vla_bridge.backend import Backend, check_options, number_option
+from ssp_vla_bridge.backend import check_options, number_option
 
 _BACKEND = "node"
 _KNOWN = {"topic": str, "domain_id": int, "interface": str, "start_s": float}
@@ -57,17 +57,3 @@ def read_options(options: Mapping[str, Any]) -> NodeOptions:
     return NodeOptions(
         topic, int(domain_id), number_option(options, "start_s", _START_S, 0.0, 600.0)
     )
-
-
-def make(options: Mapping[str, Any]) -> Backend:
-    """Make the client of a running node.
-
-    Raises:
-        InputError: as read_options.
-        PeerError: no node is on the topics in time.
-    """
-    node = read_options(options)
-    # ROS is needed, and begun, in the process that asks.
-    from ssp_vla_bridge.ros.node_client import NodeClient
-
-    return NodeClient(node.topic, node.domain_id, node.start_s)

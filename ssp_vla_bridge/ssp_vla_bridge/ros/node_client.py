@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 import uuid
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +17,7 @@ from ssp_core.names import vla_request_topic, vla_response_topic
 from ssp_core.ros import VLA, init, make_executor, make_node
 from ssp_msgs.msg import VlaRequest, VlaResponse
 from ssp_vla_bridge.backend import CODES, NotTakenError
+from ssp_vla_bridge.backends.node import read_options
 from ssp_vla_bridge.backends.recorded import response_of_message
 from ssp_vla_bridge.messages import Answer, ErrorCode, Request
 from ssp_vla_bridge.ros.conversions import request_to_msg
@@ -93,3 +95,14 @@ class NodeClient:
     def _on_response(self, message: Any) -> None:
         if self._got is None and message.request_id == self._wanted:
             self._got = message
+
+
+def make(options: Mapping[str, Any]) -> NodeClient:
+    """Make the client of a running node; ROS begins in this process.
+
+    Raises:
+        InputError: as ``read_options``.
+        PeerError: no node is on the topics in time.
+    """
+    node = read_options(options)
+    return NodeClient(node.topic, node.domain_id, node.start_s)
