@@ -285,7 +285,7 @@ def test_a_vut_that_keeps_its_speed_meets_it(side: str, object_class: str) -> No
 
 
 def why_below(task: Task) -> str:
-    """Why the trigger's threshold was chosen."""
+    """Return the reason why the trigger's threshold was chosen."""
     tunings = task.tunings
     return next(one.reason for one in tunings if one.field == "constraints.trigger.below")
 
