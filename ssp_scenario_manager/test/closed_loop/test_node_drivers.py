@@ -26,8 +26,6 @@ from ssp_scenario_manager.event_spec.load import load_event
 from ssp_vla_bridge.backend import make_backend
 from support.processes import end
 
-pytestmark = pytest.mark.ros
-
 BACKENDS = """
 import os
 
@@ -90,6 +88,7 @@ def led(start: Start, **given: Any) -> Drove:
     return drive_start(start, driver, Latency(0.3))
 
 
+@pytest.mark.ros
 def test_a_bridge_that_runs_already_drives_as_its_backend_does_run_after_run(
     start: Start, domain: int, bridge: Callable[[str], Any]
 ) -> None:
@@ -107,18 +106,20 @@ def test_a_bridge_that_runs_already_drives_as_its_backend_does_run_after_run(
     assert "no bridge of theirs in domain" in gone.outcome.why
 
 
-@pytest.mark.parametrize(
-    ("does", "kind", "why"),
-    [("raises", "fallback", "no weights"), ("leaves", "died", "left its topics")],
-)
+@pytest.mark.ros
 def test_an_error_of_a_running_bridge_is_a_refused_plan_and_its_end_the_drivers(
-    start: Start, domain: int, bridge: Callable[[str], Any], does: str, kind: str, why: str
+    start: Start, domain: int, bridge: Callable[[str], Any]
 ) -> None:
-    bridge(f"odd_backends:{does}")
-    drove = led(start, backend="node", topic="theirs", domain_id=domain)
-    assert drove.outcome.kind == kind
-    first = drove.answers[0].given
-    assert why in (first.ended or getattr(first.answer, "refused", ""))
+    for does, kind, why in (
+        ("raises", "fallback", "no weights"),
+        ("leaves", "died", "left its topics"),
+    ):
+        process = bridge(f"odd_backends:{does}")
+        drove = led(start, backend="node", topic="theirs", domain_id=domain)
+        assert drove.outcome.kind == kind
+        first = drove.answers[0].given
+        assert why in (first.ended or getattr(first.answer, "refused", ""))
+        end(process)
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ def replace_session(
         ("TypedWords", lambda: TypedWords(typed)),
         ("summary", lambda *_: ["who is connected"]),
         ("connected", lambda *_: {}),
-        ("Shown", lambda *_: MagicMock(news=MagicMock(return_value=[]))),
+        ("PromptFacts", lambda *_: MagicMock(news=MagicMock(return_value=[]))),
         ("time", clock),
     ):
         monkeypatch.setattr(follow, name, value)
