@@ -32,7 +32,7 @@ def spread(items: Sequence[pytest.Item]) -> list[pytest.Item]:
     """
     files = [list(group) for _, group in groupby(items, key=lambda item: item.path)]
     waiting = _apart(sorted((file for file in files if any(map(waits, file))), key=_rank))
-    working = [file for file in files if not any(map(waits, file))]
+    working = sorted((file for file in files if not any(map(waits, file))), key=_rank)
     among = len(working) - int(LEFT * len(working)) if waiting else 0
     ordered: list[pytest.Item] = []
     for number, file in enumerate(waiting):
