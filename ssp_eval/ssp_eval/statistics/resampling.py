@@ -119,8 +119,12 @@ class NanMean:
 
     def add(self, samples: Numbers) -> None:
         there = ~np.isnan(samples)
-        self.total += np.where(there, samples, 0.0)
-        self.count += there
+        if there.all():
+            self.total += samples
+            self.count += 1.0
+        else:
+            self.total += np.where(there, samples, 0.0)
+            self.count += there
 
     @property
     def mean(self) -> Numbers:
@@ -141,9 +145,13 @@ def weighted_sums(weights: Numbers, values: Numbers) -> Numbers:
         (K, B).
     """
     total = np.zeros((values.shape[1], len(weights)))
-    for column, row in zip(weights.T, values, strict=True):
-        used = np.flatnonzero(row)
-        total[used] += row[used, None] * column
+    scaled = np.empty(len(weights))
+    # One sum after the other: B numbers stay in the cache, K times B don't.
+    columns = np.ascontiguousarray(weights.T)
+    for sum_, of_one in zip(total, values.T, strict=True):
+        for place in np.flatnonzero(of_one):
+            np.multiply(columns[place], of_one[place], out=scaled)
+            sum_ += scaled
     return total
 
 
@@ -177,11 +185,7 @@ def percentile_interval(samples: Numbers, reach: float | None = REACH) -> Interv
         samples: resampled values, (B,).
         reach: its ends lie at the quantiles Φ(−reach) and Φ(reach); None: there is no interval.
     """
-    present = samples[~np.isnan(samples)]
-    if not len(present) or reach is None:
-        return NO_INTERVAL
-    low, high = np.quantile(present, ndtr([-reach, reach]))
-    return Interval(float(low), float(high))
+    return intervals(samples[~np.isnan(samples)], percentile_shares(reach))[0]
 
 
 def bca_interval(
@@ -191,11 +195,7 @@ def bca_interval(
     reach: float | None = REACH,
     items: float | None = None,
 ) -> Interval:
-    """Return the bias-corrected and accelerated interval (Efron 1987).
-
-    z_0 = Φ⁻¹(share of resamples below the estimate, ties half), a = γ / (6 √K) with γ the skewness
-    of the mean of the jackknife less each of its values, and the ends are the quantiles at
-    Φ(z_0 + (z_0 ± reach) / (1 − a (z_0 ± reach))). For single items a is Σ d³ / 6 (Σ d²)^1.5.
+    """Return the bias-corrected and accelerated interval; NaN resamples are left out.
 
     Args:
         samples: resampled values, (B,).
@@ -203,33 +203,75 @@ def bca_interval(
         jackknife: the estimate with each item, or each block of items, left out.
         reach: see percentile_interval.
         items: K, blocks that don't overlap; None: as many as there are values of the jackknife.
-
-    Returns:
-        No interval where the resamples all lie on one side of the estimate, or where there are
-        none; the estimate itself where nothing varies.
     """
     present = samples[~np.isnan(samples)]
+    return intervals(present, bca_shares(present, estimate, jackknife, reach, items))[0]
+
+
+Shares = tuple[float, float]
+
+
+def intervals(present: Numbers, *ends: Shares | None) -> tuple[Interval, ...]:
+    """Return the intervals between quantiles of resampled values, which are sorted once.
+
+    Args:
+        present: resampled values without NaN, (B,).
+        ends: shares of the values below the two ends of each interval; None: there is none.
+    """
+    if not len(present) or not any(ends):
+        return (NO_INTERVAL,) * len(ends)
+    shares = [share for one in ends if one is not None for share in one]
+    found = iter(np.quantile(present, shares).tolist())
+    return tuple(NO_INTERVAL if one is None else Interval(next(found), next(found)) for one in ends)
+
+
+def percentile_shares(reach: float | None) -> Shares | None:
+    """Return the shares of resamples below the ends of a percentile interval."""
+    return None if reach is None else (float(ndtr(-reach)), float(ndtr(reach)))
+
+
+def bca_shares(
+    present: Numbers,
+    estimate: float,
+    jackknife: Numbers,
+    reach: float | None,
+    items: float | None = None,
+) -> Shares | None:
+    """Return the shares of resamples below the ends of the BCa interval (Efron 1987).
+
+    z_0 = Φ⁻¹(share of resamples below the estimate, ties half), a = γ / (6 √K) with γ the skewness
+    of the mean of the jackknife less each of its values, and the shares are
+    Φ(z_0 + (z_0 ± reach) / (1 − a (z_0 ± reach))). For single items a is Σ d³ / 6 (Σ d²)^1.5.
+
+    Args:
+        present: resampled values without NaN, (B,).
+        estimate: see bca_interval.
+        jackknife: see bca_interval.
+        reach: see bca_interval.
+        items: see bca_interval.
+
+    Returns:
+        None where the resamples all lie on one side of the estimate, or where there are none;
+        those of the median where nothing varies.
+    """
     left_out = jackknife[~np.isnan(jackknife)]
     if not len(present) or not len(left_out) or reach is None:
-        return NO_INTERVAL
+        return None
     if np.ptp(present) == 0.0:
-        return Interval(float(present[0]), float(present[0]))
+        return 0.5, 0.5
     below = (np.sum(present < estimate) + np.sum(present <= estimate)) / (2 * len(present))
     if not 0.0 < below < 1.0:
-        return NO_INTERVAL
+        return None
     z_0 = float(ndtri(below))
     d = left_out.mean() - left_out
     spread = math.fsum(d**2) ** 1.5
     a = math.fsum(d**3) / (6 * spread) if spread > 0 else 0.0
     if items is not None:
         a *= math.sqrt(len(left_out) / items)
-    shares = []
-    for z in (z_0 - reach, z_0 + reach):
-        if a * z >= 1:
-            return NO_INTERVAL
-        shares.append(float(ndtr(z_0 + z / (1 - a * z))))
-    low, high = np.quantile(present, shares)
-    return Interval(float(low), float(high))
+    low, high = z_0 - reach, z_0 + reach
+    if a * low >= 1 or a * high >= 1:
+        return None
+    return float(ndtr(z_0 + low / (1 - a * low))), float(ndtr(z_0 + high / (1 - a * high)))
 
 
 def block_of(count: int, wanted: int | None = None) -> int:
