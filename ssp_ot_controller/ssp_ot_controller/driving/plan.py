@@ -83,7 +83,6 @@ def plan_of(
     step_s: float,
     reference_id: str,
     event_version: str,
-    limits: PlanLimits = PLAN_LIMITS,
 ) -> MapPlan | str:
     """Return the plan in the map frame, or why it is refused.
 
@@ -94,23 +93,23 @@ def plan_of(
         step_s: of the session.
         reference_id: of the reference.
         event_version: K* version.
-        limits: of METHOD 8.4.
     """
-    if len(trajectory.t_s) > limits.most_points:
-        return f"{len(trajectory.t_s)} points, at most {limits.most_points}"
+    if len(trajectory.t_s) > PLAN_LIMITS.most_points:
+        return f"{len(trajectory.t_s)} points, at most {PLAN_LIMITS.most_points}"
     if invalid := check_trajectory(trajectory):
         return f"invalid: {', '.join(invalid)}"
-    if trajectory.t_s[-1] < limits.least_end_s - TOLERANCE_S:
-        return f"ends {trajectory.t_s[-1]:.3g} s after its frame, at least {limits.least_end_s:g} s"
+    if trajectory.t_s[-1] < PLAN_LIMITS.least_end_s - TOLERANCE_S:
+        least_s = PLAN_LIMITS.least_end_s
+        return f"ends {trajectory.t_s[-1]:.3g} s after its frame, at least {least_s:g} s"
     # The difference of two huge numbers may overflow, which the limits below then refuse.
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         try:
-            plan = _sampled(trajectory, step_s, limits)
+            plan = _sampled(trajectory, step_s)
         except ValueError:  # a slope that is no number
-            return f"needs more than any number of m/s, at most {limits.speed_mps:g} m/s"
-        if problem := _problem(plan, limits):
+            return f"needs more than any number of m/s, at most {PLAN_LIMITS.speed_mps:g} m/s"
+        if problem := _problem(plan):
             return problem
-    points = _points(plan, pose, step_s, limits)
+    points = _points(plan, pose, step_s)
     reference = Reference(
         reference_id=reference_id,
         object_id="vut",
@@ -130,7 +129,6 @@ def fallback_of(
     stamp_ns: int,
     step_s: float,
     event_version: str,
-    limits: PlanLimits = PLAN_LIMITS,
 ) -> Reference:
     """Return the reference of a VUT that no plan leads: it decelerates straight on.
 
@@ -140,22 +138,21 @@ def fallback_of(
         stamp_ns: from when on.
         step_s: of the session.
         event_version: K* version.
-        limits: of METHOD 8.4.
     """
     start = np.array([[0.0], [pose.x_m], [pose.y_m], [pose.yaw_rad], [speed_mps], [0.0], [0.0]])
-    points = np.hstack([start, _tail(start[:, -1], step_s, limits)])
-    points[5, :-1] = -limits.fallback_mps2
+    points = np.hstack([start, _tail(start[:, -1], step_s)])
+    points[5, :-1] = -PLAN_LIMITS.fallback_mps2
     end_ns = stamp_ns + seconds_to_ns(float(points[0, -1])) + 1
     return Reference(
         "fallback", "vut", event_version, "fallback", stamp_ns, stamp_ns, end_ns, Points(points)
     )
 
 
-def _sampled(trajectory: Trajectory, step_s: float, limits: PlanLimits) -> _SampledPlan:
+def _sampled(trajectory: Trajectory, step_s: float) -> _SampledPlan:
     from scipy.interpolate import PchipInterpolator  # type: ignore[import-untyped]  # slow, no types
 
     t = np.array(trajectory.t_s)
-    end_s = min(float(t[-1]), limits.longest_s)
+    end_s = min(float(t[-1]), PLAN_LIMITS.longest_s)
     steps: FloatArray = step_s * np.arange(math.floor(end_s / step_s + 1e-6) + 1, dtype=np.float64)
     if end_s - steps[-1] > 1e-6:
         steps = np.append(steps, end_s)
@@ -167,24 +164,25 @@ def _sampled(trajectory: Trajectory, step_s: float, limits: PlanLimits) -> _Samp
     return _SampledPlan(steps, x, y, vx, vy, ax, ay, np.hypot(vx, vy))
 
 
-def _problem(plan: _SampledPlan, limits: PlanLimits) -> str:
+def _problem(plan: _SampledPlan) -> str:
     """Say which limit a sampled plan passes; empty: none. A value that is no number passes it."""
     begins_m = math.hypot(plan.x_m[0], plan.y_m[0])
-    if not begins_m <= limits.start_m:
-        return f"begins {begins_m:.3g} m from the VUT, at most {limits.start_m:g} m"
+    if not begins_m <= PLAN_LIMITS.start_m:
+        return f"begins {begins_m:.3g} m from the VUT, at most {PLAN_LIMITS.start_m:g} m"
     fastest = float(plan.speed_mps.max())
-    if not fastest <= limits.speed_mps:
-        return f"needs {fastest:.3g} m/s, at most {limits.speed_mps:g} m/s"
-    hardest = _acceleration_mps2(plan, limits.window_s)
-    if not hardest <= limits.acceleration_mps2:
-        return f"needs {hardest:.3g} m/s^2, at most {limits.acceleration_mps2:g} m/s^2"
-    back_m = _back_m(plan, limits.held_mps)
-    if not back_m <= limits.back_m:
-        return f"goes back by {back_m:.3g} m, at most {limits.back_m:g} m"
+    if not fastest <= PLAN_LIMITS.speed_mps:
+        return f"needs {fastest:.3g} m/s, at most {PLAN_LIMITS.speed_mps:g} m/s"
+    hardest = _acceleration_mps2(plan)
+    if not hardest <= PLAN_LIMITS.acceleration_mps2:
+        return f"needs {hardest:.3g} m/s^2, at most {PLAN_LIMITS.acceleration_mps2:g} m/s^2"
+    back_m = _back_m(plan)
+    if not back_m <= PLAN_LIMITS.back_m:
+        return f"goes back by {back_m:.3g} m, at most {PLAN_LIMITS.back_m:g} m"
     return ""
 
 
-def _acceleration_mps2(plan: _SampledPlan, window_s: float) -> float:
+def _acceleration_mps2(plan: _SampledPlan) -> float:
+    window_s = PLAN_LIMITS.window_s
     half_s = window_s / 2.0
     t = plan.t_s
     middle = t[(t >= half_s - 1e-9) & (t <= t[-1] - half_s + 1e-9)]
@@ -195,7 +193,7 @@ def _acceleration_mps2(plan: _SampledPlan, window_s: float) -> float:
     return float(np.hypot(*change).max()) / window_s
 
 
-def _back_m(plan: _SampledPlan, held_mps: float) -> float:
+def _back_m(plan: _SampledPlan) -> float:
     """Return the way against the own heading, which follows the motion within a right angle."""
     step_x, step_y = np.diff(plan.x_m), np.diff(plan.y_m)
     # Steps within 45 degrees of where the VUT looks don't go back: the usual plan.
@@ -208,14 +206,14 @@ def _back_m(plan: _SampledPlan, held_mps: float) -> float:
         way = math.hypot(dx, dy)
         if along < 0.0:
             back -= along
-        elif speed >= held_mps and way > 0.0:
+        elif speed >= PLAN_LIMITS.held_mps and way > 0.0:
             heading_x, heading_y = dx / way, dy / way
     return back
 
 
-def _points(plan: _SampledPlan, pose: Pose2, step_s: float, limits: PlanLimits) -> FloatArray:
+def _points(plan: _SampledPlan, pose: Pose2, step_s: float) -> FloatArray:
     speed = plan.speed_mps
-    fast = speed >= limits.held_mps
+    fast = speed >= PLAN_LIMITS.held_mps
     yaw = _held(np.arctan2(plan.vy_mps, plan.vx_mps), fast)
     along = np.cos(yaw) * plan.vx_mps + np.sin(yaw) * plan.vy_mps
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -232,7 +230,7 @@ def _points(plan: _SampledPlan, pose: Pose2, step_s: float, limits: PlanLimits) 
             np.where(fast, turning, 0.0),
         ]
     )
-    return np.hstack([rows, _tail(rows[:, -1], step_s, limits)])
+    return np.hstack([rows, _tail(rows[:, -1], step_s)])
 
 
 def _held(yaw: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
@@ -242,16 +240,16 @@ def _held(yaw: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
     return held
 
 
-def _tail(last: FloatArray, step_s: float, limits: PlanLimits) -> FloatArray:
+def _tail(last: FloatArray, step_s: float) -> FloatArray:
     """Return the points behind a last one, shape (7, n): straight on to a standstill."""
     t0, x0, y0, yaw, speed = (float(v) for v in last[:5])
-    stop_s = max(speed / limits.fallback_mps2, step_s)
+    stop_s = max(speed / PLAN_LIMITS.fallback_mps2, step_s)
     count = math.ceil(stop_s / step_s - 1e-9)
     t = np.minimum(np.arange(1, count + 1) * step_s, stop_s)
-    v = np.maximum(speed - limits.fallback_mps2 * t, 0.0)
-    way = speed * t - 0.5 * limits.fallback_mps2 * t**2 if speed > 0.0 else np.zeros(count)
+    v = np.maximum(speed - PLAN_LIMITS.fallback_mps2 * t, 0.0)
+    way = speed * t - 0.5 * PLAN_LIMITS.fallback_mps2 * t**2 if speed > 0.0 else np.zeros(count)
     way = np.maximum.accumulate(way)
-    slows = np.where(v > 0.0, -limits.fallback_mps2, 0.0)
+    slows = np.where(v > 0.0, -PLAN_LIMITS.fallback_mps2, 0.0)
     return np.vstack(
         [
             t0 + t,

@@ -63,14 +63,14 @@ class CarefulDriver:
 CAREFUL_DRIVER = CarefulDriver()
 
 
-def is_defined(run: RunSpec, driver: CarefulDriver = CAREFUL_DRIVER) -> bool:
+def is_defined(run: RunSpec) -> bool:
     """Tell whether the careful driver is defined for a run.
 
     UN R157 doesn't say what it does behind an object that brakes by less than it perceives.
     """
     manoeuvre = _acting(run).manoeuvre
     if manoeuvre.kind == "brake":
-        return manoeuvre.deceleration_mps2 > driver.braking_mps2
+        return manoeuvre.deceleration_mps2 > CAREFUL_DRIVER.braking_mps2
     return manoeuvre.kind == "lane_change"
 
 

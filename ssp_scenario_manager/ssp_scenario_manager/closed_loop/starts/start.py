@@ -186,23 +186,22 @@ def make_start(
     run_up = _run_up(bare, latency_max_s, frame_s, history_s)
     hand_over_s, fires_s = run_up.hand_over_s, run_up.fires_s
     first_s = _first_request_s(hand_over_s, latency_max_s, frame_s)
-    twin = bare.model_copy(
-        update={
-            "driven": Driven(
-                driver=NO_RESPONSE,
-                first_request_s=first_s,
-                hand_over_s=hand_over_s,
-                end_s=fires_s + _TWIN_S,
-                frame_period_s=frame_s,
-            )
-        }
+    driven = Driven(
+        driver=NO_RESPONSE,
+        first_request_s=first_s,
+        hand_over_s=hand_over_s,
+        end_s=fires_s + _TWIN_S,
+        frame_period_s=frame_s,
     )
+    twin = bare.model_copy(update={"driven": driven})
     result, record = run_in_process(twin)
     contact = first_contact(record.reports, run.vut.id)
     resolved_s = result.phase_s(Phase.RESOLUTION)
     if not result.ok and contact is None and resolved_s is not None:
         # Where a VUT without a response gets to after T_end, as off the site, is not of the event.
-        twin = _ending_at(twin, min(_end_s(resolved_s), fires_s + _TWIN_S))
+        end_s = min(_end_s(resolved_s), fires_s + _TWIN_S)
+        earlier = driven.model_copy(update={"end_s": end_s})
+        twin = bare.model_copy(update={"driven": earlier})
         result, record = run_in_process(twin)
         resolved_s = result.phase_s(Phase.RESOLUTION)
     fixed = drawn.model_copy(update={"triggers": _at_their_times(twin, result)})
@@ -232,15 +231,6 @@ def make_start(
 def _end_s(over_s: float) -> float:
     """Return T_end of an event that is over at a session time."""
     return round(over_s + LIMITS.after_s, 6)
-
-
-def _ending_at(run: RunSpec, end_s: float) -> RunSpec:
-    """Return a driven run with another end."""
-    if run.driven is None:
-        raise InputError(
-            "is no driven run", field="driven", remedy="give a run of `ssp run --drive`"
-        )
-    return run.model_copy(update={"driven": run.driven.model_copy(update={"end_s": end_s})})
 
 
 def commanded(driver: str) -> dict[str, Any]:
