@@ -10,7 +10,6 @@ import random
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -27,7 +26,7 @@ from click.testing import CliRunner
 from ssp_core.errors import HostError, InputError
 from ssp_core.files.folders import make_folder
 from ssp_core.hashing import sha256_file
-from ssp_core.host.ray_cluster import ADDRESS, import_ray
+from ssp_core.host.ray_cluster import import_ray
 from ssp_core.run_file.model import load_run
 from ssp_core.run_file.verdict import RecordedVerdict, read_verdict
 from ssp_core.vocabulary import Verdict
@@ -293,19 +292,6 @@ def test_rows_tell_how_near_a_run_came_to_harm(done: Path) -> None:
     assert float(missed["replan_m"]) < float(found["oracle", "fixed:1"]["replan_m"])
 
 
-def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match="holds something else"):
-        run(plan_of(), tmp_path)
-    assert [entry.name for entry in tmp_path.iterdir()] == ["notes.txt"]
-
-
-def test_a_label_hides_no_privilege() -> None:
-    plan = plan_of(drivers=[{"driver": "aeb", "options": {"ttc_s": 1.2}, "label": "late_aeb"}])
-    assert plan.everybody[-1].shown == "late_aeb"
-    assert plan.everybody[-1].is_privileged
-
-
 def test_the_command_prints_the_table_of_what_is_there(done: Path, tmp_path: Path) -> None:
     plan = tmp_path / "plan.yaml"
     plan.write_text(yaml.safe_dump(PLAN))
@@ -545,28 +531,6 @@ def test_a_campaign_tells_of_any_driver_that_gets_better_with_latency(
         "gets better with latency: constant_velocity on cut_in: 0.00 at L = 0 s, 1.00 at 1 s"
         in told
     )
-
-
-def test_a_measured_latency_is_of_this_machine(tmp_path: Path) -> None:
-    plan = plan_of(latencies=["measured"])
-    with pytest.raises(InputError, match=r"--engine.*hardware on the driver's card"):
-        run(plan, tmp_path / "out", engine="ray")
-
-
-@pytest.mark.programs
-def test_a_cluster_that_does_not_answer_leaves_no_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plan, out = tmp_path / "plan.yaml", tmp_path / "campaign"
-    plan.write_text(yaml.safe_dump(PLAN))
-    with socket.socket() as silent:
-        silent.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{silent.getsockname()[1]}"
-        monkeypatch.setenv(ADDRESS, address)
-        said = CliRunner().invoke(loop, [str(plan), "--out", str(out), "--engine", "ray"])
-    assert isinstance(said.exception, HostError), said.output
-    assert f"no Ray cluster answers at {address}" in str(said.exception)
-    assert not out.exists()
 
 
 @pytest.fixture(scope="module")

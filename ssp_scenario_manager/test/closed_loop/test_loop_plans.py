@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +10,19 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from ssp_core.errors import InputError
+from ssp_core.errors import HostError, InputError
+from ssp_core.host.ray_cluster import ADDRESS
 from ssp_scenario_manager.cli.loop import loop
 from ssp_scenario_manager.closed_loop.campaigns import seal
+from ssp_scenario_manager.closed_loop.campaigns.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import LoopPlan, load_plan
 
 PLAN = {"schema": "ssp.loop/1", "events": ["cut_in"], "starts": 1, "others": 0}
 HTTP = {"backend": "http", "url": "http://127.0.0.1:9"}
+
+
+def plan_with(**changes: Any) -> LoopPlan:
+    return LoopPlan.model_validate({**PLAN, **changes})
 
 
 def refusal_of(tmp_path: Path, changes: dict[str, Any], *options: str) -> InputError:
@@ -78,7 +85,7 @@ def test_events_without_starts_leave_a_folder_that_another_plan_may_take(
 
     monkeypatch.setattr(seal, "_drawn", none)
     for seed in (1, 2):
-        plan = LoopPlan.model_validate({**PLAN, "seed": seed})
+        plan = plan_with(seed=seed)
         with pytest.raises(InputError, match="has 0 critical starts among"):
             seal.draw_starts(plan, tmp_path, 1, lambda _: None)
         assert list(tmp_path.iterdir()) == []
@@ -103,3 +110,38 @@ def test_a_plan_that_can_not_be_run_is_refused(
     plan.write_text(yaml.safe_dump({**PLAN, **changes}))
     with pytest.raises(InputError, match=why):
         load_plan(plan)
+
+
+def test_a_folder_with_something_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds something else"):
+        run_campaign(plan_with(), tmp_path, 1, lambda *_: None, lambda _: None)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_label_hides_no_privilege() -> None:
+    plan = plan_with(drivers=[{"driver": "aeb", "options": {"ttc_s": 1.2}, "label": "late_aeb"}])
+    assert plan.everybody[-1].shown == "late_aeb"
+    assert plan.everybody[-1].is_privileged
+
+
+def test_a_measured_latency_is_of_this_machine(tmp_path: Path) -> None:
+    plan = plan_with(latencies=["measured"])
+    with pytest.raises(InputError, match=r"--engine.*hardware on the driver's card"):
+        run_campaign(plan, tmp_path, 1, lambda *_: None, lambda _: None, "ray")
+
+
+@pytest.mark.programs
+def test_a_cluster_that_does_not_answer_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, out = tmp_path / "plan.yaml", tmp_path / "campaign"
+    plan.write_text(yaml.safe_dump(PLAN))
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{silent.getsockname()[1]}"
+        monkeypatch.setenv(ADDRESS, address)
+        said = CliRunner().invoke(loop, [str(plan), "--out", str(out), "--engine", "ray"])
+    assert isinstance(said.exception, HostError), said.output
+    assert f"no Ray cluster answers at {address}" in str(said.exception)
+    assert not out.exists()

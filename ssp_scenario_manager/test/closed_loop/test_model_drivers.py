@@ -14,7 +14,6 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-import yaml
 from click.testing import CliRunner, Result
 
 from ssp_core import names
@@ -395,61 +394,7 @@ def test_the_world_waits_for_an_answer_at_the_step_of_its_frame(
     assert records[0] == records[1]
 
 
-# -- naming, and the command -----------------------------------------------------------------------
-
-
-def test_a_driver_is_named_as_a_model_is_elsewhere(tmp_path: Path) -> None:
-    file = tmp_path / "models.yaml"
-    entry = {"backend": "http", "frames": 4, "options": {"url": "http://127.0.0.1:1"}}
-    file.write_text(yaml.safe_dump({"schema": "ssp.models/1", "models": {"mine": entry}}))
-    assert driver_options("mine", {}, file) == {"model": entry}
-    inline = driver_options("mine", {"backend": "http", "url": "http://127.0.0.1:1"})
-    assert inline == {"model": {"backend": "http", "options": {"url": "http://127.0.0.1:1"}}}
-    assert driver_options("mine", inline) == inline
-    assert driver_options("aeb", {"ttc_s": 1.4}) == {"ttc_s": 1.4}
-
-
-def test_what_a_card_says_of_a_model_is_what_its_driver_does() -> None:
-    entry = {"backend": "http", "frames": 4, "weights_sha256": "sha256:1"}
-    service = {"url": "http://127.0.0.1:1", "timeout_s": 3.0}
-    told = model_facts("mine", driver_options("mine", {"model": {**entry, "options": service}}))
-    assert str(told.pop("prompt_sha256")).startswith("sha256:")
-    assert told == {
-        "model": "http",
-        "prompt": "task and prompt of the request",
-        "weights_sha256": "sha256:1",
-        "interface": "waypoints",
-        "adapter": "waypoints:ego_xy",
-        "frames": 4,
-        "frame_spacing_s": 0.1,
-        "history_s": 2.0,
-        "timeout_s": 3.0,
-        "sees_route": False,
-    }
-
-
-@pytest.mark.parametrize(
-    ("name", "given", "said"),
-    [
-        ("nobody", {}, r"is no driver.*oracle.*NAME=.*openai"),
-        ("perfect", {}, "answers from labels, and a driver gets none"),
-        ("mine", {"backend": "http", "adress": "x"}, "adress"),
-        ("openai", {"model": "m", "centre_line": True}, "centre_line.*no place for the centre"),
-        ("mine", {"backend": "http", "url": "http://a", "centre_line": 1}, "centre_line"),
-        ("mine", {"backend": "http", "url": "http://a", "api_key": "x"}, "is a secret's place"),
-        ("oracle", {"backend": "http"}, "oracle"),
-        (
-            "mine",
-            {"attached": True},
-            r"mine\.attached.*already running.*\"backend\": \"node\", \"topic\".*or end it",
-        ),
-    ],
-)
-def test_a_driver_that_can_not_be_is_refused_with_what_there_is(
-    name: str, given: dict[str, Any], said: str
-) -> None:
-    with pytest.raises(InputError, match=said):
-        driver_options(name, given)
+# -- the command -----------------------------------------------------------------------------------
 
 
 def test_a_start_leaves_no_time_for_a_longer_history_or_latency(
