@@ -1,4 +1,4 @@
-"""The first contact of the VUT, by true states."""
+"""The first contact of the VUT with a participant or with scenery, by true states."""
 
 from __future__ import annotations
 
@@ -9,19 +9,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ssp_core.clock import ns_to_seconds
-from ssp_core.geometry import Pose2, boxes_overlap
+from ssp_core.geometry import Box, Pose2, boxes_overlap
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.road import SceneryItem
 from ssp_core.world.plant import StepReport
-from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
+from ssp_core.world.scenery import Clearance, half_extent_m, item_pose
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """The first step at which the polygons of VUT and another participant intersect.
+    """The first step at which the polygons of VUT and another body intersect.
 
     Args:
-        other: id of the other.
+        other: id of the other participant, or the scenery's type and place in the run file.
         relative_mps: norm of the relative velocity then.
         vut_mps: speed of the VUT then.
         vut_side: of the VUT that the other's middle lies at: front, flank or rear.
@@ -56,6 +58,55 @@ def first_contact(reports: Iterable[StepReport], vut_id: str) -> Contact | None:
     return None
 
 
+def first_touch(run: RunSpec, reports: Sequence[StepReport]) -> Contact | None:
+    """Return the first contact with a participant or with scenery, in one step with the former.
+
+    Args:
+        run: has the road.
+        reports: of the steps that count, in time order.
+    """
+    found = [first_contact(reports, run.vut.id), _scenery_contact(run, reports)]
+    touched = [contact for contact in found if contact is not None]
+    return min(touched, key=lambda contact: contact.stamp_ns, default=None)
+
+
+def _scenery_contact(run: RunSpec, reports: Sequence[StepReport]) -> Contact | None:
+    if not run.road.scenery or not reports:
+        return None
+    vuts = [next(s for s in r.truths if s.object_id == run.vut.id) for r in reports]
+    places = np.array([(vut.x_m, vut.y_m) for vut in vuts])
+    clearance, line = Clearance.of_road(run.road), ReferenceLine.of_road(run.road)
+    first: tuple[int, str, Box] | None = None
+    for i, item in enumerate(run.road.scenery):
+        body = _body(item, line)
+        if body is None:
+            continue
+        away_m = np.hypot(places[:, 0] - body.pose.x_m, places[:, 1] - body.pose.y_m)
+        near = np.flatnonzero(away_m <= 1.01 * (vuts[0].box.reach_m + body.reach_m)).tolist()
+        at = next((k for k in near if boxes_overlap(vuts[k].box, body)), None)
+        if at is None or (first is not None and first[0] <= at):
+            continue
+        # What would stand on the lanes isn't drawn, and so isn't there.
+        if clearance.problem(item) is None:
+            first = at, f"{item.type} road.scenery[{i}]", body
+    if first is None:
+        return None
+    at, name, body = first
+    vut = vuts[at]
+    sides = _side(vut.box, body), _side(body, vut.box)
+    return Contact(vut.stamp_ns, name, abs(vut.speed_mps), vut.speed_mps, *sides)
+
+
+def _body(item: SceneryItem, line: ReferenceLine) -> Box | None:
+    """Return the ground that an item of scenery takes; None: the line has no such place."""
+    try:
+        pose = item_pose(item, line)
+    except NotOneToOne:
+        return None
+    length_m, width_m = half_extent_m(item)
+    return Box(pose, length_m, length_m, 2.0 * width_m)
+
+
 def with_vut(report: StepReport, vut: ObjectState) -> StepReport:
     """Return a step with another true state of the VUT."""
     truths = tuple(vut if s.object_id == vut.object_id else s for s in report.truths)
@@ -74,6 +125,8 @@ def contact_words(run: RunSpec, led: Sequence[StepReport], contact: Contact) -> 
         f"with {contact.other}, {contact.vut_side} to {contact.other_side}, "
         f"{contact.relative_mps:.2f} m/s"
     )
+    if contact.other not in run.object_ids:  # scenery, which is in no lane
+        return words
     at = next(report for report in led if report.now_ns == contact.stamp_ns)
     entered = _entered(run, led[0].truths, at.truths, contact.other)
     return "; ".join([words, *entered])
@@ -140,17 +193,16 @@ def _contact(vut: ObjectState, other: ObjectState) -> Contact:
         other.object_id,
         math.hypot(dx, dy),
         vut.speed_mps,
-        _side(vut, other),
-        _side(other, vut),
+        _side(vut.box, other.box),
+        _side(other.box, vut.box),
     )
 
 
-def _side(state: ObjectState, other: ObjectState) -> str:
-    """Return the side of an object at which the middle of another one lies."""
-    x, y = state.pose.to_local(*_middle(other.pose, other.size.front_m, other.size.rear_m))
-    half = state.size.width_m / 2.0
-    ahead, behind = x - state.size.front_m, -state.size.rear_m - x
-    beside = abs(y) - half
+def _side(box: Box, other: Box) -> str:
+    """Return the side of a rectangle at which the middle of another one lies."""
+    x, y = box.pose.to_local(*_middle(other.pose, other.front_m, other.rear_m))
+    ahead, behind = x - box.front_m, -box.rear_m - x
+    beside = abs(y) - box.width_m / 2.0
     if beside >= max(ahead, behind):
         return "flank"
     return "front" if ahead >= behind else "rear"

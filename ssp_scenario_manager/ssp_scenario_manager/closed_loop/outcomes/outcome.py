@@ -24,6 +24,7 @@ from ssp_scenario_manager.closed_loop.contact import (
     Contact,
     contact_words,
     first_contact,
+    first_touch,
     until,
 )
 from ssp_scenario_manager.closed_loop.outcomes.evaded import Twin, evaded
@@ -53,7 +54,7 @@ class Outcome:
         kind: of OUTCOMES.
         at_s: session time of the deciding fact; T_end where none came before it.
         why: the fact, with its values.
-        contact: the first one; None: there was none.
+        contact: the first one, with scenery only where it decides; None: there was none.
         response_s: first step after T_obs from which the VUT departs from its twin.
         unled_s: fallback and stale plans between T_obs and T_end less 5 s.
         starved: the plans ended before 2L plus a frame period.
@@ -97,7 +98,7 @@ def outcome_of(
         twin: true states of the twin's VUT by stamp, ns.
     """
     led = until(record.reports, driven.hand_over_s, driven.end_s)
-    contact = first_contact(led, run.vut.id)
+    contact = first_touch(run, led)
     response_s = first_response_s(run, driven, record, twin)
     unled_s = _unled_s(run, driven, led)
     facts = [
@@ -122,6 +123,9 @@ def outcome_of(
     else:
         at_s = driven.end_s
         kind, why = _at_the_end(run, driven, record, twin, response_s, unled_s)
+    if kind not in ("collision", "struck"):
+        # What a VUT touches beside the road once it has left it says nothing about the event.
+        contact = first_contact(led, run.vut.id)
     return Outcome(kind, at_s, why, contact, response_s, unled_s, is_starved(driven, record))
 
 

@@ -24,7 +24,7 @@ from ssp_core.world.driver import DriveMode
 from ssp_core.world.plant import StepReport
 from ssp_core.world.road_drawing import RoadView, drawing_of
 from ssp_scenario_manager.closed_loop.answers import KeptAnswers
-from ssp_scenario_manager.closed_loop.contact import first_contact, until
+from ssp_scenario_manager.closed_loop.contact import first_touch, until
 from ssp_scenario_manager.closed_loop.single_run.before import Before
 from ssp_scenario_manager.closed_loop.single_run.single import told_of_run
 from ssp_scenario_manager.closed_loop.starts.start import path_of
@@ -127,7 +127,7 @@ def top_view(run: RunSpec, record: Record, told: dict[str, Any], event: Event | 
         r.drive.effective for r in led if r.drive is not None and r.drive.effective is not None
     ]
     paths = {i: [s for r in led for s in r.truths if s.object_id == i] for i in run.object_ids}
-    contact = first_contact(led, run.vut.id)
+    contact = first_touch(run, led)
     shown = [(s.x_m, s.y_m) for states in paths.values() for s in states]
     view = RoadView(run.road, shown)
     drawing = drawing_of(run)
