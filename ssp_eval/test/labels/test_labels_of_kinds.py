@@ -145,8 +145,7 @@ def test_clip_and_session_have_as_many_labels_per_phase_and_a_blind_model_the_sa
     assert synthetic > 0.1
 
 
-# The clip of vut_turn begins 1.5 s before its trigger, so that some labels have less past there.
-@pytest.mark.parametrize("name", [kind for kind in KINDS if kind != "vut_turn"])
+@pytest.mark.parametrize("name", KINDS)
 def test_what_a_session_shows_of_the_vut_s_past_gives_no_answer_away(name: str) -> None:
     """A model that copies a constant gains and loses nothing beyond what the labels give to it."""
     event = load_event(name)[0]

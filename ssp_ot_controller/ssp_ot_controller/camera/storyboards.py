@@ -346,7 +346,7 @@ def oncoming_turn(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
 def vut_turn(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
     """Cast a VUT that waits and turns left, and a car that comes the other way and goes on."""
     speed = float(rng.uniform(5.0, 5.4))
-    step_s = float(rng.uniform(1.0, 1.5))
+    step_s = float(rng.uniform(2.5, 3.0))
     fast = float(rng.uniform(6.8, 7.3))
     # It comes nearly to a standstill before the car's way, and goes on when the car has passed.
     brake_s, braking_s, slow = step_s + 2.4, 2.0, 0.8
@@ -459,8 +459,8 @@ _AT_JUNCTION = {"crossing_car": LANE_M / 2, "oncoming_turn": -LANE_M / 2, "vut_t
 INTERACTIONS = tuple(_PLAYS)
 FPS = 24.0
 _DURATION_S = 9.0
-# A clip whose VUT enters a ring is longer: its way there is what METHOD 1 measures along.
-_LONGER_S = {"roundabout": 14.0}
+# Clips whose VUT leaves its road are longer: its way is what METHOD 1 measures along.
+_LONGER_S = {"vut_turn": 10.5, "roundabout": 14.0}
 MOST_LANES = 4
 _PATH_STEP_M = 0.5
 
