@@ -10,6 +10,7 @@ import numpy as np
 from pyclothoids import Clothoid  # type: ignore[import-untyped] # has no types
 
 from ssp_core.geometry import FloatArray, Pose2, wrap_angle
+from ssp_core.run_file.quantities import QUANTITIES
 from ssp_core.run_file.road import CurvePiece
 from ssp_core.run_file.values import Point
 from ssp_core.world.reference_line import ReferenceLine
@@ -207,6 +208,8 @@ def road_line(road: RoadRecord) -> ReferenceLine:
 # The line cuts each corner by at most this.
 CORNER_CUT_M = 0.25
 _SHARPEST_RAD = math.radians(150.0)
+# No run file holds a piece that bends more.
+_TIGHTEST_1PM = QUANTITIES["_1pm"].most
 _SAME_M = 0.01
 _SMALLEST_TURN_RAD = 1e-7
 
@@ -227,7 +230,8 @@ def smooth_line(points: Sequence[Point]) -> ReferenceLine:
     arcs that follow one another.
 
     Raises:
-        Unusable: there are fewer than two places, or a corner turns by more than 150 degrees.
+        Unusable: there are fewer than two places, a corner turns by more than 150 degrees, or it
+            lies so near to another one that its arc would have a radius under 1 cm.
     """
     places = _distinct(points)
     if len(places) < 2:
@@ -251,6 +255,9 @@ def smooth_line(points: Sequence[Point]) -> ReferenceLine:
             pieces.append(piece(ahead))
         if reach > 0.0:
             k = math.tan(turn / 2) / reach
+            if abs(k) > _TIGHTEST_1PM:
+                x, y = places[i + 1]
+                raise Unusable(f"bends by {k:.0f} 1/m at ({x:g}, {y:g})")
             pieces.append(piece(turn / k, k))
         done = reach
     last = sides[-1] - done

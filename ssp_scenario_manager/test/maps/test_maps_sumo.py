@@ -145,6 +145,8 @@ def test_polylines_that_are_no_road() -> None:
         smooth_line([(1.0, 1.0), (1.0, 1.0)])
     with pytest.raises(Unusable, match="turns by 180 degrees"):
         smooth_line([(0.0, 0.0), (10.0, 0.0), (0.0, 0.0)])
+    with pytest.raises(Unusable, match=r"bends by 143 1/m at \(10, 0\)"):
+        smooth_line([(0.0, 0.0), (10.0, 0.0), (10.0, 0.014), (10.0, 10.0)])
     zigzag = [(float(i), 3.0 * (i % 2)) for i in range(2000)]
     with pytest.raises(Unusable, match="turns at most"):
         smooth_line(zigzag)
