@@ -1,4 +1,4 @@
-"""What a VUT that leaves its lane touches: parked participants, and the scenery of the road."""
+"""Contacts of a VUT that leaves its lane: with parked participants, and the scenery of the road."""
 
 from __future__ import annotations
 
