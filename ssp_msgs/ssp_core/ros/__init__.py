@@ -18,6 +18,7 @@ import rclpy
 from builtin_interfaces.msg import Time as TimeMsg
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.duration import Duration
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -204,6 +205,19 @@ def take_arrived(subscription: Any) -> bool:
     return found
 
 
+# What a reader misses can't be sent again once its writer is gone, so that a node waits at its end,
+# but no longer than this: a reader may hang.
+LAST_WORD_S = 1.0
+
+
+def await_readers(node: Node) -> None:
+    """Wait until all that the node published has reached its reliable readers, or LAST_WORD_S."""
+    deadline = time.monotonic() + LAST_WORD_S
+    for publisher in node.publishers:
+        left_s = max(0.0, deadline - time.monotonic())
+        publisher.wait_for_all_acked(Duration(seconds=left_s))
+
+
 def tolerant(node: Node, topic: str, decode: Callable[[Any], T]) -> Callable[[Any], T | None]:
     """Wrap ``decode`` for subscribe_raw: None for bytes that are no message, reported once."""
     told = False
@@ -303,7 +317,8 @@ def run_node(
 ) -> int:
     """Run one node in this process until a signal, or until the node asks to stop; then exit.
 
-    Signals only set a flag; ``shutdown(node)`` then runs with the context still valid.
+    Signals only set a flag; ``shutdown(node)`` then runs with the context still valid, and the
+    node's readers get what they lack of it.
 
     Args:
         make: makes the node; by the StopRequest it can ask to stop.
@@ -348,6 +363,7 @@ def run_node(
         try:
             if node is not None:
                 shutdown(node)
+                await_readers(node)
         except SspError as error:
             _report(error)
             status = 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 
@@ -25,7 +26,8 @@ import time
 import rclpy
 from rclpy.node import Node
 from ssp_core.errors import HostError, InputError
-from ssp_core.ros import run_node
+from ssp_core.ros import STATE, run_node
+from std_msgs.msg import String
 
 kind = sys.argv[1]
 
@@ -37,12 +39,21 @@ class Probe(Node):
             raise RuntimeError("a bug")
         super().__init__("probe")
         self._stop = stop
+        topics = 16 if kind == "publishes" else 0
+        self.many = [self.create_publisher(String, f"many_{k}", STATE) for k in range(topics)]
         self.create_timer(0.05, self._work)
         print("up", flush=True)
 
     def _work(self):
         if kind == "asks":
             self._stop.set("enough")
+        if kind == "publishes" and all(p.get_subscription_count() == 2 for p in self.many):
+            print("matched", flush=True)
+            sys.stdin.readline()
+            for number in range(50):
+                for publisher in self.many:
+                    publisher.publish(String(data=str(number)))
+            self._stop.set("all published")
         if kind == "bug":
             raise RuntimeError("a bug")
         if kind == "host":
@@ -62,15 +73,32 @@ def shutdown(node):
 sys.exit(run_node(Probe, shutdown))
 """
 
+READER = """
+import rclpy
+from ssp_core import ros
+from std_msgs.msg import String
+
+rclpy.init()
+node = rclpy.create_node("reader")
+heard = []
+for k in range(16):
+    node.create_subscription(String, f"many_{k}", heard.append, ros.STATE)
+while not heard or node.count_publishers("many_0"):
+    rclpy.spin_once(node, timeout_sec=0.1)
+ros.take_the_rest(lambda: any([ros.take_arrived(one) for one in node.subscriptions]))
+print(len(heard), flush=True)
+"""
+
 
 @pytest.fixture
 def probe() -> Iterator[Callable[[str], subprocess.Popen[str]]]:
     with free_domain() as domain_id:
 
-        def start(kind: str) -> subprocess.Popen[str]:
+        def start(kind: str, program: str = PROGRAM) -> subprocess.Popen[str]:
             return subprocess.Popen(
-                [sys.executable, "-c", PROGRAM, kind],
+                [sys.executable, "-c", program, kind],
                 env=session_environment(domain_id),
+                stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 text=True,
@@ -105,6 +133,31 @@ def test_middleware_that_hangs_is_left_once_the_node_has_closed_what_it_had_to(
     assert process.returncode == 1
     assert "Timeout" in err
     assert "destroy_node" in err  # where it hung
+
+
+def test_readers_get_all_that_was_published_and_one_that_hangs_delays_the_end_by_a_second(
+    probe: Callable[..., subprocess.Popen[str]],
+) -> None:
+    """More is published than a shared-memory port holds of a process that takes nothing out."""
+    writer, *readers = probe("publishes"), probe("waits", READER), probe("hangs", READER)
+    assert writer.stdin is not None
+    assert writer.stdout is not None
+    try:
+        assert [writer.stdout.readline() for _ in range(2)] == ["up\n", "matched\n"]
+        for reader in readers:
+            reader.send_signal(signal.SIGSTOP)
+        began = time.monotonic()
+        writer.stdin.write("\n")
+        writer.stdin.flush()
+        assert writer.stdout.readline() == "last words True\n"
+        readers[0].send_signal(signal.SIGCONT)
+        assert readers[0].communicate(timeout=DEADLINE_S) == ("800\n", "")
+        assert writer.wait(timeout=DEADLINE_S) == 0
+        assert time.monotonic() - began >= ros.LAST_WORD_S
+    finally:
+        for process in (writer, *readers):
+            process.kill()
+            process.communicate()
 
 
 def test_a_node_can_ask_for_its_end(probe: Callable[[str], subprocess.Popen[str]]) -> None:

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any
 from uuid import uuid4
 
-from rclpy.duration import Duration
 from rclpy.node import Node, NodeNameNonExistentError
 from tf2_msgs.msg import TFMessage
 
@@ -402,13 +401,6 @@ class Publications:
         self._log.info(
             f"{change.previous.name} -> {change.state.name} ({change.event}): {change.reason}"
         )
-
-    def await_readers(self, most_s: float) -> None:
-        """Wait until states, decisions and events have reached their readers, or so long."""
-        deadline = time.monotonic() + most_s
-        for publisher in (self._state, self._trigger, self._phase, self._safety):
-            left_s = max(0.0, deadline - time.monotonic())
-            publisher.wait_for_all_acked(Duration(seconds=left_s))
 
     def send(
         self,

@@ -60,8 +60,6 @@ WATCHDOG_PERIOD_S = 0.05
 # A step of a lockstep world that lacks its messages for so long is worth a line in the log.
 INCOMPLETE_STEP_S = 1.0
 STATUS_PERIOD_S = 1.0
-# What was said last has so long to reach its readers; one of them may have died.
-LAST_WORD_S = 1.0
 # While the world holds no step comes: here the watchdog judges what it can.
 _JUDGED_WHILE_HOLDING = (SessionPhase.ARMED, SessionPhase.STOPPING, SessionPhase.ABORTING)
 
@@ -470,9 +468,6 @@ class ScenarioManager(Node):
             self._session.command(SessionEvent.ABORT, self._now_ns, self.get_name(), why)
         self._flush()
         self._send_heartbeat()
-        # Whoever ends the session's nodes does so on its last word, and what a reader misses can't
-        # be sent again once its writer is gone.
-        self._publications.await_readers(LAST_WORD_S)
 
 
 def main() -> None:

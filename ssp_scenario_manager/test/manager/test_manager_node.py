@@ -7,8 +7,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
-import time
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +16,6 @@ import pytest
 import rclpy
 
 from ssp_core import names, ros
-from ssp_core.host.environment import session_environment
 from ssp_core.ros.conversions import rules_to_msg
 from ssp_core.run_file.model import load_run
 from ssp_core.safety.object_rules import rules_of
@@ -26,7 +23,6 @@ from ssp_core.safety.publishers import NAMELESS
 from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
-from ssp_scenario_manager.ros.manager_node import LAST_WORD_S
 from support.messages import state_to_msg
 from tests.support.patience import patient
 from tests.support.waiting import DEADLINE_S
@@ -268,41 +264,6 @@ def test_sigterm_aborts_before_it_goes(
     peers.spin_until(lambda: peers.seen[-1].event == "abort", "the abort")
     assert "shuts down" in peers.seen[-1].reason
     assert manager.wait(timeout=DEADLINE_S) == 0
-
-
-READER = """
-import rclpy
-from ssp_core import names, ros
-from ssp_msgs.msg import SessionState
-rclpy.init()
-node = rclpy.create_node("reader", namespace=names.NAMESPACE)
-node.create_subscription(SessionState, names.SESSION_STATE, lambda _: print("heard", flush=True),
-    ros.LATCHED)
-rclpy.spin(node)
-"""
-
-
-def test_its_last_word_waits_for_a_reader_that_hangs_but_not_for_ever(
-    peers: Peers, run_file: Path, manager: subprocess.Popen[str], domain: int, tmp_path: Path
-) -> None:
-    bring(peers, run_file, "CONNECTED")
-    command, env = [sys.executable, "-c", READER], session_environment(domain)
-    heard = tmp_path / "heard"
-    with heard.open("w") as out:
-        reader = subprocess.Popen(command, env=env, stdout=out)
-    try:
-        peers.spin_until(lambda: "heard" in heard.read_text(), "the reader to hear the session")
-        # It hangs before anybody is watched: if a busy machine's silence ends the armed session,
-        # that word isn't read either.
-        reader.send_signal(signal.SIGSTOP)
-        peers.obtain("arm")
-        began = time.monotonic()
-        manager.send_signal(signal.SIGTERM)
-        assert manager.wait(timeout=DEADLINE_S) == 0
-        assert time.monotonic() - began >= LAST_WORD_S
-    finally:
-        reader.kill()
-        reader.wait()
 
 
 STRANGE = {
