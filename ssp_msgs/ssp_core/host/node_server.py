@@ -5,7 +5,8 @@ processor time, and a session has five nodes and more. This process imports the 
 that it is asked for, and forks; the node's process calls the module's ``main``.
 
 Nothing may be running in it: a thread that held a lock at the fork would hold it in the node for
-ever. So it starts no middleware, and importing a node's module starts no thread.
+ever. So it starts no middleware. The only threads that importing a node's module starts are two of
+LTTng, which comes with rclpy; they sleep until a tracing service calls, and a node needs none.
 
 Requests and answers go over a socket that keeps messages whole (SOCK_SEQPACKET). A request is a
 byte, and with it the file descriptors of a file with a JSON of ``Request``, of the node's output
@@ -25,6 +26,7 @@ import selectors
 import signal
 import socket
 import sys
+import warnings
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -81,7 +83,10 @@ def serve(channel: socket.socket) -> Request | None:
                     importlib.import_module(request.module)
                 here = os.getpid()
                 gc.freeze()  # what is here stays, in pages that are shared as long as they are
-                pid = os.fork()
+                with warnings.catch_warnings():
+                    # From Python 3.12 on, a fork beside any thread is warned of.
+                    warnings.simplefilter("ignore", DeprecationWarning)
+                    pid = os.fork()
                 if not pid:
                     channel.close()
                     for descriptor in pid_of:
