@@ -1,4 +1,4 @@
-"""What the nodes of a session are started from."""
+"""The modules that the nodes of a session are started from."""
 
 from __future__ import annotations
 
