@@ -134,7 +134,7 @@ def rights(run: RunSpec, *receiver: str) -> dict[str, Rights]:
             CONTROL,
             hears=(
                 *(*events, *states, vut, names.FAULT_EVENT, names.LINK_STATUS),
-                *(*statuses, names.CAMERA_INFO, names.HEARTBEAT),
+                *(*statuses, names.CAMERA_INFO, names.HEARTBEAT, *declared.values()),
             ),
             calls=(*commands,),
             starts=(names.RUN_SCENARIO,),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from rclpy.node import Node
@@ -17,6 +18,7 @@ from ssp_core.clock import seconds_to_ns
 from ssp_core.motion.state import ObjectState as State
 from ssp_core.ros.conversions import body_status_of
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participation import Participation, declaring
 from ssp_core.safety.arming import Facts
 from ssp_core.safety.body_status import BodyStatus, known_bodies
 from ssp_core.safety.liveness import ADAPTER_SILENT_S
@@ -42,7 +44,7 @@ class StartListener:
     """
 
     def __init__(self, node: Node, spec: RunSpec) -> None:
-        self._node, self._ids = node, set(spec.object_ids)
+        self._node, self._spec, self._ids = node, spec, set(spec.object_ids)
         self._targets = [target.id for target in spec.targets]
         self._bodies: dict[str, tuple[BodyStatus, int]] = {}
         self._vut_refused = ""
@@ -51,6 +53,8 @@ class StartListener:
         self._states: dict[str, tuple[State, float]] = {}
         self._recorder_ready = False
         self._heard_s: dict[str, float] = {}
+        participants = declaring(spec) if spec.mode == "live" else ()
+        self._declared: dict[str, list[str]] = {who: [] for who in participants}
         alone = [spec.vut.id] if spec.states_in_one else spec.object_ids
         self._subscriptions: list[Any] = [
             ros.subscribe_raw(
@@ -72,12 +76,19 @@ class StartListener:
             sub(BodyStatusMsg, names.BODY_STATUS, self._on_body, ros.STATE),
             sub(LinkStatus, names.LINK_STATUS, self._on_links, ros.STATE),
             sub(LocalisationStatus, names.LOCALISATION_STATUS, self._on_localisation, ros.STATE),
+            *(ros.hear_kind(node, who, partial(self._on_kind, who)) for who in participants),
         ]
 
     @property
     def states(self) -> dict[str, State]:
         """The newest of each object, by id."""
         return {object_id: state for object_id, (state, _) in self._states.items()}
+
+    @property
+    def participation(self) -> Participation:
+        """The participants by the kind that they have declared so far."""
+        declared = {who: tuple(dict.fromkeys(kinds)) for who, kinds in self._declared.items()}
+        return Participation(self._spec.mode, declared)
 
     @property
     def knows_bodies(self) -> bool:
@@ -130,6 +141,9 @@ class StartListener:
         status = body_status_of(message)
         if status.object_id in self._ids:
             self._bodies[status.object_id] = status, seconds_to_ns(time.monotonic())
+
+    def _on_kind(self, who: str, kind: str) -> None:
+        self._declared[who] = [*self._declared[who], kind[:MOST_TEXT]][:MOST_TOLD]
 
     def _on_localisation(self, message: LocalisationStatus) -> None:
         self._vut_refused = message.reason[:MOST_TEXT]

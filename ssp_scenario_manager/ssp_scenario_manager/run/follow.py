@@ -409,7 +409,7 @@ class _Following:
                 break
             self._client.spin(0.05)
         facts = listener.facts()
-        for line in summary(self._spec, live, facts, listener.states):
+        for line in summary(self._spec, live, facts, listener.states, listener.participation):
             self._say(line)
         return PromptFacts(self._spec, facts)
 

@@ -11,6 +11,7 @@ from ssp_core import names
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.participants import ParticipantSpec
+from ssp_core.run_file.participation import Participation
 from ssp_core.safety.arming import Facts
 from ssp_core.safety.body_status import BodyStatus
 from ssp_core.safety.start_heading import UNKNOWN_AT_REST
@@ -28,7 +29,11 @@ PROMPT = (
 
 
 def summary(
-    spec: RunSpec, setup: LiveSetup, facts: Facts, states: Mapping[str, ObjectState]
+    spec: RunSpec,
+    setup: LiveSetup,
+    facts: Facts,
+    states: Mapping[str, ObjectState],
+    took_part: Participation | None = None,
 ) -> list[str]:
     """List who is connected and real, mode, distances to the starts, limits, and blind distance.
 
@@ -39,6 +44,7 @@ def summary(
         setup: which objects and localisation are of this host.
         facts: what is heard beside the states, and their ages.
         states: the newest one of the VUT and of each object, by id.
+        took_part: what the participants declare themselves to be; None: nothing is known of it.
     """
     limits = spec.limits
     lines = [f"mode {spec.mode}: {spec.scenario} on {spec.site}, session {spec.session_token}"]
@@ -57,6 +63,7 @@ def summary(
         *lines,
         f"  recorder {recorder}{camera}",
         *(f"  {who}: {text}" for who, text in strangers(facts)),
+        *((f"  what takes part: {took_part.text}",) if took_part is not None else ()),
         f"  limits: {limits.speed_mps:g} m/s, {limits.acceleration_mps2:g} m/s², "
         f"{limits.separation_m:g} m apart, {limits.duration_s:g} s long, "
         f"stop at {limits.stop_deceleration_mps2:g} m/s²",
@@ -156,14 +163,15 @@ def _age_s(facts: Facts, who: str) -> float:
 
 
 def _kind(spec: RunSpec, setup: LiveSetup, object_id: str) -> str:
-    """Tell whether a real object moves with it."""
+    """Tell whether a real object may move with it."""
     if object_id == spec.vut.id:
-        topic = setup.receiver.get("odometry") or setup.receiver.get("navsat")
-        return f"real, by {topic}" if topic else "assumed real (another node publishes its states)"
+        if topic := setup.receiver.get("odometry") or setup.receiver.get("navsat"):
+            return f"taken as real, by {topic}"
+        return "assumed real (another node publishes its states)"
     address = setup.bodies.get(object_id)
     if address is None:
         return "assumed real (another host controls it)"
-    return "mirror, nothing real moves" if address == "mirror" else f"real, body {address}"
+    return "mirror, nothing real moves" if address == "mirror" else f"taken as real, body {address}"
 
 
 def _place(spec: RunSpec, one: ParticipantSpec, facts: Facts, state: ObjectState | None) -> str:

@@ -6,15 +6,20 @@ import time
 from unittest.mock import MagicMock
 
 import pytest
+from std_msgs.msg import String
 
 from ssp_core import names
 from ssp_core.run_file.model import RunSpec
+from ssp_core.run_file.participation import declaring
+from ssp_core.safety.arming import Facts
 from ssp_core.safety.body_status import FORGOTTEN_S
 from ssp_core.safety.liveness import ADAPTER_SILENT_S
 from ssp_core.safety.publishers import LINKS_FRESH_S
 from ssp_msgs.msg import BodyStatus, LinkStatus, LocalisationStatus, RecorderStatus
 from ssp_scenario_manager.ros import start_listener
 from ssp_scenario_manager.ros.start_listener import StartListener
+from ssp_scenario_manager.run.live import LiveSetup
+from ssp_scenario_manager.run.summary import summary
 from ssp_scenario_manager.sros2 import rights
 
 
@@ -51,6 +56,19 @@ def test_reasons_of_bodies_and_receiver_are_facts_until_their_processes_are_sile
     assert set(calls) <= {*rights(run)[names.RUNNER].hears}
     listener.close()
     assert node.destroy_subscription.call_count == node.create_subscription.call_count
+
+
+def test_what_participants_declare_stands_in_the_summary(run: RunSpec) -> None:
+    live, node = run.model_copy(update={"mode": "live"}), MagicMock()
+    listener = StartListener(node, live)
+    calls = {args[1]: args[2] for args, _ in node.create_subscription.call_args_list}
+    assert {names.declared_topic(who) for who in declaring(live)} <= set(calls)
+    assert set(calls) <= {*rights(live)[names.RUNNER].hears}
+    calls[names.declared_topic("ot1")](String(data="simulated"))
+    calls[names.declared_topic("ot1")](String(data="simulated"))
+    lines = summary(live, LiveSetup({}), Facts(), {}, listener.participation)
+    (told,) = (line for line in lines if "takes part" in line)
+    assert told.startswith("  what takes part: simulated: ot1; undeclared: vut, vut/positioning")
 
 
 def test_strangers_are_those_of_the_operators_page(

@@ -44,8 +44,8 @@ def test_who_is_real_and_how_far_from_the_start(
     for part in (
         "mode live",
         "session live-1",
-        "ot1, real, body udp://10.0.0.21:9001: connected, DISARMED, 0.25 m from its start",
-        "vut, real, by /ins: connected, TOO FAR, 40.00 m from its start",
+        "ot1, taken as real, body udp://10.0.0.21:9001: connected, DISARMED, 0.25 m from its start",
+        "vut, taken as real, by /ins: connected, TOO FAR, 40.00 m from its start",
         "recorder ready",
         f"limits: {run.limits.speed_mps:g} m/s",
         "blind distance on link loss",
