@@ -22,6 +22,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Strict, TypeAd
 
 from ssp_core.errors import InputError
 from ssp_core.files.reading import check_characters
+from ssp_core.files.strict_json import parse_lenient
 from ssp_vla_bridge.messages import Answer, NativeArray, Request, of_schema, read_json
 
 HTTP_SCHEMA = "ssp.vla_http/1"
@@ -100,7 +101,7 @@ def parse_json(body: bytes) -> Any:
     """
     try:
         text = body.decode("utf-8")
-        value = json.loads(text, object_pairs_hook=_once)
+        value = parse_lenient(text)
         check_characters(value, text)
     except RecursionError as error:
         raise InputError("is nested too deeply", remedy="nest it less") from error
@@ -112,10 +113,3 @@ def parse_json(body: bytes) -> Any:
             ) from error
         raise InputError(f"is no JSON: {error}", remedy="send one JSON value, in UTF-8") from error
     return value
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    values = dict(pairs)
-    if len(values) < len(pairs):
-        raise ValueError("a key stands twice")
-    return values

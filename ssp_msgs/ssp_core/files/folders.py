@@ -26,9 +26,8 @@ def make_folder(path: str | Path) -> Path:
     except OSError as error:
         there = next(p for p in (path, *path.absolute().parents) if os.path.lexists(p))
         why = error.strerror if there.is_dir() else f"{there} is no folder"
-        raise InputError(
-            f"can't be made: {why}", file=path, remedy="name another folder"
-        ) from error
+        remedy = SYSTEM_REMEDIES.get(error.errno or 0, "name another folder")
+        raise InputError(f"can't be made: {why}", file=path, remedy=remedy) from error
     if not os.access(path, os.W_OK | os.X_OK):
         raise InputError("can't be written to", file=path, remedy="name another folder")
     return path

@@ -9,6 +9,10 @@ from typing import Any
 
 from ssp_core.errors import InputError
 
+# Python 3.11 ends at some 900 levels, and later versions read far more than what is read can be
+# walked through.
+MOST_LEVELS = 500
+
 
 class KeyTwiceError(ValueError):
     """A JSON object has a key twice, of which a reader would take either."""
@@ -35,7 +39,7 @@ def parse_strict(text: str | bytes) -> Any:
     except UnicodeDecodeError as error:
         raise ValueError(f"it is not UTF-8 (byte {error.start})") from None
     try:
-        return json.loads(plain, object_pairs_hook=_once, parse_constant=_no_number)
+        return _loads(plain, parse_constant=_no_number)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
 
@@ -47,7 +51,24 @@ def parse_lenient(text: str | bytes) -> Any:
         ValueError: it is no JSON, or an object of it has a key twice (KeyTwiceError).
         RecursionError: it is nested too deeply.
     """
-    return json.loads(text, object_pairs_hook=_once)
+    return _loads(text)
+
+
+def _loads(text: str | bytes, **options: Any) -> Any:
+    value = json.loads(text, object_pairs_hook=_once, **options)
+    _check_levels(value)
+    return value
+
+
+def _check_levels(value: Any) -> None:
+    level, count = [value], 0
+    while level := [one for one in level if isinstance(one, dict | list)]:
+        count += 1
+        if count > MOST_LEVELS:
+            raise RecursionError(f"it has more than {MOST_LEVELS} levels")
+        level = [
+            inner for one in level for inner in (one.values() if isinstance(one, dict) else one)
+        ]
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -25,7 +25,11 @@ print("imported in", os.getpid(), file=sys.stderr)
 def main():
     print(sys.argv, os.getcwd(), open("/proc/self/comm").read().strip())
     print(*(os.environ.get(name) for name in ("SET_BY_IMPORT", "GIVEN", "PYTHONPATH")))
-    print(*sorted(os.listdir("/proc/self/fd"), key=int), flush=True)
+    for number in range(3, 64):
+        try:
+            print(os.readlink(f"/proc/self/fd/{number}"), flush=True)
+        except FileNotFoundError:
+            pass
     sys.exit(int(sys.stdin.readline() or 7))
 """
 BRIEF = """
@@ -96,8 +100,8 @@ def test_a_node_has_its_own_variables_folder_name_and_no_open_file_of_others(
     said = told.log.read_text().splitlines()
     assert said[0] == f"['ssp_telling_node', '-a'] {tmp_path} telling_with_a_"
     assert said[1] == f"1 here {environment['PYTHONPATH']}"
-    # Input, output, error, and the folder that is being listed.
-    assert len(said[2].split()) == 4
+    # Beside input, output and error libraries may have files of their own, as libffi has.
+    assert all(Path(file).name.startswith("lib") for file in said[2:]), said
 
 
 def test_a_node_reads_from_its_pipe(

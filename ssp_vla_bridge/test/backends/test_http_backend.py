@@ -127,7 +127,10 @@ FINAL = {
         "is no JSON: 'utf-8' codec",
     ),
     "sends half a character": (body({"text": "\ud800"}), "half of a surrogate pair"),
-    "says a key twice": (raw("200 OK", '{"text": "a", "text": "b"}'), "a key stands twice"),
+    "says a key twice": (
+        raw("200 OK", '{"text": "a", "text": "b"}'),
+        "key 'text' stands twice",
+    ),
     "wants a key": (raw("401 Unauthorized", ""), "asks for a key (401); name the environment"),
     "forbids": (raw("403 Forbidden", ""), "asks for a key (403)"),
     "speaks another schema": (
