@@ -17,6 +17,7 @@ from itertools import combinations
 import numpy as np
 
 from ssp_core.geometry import FloatArray, wrap_angle
+from ssp_core.motion.encounter import ALONG_RAD
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.maps.arms import arm_of
 from ssp_scenario_manager.maps.block import (
@@ -342,6 +343,14 @@ def _crossing(a: _Track, b: _Track) -> tuple[float, float] | None:
     )
 
 
+def _come_in_one_lane(a: _Track, b: _Track) -> bool:
+    """Tell whether two routes that come over one road enter their junction in one lane."""
+    apart_m = float(np.hypot(*(a.xy_m[0] - b.xy_m[0])))
+    (ax, ay), (bx, by) = (track.xy_m[1] - track.xy_m[0] for track in (a, b))
+    turned_rad = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
+    return apart_m < min(a.half_m, b.half_m) and turned_rad < ALONG_RAD
+
+
 def _meeting(one: Block, other: Block, a: _Track, b: _Track) -> tuple[Conflict, Conflict] | None:
     """Return what two routes are to each other: a conflict of each with the other, or none."""
     apart = np.maximum(
@@ -387,10 +396,15 @@ def _meeting(one: Block, other: Block, a: _Track, b: _Track) -> tuple[Conflict, 
     return found[0], found[1]
 
 
-def _with_conflicts(routes: Sequence[Block]) -> list[Block]:
+def _with_conflicts(routes: Sequence[Block], known: Mapping[str, Block]) -> list[Block]:
     """Return the routes of one junction with their conflicts.
 
-    Those of one approach only part, unless two of its lanes go on in one.
+    Those of one approach only part, unless two of its lanes go on in one. A lane may be read twice,
+    as one of its road's and along its own middle, and is one lane.
+
+    Args:
+        routes: of the junction.
+        known: blocks by their ids.
     """
     tracks = [_Track.of(route) for route in routes]
     found: list[list[Conflict]] = [[] for _ in routes]
@@ -398,6 +412,9 @@ def _with_conflicts(routes: Sequence[Block]) -> list[Block]:
         one, other = routes[i], routes[j]
         of_one_approach = one.entrances == other.entrances
         if of_one_approach and (one.exits != other.exits or _own_lane(one) == _own_lane(other)):
+            continue
+        over = [known[route.entrances[0]].roads for route in (one, other)]
+        if over[0] == over[1] and _come_in_one_lane(tracks[i], tracks[j]):
             continue
         pair = _meeting(one, other, tracks[i], tracks[j])
         if pair is not None and not (of_one_approach and pair[0].kind == "crossing"):
@@ -459,7 +476,7 @@ def routes_of(
     refused += [(f"junction {name}", why) for name, why in sorted(effort.full.items())]
     for name, routes in sorted(by_junction.items()):
         if name not in effort.full:
-            found += _with_conflicts([route for _, route in sorted(routes.items())])
+            found += _with_conflicts([route for _, route in sorted(routes.items())], known)
     return found, refused
 
 

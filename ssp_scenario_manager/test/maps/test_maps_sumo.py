@@ -178,6 +178,19 @@ def test_a_lane_that_ends_before_the_one_beside_it_leads_on(net: Path) -> None:
     assert sheared.line.to_map(0.0, 0.0) == (100.0, -1.8)
 
 
+def test_routes_over_one_lane_that_is_read_twice_dont_merge(net: Path) -> None:
+    """The lane of an edge and the same one along its own middle were a ramp and a road."""
+    net.write_text(NET.replace('shape="0,-1.8 100,-1.8"', 'shape="2,-1.8 100,-1.8"'))
+    library = load_library(net)
+    assert [one.block_id for one in library.shifting] == ["edge ab lane ab_2 forward"]
+    found = {one.block_id: one.passage for one in routes_of(library)[0] if one.passage is not None}
+    over = "> edge :B_0 forward :B_0_1 > edge bc forward"
+    assert {f"junction B: edge ab {x} {over}" for x in ("forward", "lane ab_2 forward")} <= set(
+        found
+    )
+    assert not any(one.conflicts for one in found.values())
+
+
 # -- malformed networks ---------------------------------------------------------------------------
 
 
