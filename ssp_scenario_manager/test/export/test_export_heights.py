@@ -92,6 +92,15 @@ def test_a_place_beside_the_block_has_the_height_of_its_road(block_of: Any, y: f
     assert Heights(text, part).at((210.0, y)) == pytest.approx(7.0)
 
 
+def test_a_place_far_from_the_blocks_roads_has_the_height_of_the_nearest_one(block_of: Any) -> None:
+    """A car that waits across a ring from the VUT's route was refused, on a road of the map."""
+    text = hilly(block_of()).replace("</OpenDRIVE>", FRONTAGE.format(y=60, a=50) + "</OpenDRIVE>")
+    heights = Heights(text, replace(block_of(), roads=("1",)))
+    assert heights.at((100.0, 61.0)) == 50.0
+    with pytest.raises(InputError, match="60 m from the nearest road"):
+        heights.at((100.0, 120.0))
+
+
 def test_a_road_over_itself_has_the_height_of_the_level_that_the_block_is_on(block_of: Any) -> None:
     """A spiral ramp: straight on, and back over itself at a right angle."""
     quarter = 3 * math.pi / 2

@@ -34,7 +34,8 @@ class Heights:
     """Heights over a map's roads; all 0 where the map is flat.
 
     A place beside the block has the height of the block's own roads, whatever road lies nearer: a
-    frontage road, or one over a bridge. Beyond the ends of its roads, the nearest road counts.
+    frontage road, or one over a bridge. Beyond the ends of its roads, and far from them, as across
+    a ring, the nearest road counts.
 
     Args:
         xodr: text of an OpenDRIVE map; None: flat.
@@ -95,7 +96,7 @@ class Heights:
         return reached[-1].at(s) if reached else 0.0
 
     def _own_sample(self, place: Point) -> FloatArray | None:
-        """Return the sample of the block's roads beside a place, None if it lies beyond them."""
+        """Return the sample of the block's roads beside a place, None beyond or far from them."""
         own = self._own
         if self._block is None or not len(own):
             return None
@@ -107,6 +108,8 @@ class Heights:
         if not len(own):
             return None
         found = _nearest(own, place)
+        if math.hypot(found[0] - place[0], found[1] - place[1]) > _FARTHEST_M:
+            return None
         ahead = Pose2(found[0], found[1], found[4]).to_local(*place)[0]
         return None if found[5] * ahead > _SAMPLE_M else found
 
