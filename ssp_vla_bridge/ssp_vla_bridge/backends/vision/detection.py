@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ssp_vla_bridge.backends.vision.ground import GroundPlane, Mask
 
+_CLOSED_PX = (3, 5)
 _MIN_PIXELS = 14
 _MIN_HEIGHT_M = 0.7
 _MIN_WIDTH_M = 0.2
@@ -73,12 +74,16 @@ class _Blob:
 
 def detect_objects(ycc: NDArray[np.float32], foreign: Mask, plane: GroundPlane) -> list[Detection]:
     """Return the things that stand on the ground, nearest first."""
+    # Above the first foreign pixel, and what closing looks at around it, there is nothing to find.
+    first = max(0, int(foreign.any(axis=1).argmax()) - 2 * _CLOSED_PX[1])
     closed = cv2.morphologyEx(
-        foreign, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_RECT, (3, 5))
+        foreign[first:],
+        cv2.MORPH_CLOSE,
+        cv2.getStructuringElement(cv2.MORPH_RECT, _CLOSED_PX),
     )
     count, _, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
     blobs = [
-        _Blob(int(x), int(y), int(x + w), int(y + h), int(pixels))
+        _Blob(int(x), first + int(y), int(x + w), first + int(y + h), int(pixels))
         for x, y, w, h, pixels in stats[1:count]
         if pixels >= _MIN_PIXELS
     ]
