@@ -164,7 +164,7 @@ def plain_like(jpeg: bytes, grey: int) -> bytes:
     Raises:
         InputError: it is no picture.
     """
-    height, width = _decoded(jpeg).shape[:2]
+    height, width = _decoded(jpeg, cv2.IMREAD_GRAYSCALE).shape[:2]
     return _plain(width, height, grey)
 
 
@@ -186,10 +186,10 @@ def is_lost(since_start_ns: int, strength: int) -> bool:
     return int(drawn.removeprefix("sha256:")[:8], 16) < (0.4, 0.75)[strength - 1] * 2**32
 
 
-def _decoded(jpeg: bytes) -> Picture:
+def _decoded(jpeg: bytes, way: int = cv2.IMREAD_COLOR) -> Picture:
     # Of no bytes at all OpenCV raises an error of its own.
     data = np.frombuffer(jpeg, np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if jpeg else None
+    image = cv2.imdecode(data, way) if jpeg else None
     if image is None:
         raise InputError(
             "is no picture", field="frame", remedy="give a recording whose frames can be decoded"
