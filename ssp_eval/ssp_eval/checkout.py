@@ -109,8 +109,6 @@ def _run_all(
         nothing: further statuses that are no failure: pytest ends with 5 where nothing is chosen.
     """
     environment = dict(os.environ)
-    # As many processes as processors: a small matrix isn't worth waiting for each other's threads.
-    environment.setdefault("OPENBLAS_NUM_THREADS", "1")
     environment[MODEL_VARIABLE] = str(root / MODEL_FOLDER)
     environment["NO_MKDOCS_2_WARNING"] = "1"
     # Tests replace functions of modules, which compiled ones call directly.

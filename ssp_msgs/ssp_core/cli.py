@@ -18,7 +18,7 @@ import click
 from ssp_core import __version__
 from ssp_core.cycles import search_as_usual
 from ssp_core.errors import SYSTEM_REMEDIES, InputError, SspError
-from ssp_core.host.environment import set_log_folder, set_middleware_aside
+from ssp_core.host.environment import ONE_THREAD, set_log_folder, set_middleware_aside
 from ssp_core.host.terminal import end_at_once, lost_output, on_stop_signals, survive_lost_output
 
 # verb: (module:function, one line of help). A verb's module is imported when it runs or shows
@@ -176,6 +176,7 @@ def main(args: list[str] | None = None) -> int:
     # No file model has a plugin, and pydantic looks for them among all installed packages. The
     # nodes of a session inherit it.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    os.environ.setdefault(*ONE_THREAD)  # before numpy is imported
     for line in (set_middleware_aside(os.environ), set_log_folder(os.environ)):
         if line:
             click.echo(f"ssp: {line}", err=True)

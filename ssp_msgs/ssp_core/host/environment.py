@@ -56,8 +56,9 @@ _ARP = Path("/proc/net/arp")
 _ARP_COMPLETE = 0x2
 _ONE_HOST = Path(__file__).parents[1] / "config" / "fastdds_one_host.xml"
 _ONE_HOST_UDP = _ONE_HOST.with_name("fastdds_one_host_udp.xml")
-# A node's matrices are small, and threads for large ones cost each start 40 ms of a processor.
-_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
+# Matrices are small here. Threads for large ones cost each start 40 ms of a processor, and an audit
+# a tenth of its time, in which they wait for each other.
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
 
 
 def finds_sessions(name: str) -> bool:
@@ -302,7 +303,7 @@ def session_environment(domain_id: int, profile: Path | None = None) -> dict[str
     env["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     env["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
     env["PYTHONUNBUFFERED"] = "1"
-    env.setdefault(*_ONE_THREAD)
+    env.setdefault(*ONE_THREAD)
     if has_room():
         env["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile or _ONE_HOST)
     return env
@@ -349,5 +350,5 @@ def live_environment(profile: Path) -> dict[str, str]:
         # say. A super client hears of everybody.
         env.setdefault("ROS_SUPER_CLIENT", "TRUE")
     env["PYTHONUNBUFFERED"] = "1"
-    env.setdefault(*_ONE_THREAD)
+    env.setdefault(*ONE_THREAD)
     return env
