@@ -75,7 +75,9 @@ class InProcessRecorder(Closing):
         self.not_given_back: list[str] = []
         self._attachments = run_attachments(run_file)
         self._camera = None if run.camera is None else make_camera(run, server, self._take_server)
-        self._writer = BagWriter(bag, maker=Maker.RECORDER)
+        # A campaign keeps thousands of driven runs.
+        packed = run.driven is not None
+        self._writer = BagWriter(bag, maker=Maker.RECORDER, packed=packed)
         self._records: dict[str, TopicRecord] = {}
         for name, media_type, data in self._attachments:
             self._writer.attach(name, data, media_type)

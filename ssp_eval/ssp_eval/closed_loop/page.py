@@ -37,9 +37,9 @@ from ssp_eval.pages import style
 from ssp_eval.score.cli import NULL
 from ssp_eval.statistics.grids import Grid, grid
 from ssp_eval.statistics.table import Table, counted
-from ssp_scenario_manager.closed_loop.campaigns.bags import bag_folder
 from ssp_scenario_manager.closed_loop.campaigns.groups import headings_of
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES, PRIVILEGED, ZERO
+from ssp_scenario_manager.closed_loop.campaigns.row_bags import bag_folder
 from ssp_scenario_manager.closed_loop.campaigns.runs import jobs_of
 from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL
 from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS

@@ -169,8 +169,15 @@ def read_source(path: Path, start_s: float = 0.0) -> Source:
         start_s: of a video, where its clip begins.
 
     Raises:
-        InputError: it is neither, has no frames, or is of a session that never ran.
+        InputError: it isn't there, is neither, has no frames, or is of a session that never ran.
     """
+    if not path.exists():
+        raise InputError(
+            "is not there",
+            file=path,
+            remedy="name a recording: the folder of `ssp run` or of `ssp import-video`, a bag, or "
+            "a video such as a .mp4",
+        )
     if not is_bag(path):
         times_s = video_times(path, start_s)
         frames_s = tuple(t_s - times_s[0] for t_s in times_s)

@@ -45,9 +45,9 @@ from ssp_eval.closed_loop.words import words_tables
 from ssp_eval.report.cli import report
 from ssp_eval.statistics.rows import CellRow
 from ssp_eval.statistics.table import texts
-from ssp_scenario_manager.closed_loop.campaigns.bags import bag_folder
 from ssp_scenario_manager.closed_loop.campaigns.cards import CARDS_SCHEMA
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import BASELINES
+from ssp_scenario_manager.closed_loop.campaigns.row_bags import bag_folder
 from ssp_scenario_manager.closed_loop.campaigns.seal import STARTS_SCHEMA, Draw
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS
 from tests.support.loop_runs import LATENCIES, MINE, made_run

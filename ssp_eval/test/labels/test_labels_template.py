@@ -169,6 +169,16 @@ def test_an_event_names_the_version_of_a_clips_truth(
     assert "none.json" in text_of(capsys)
 
 
+@pytest.mark.parametrize("name", ["run", "run/bag", "clip.mp4"])
+def test_a_recording_that_is_not_there_is_missed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    """A folder that is missing isn't taken for a video file."""
+    assert new(tmp_path / name, tmp_path / "l.json", "--event", "cut_in") == 1
+    said = " ".join(text_of(capsys).split())
+    assert f"{name}: is not there; name a recording: the folder of `ssp run`" in said
+
+
 def test_what_is_no_video_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "no.mp4").write_bytes(b"no video")
     assert new(tmp_path / "no.mp4", tmp_path / "l.json", "--scenario", "m") == 1

@@ -171,3 +171,21 @@ def test_a_bag_of_very_many_topics_is_closed_and_opened_by_every_reader(tmp_path
     assert sorted(topic for topic, _, _ in by_rosbags(tmp_path / "bag")) == sorted(names)
     information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())[ROOT_KEY]
     assert information == bag_information(writer.facts())
+
+
+@pytest.mark.parametrize("split", [None, Split(max_s=1.0)], ids=["one file", "several"])
+def test_others_read_packed_chunks_as_plain_ones(split: Split | None, tmp_path: Path) -> None:
+    for name in ("plain", "packed"):
+        path = tmp_path / name
+        with BagWriter(path, name="run_0", split=split, packed=name == "packed") as writer:
+            writer.add_topic("/x", STRING, offered_qos(50))
+            for k, size in enumerate(SIZES * 2):
+                writer.write("/x", text("x" * size), k * 300_000_000, k, k)
+    plain, packed = (sorted((tmp_path / name).glob("*.mcap")) for name in ("plain", "packed"))
+    assert len(packed) == len(plain) == (1 if split is None else 4)
+    assert [by_mcap(file) for file in packed] == [by_mcap(file) for file in plain]
+    assert by_rosbags(tmp_path / "packed") == by_rosbags(tmp_path / "plain")
+    with BagReader(tmp_path / "packed") as ours, BagReader(tmp_path / "plain") as theirs:
+        assert list(ours.messages()) == list(theirs.messages())
+    sizes = [sum(file.stat().st_size for file in files) for files in (packed, plain)]
+    assert 20 * sizes[0] < sizes[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 import shutil
 import struct
 from collections.abc import Callable, Iterator, Sequence
@@ -43,10 +44,16 @@ def text(words: str) -> bytes:
 
 
 def write(
-    path: Path, split: Split | None = None, *, large: bool = False, name: str | None = None
+    path: Path,
+    split: Split | None = None,
+    *,
+    large: bool = False,
+    name: str | None = None,
+    packed: bool = False,
 ) -> Path:
     """A bag of six chunks with three messages each."""
-    with BagWriter(path, split=split, maker=Maker.RECORDER, name=name) as writer:
+    maker = Maker.RECORDER
+    with BagWriter(path, split=split, maker=maker, name=name, packed=packed) as writer:
         writer.attach("run.yaml", b"run", "application/yaml")
         writer.add_topic("/text", "std_msgs/msg/String")
         for chunk in range(CHUNKS):
@@ -355,6 +362,38 @@ def test_large_messages_are_in_the_seal(tmp_path: Path) -> None:
     data[chunks(file)[1].end - 9] ^= 1
     file.write_bytes(with_checksums(data))
     assert files_seal([file], whole=False).altered == "chunk 2 of bag_0.mcap"
+
+
+def noise(size: int) -> str:
+    """Text that packs badly."""
+    return random.Random(1).randbytes(size).hex()
+
+
+@pytest.mark.parametrize("split", [None, Split(max_s=1.5)], ids=["one file", "several"])
+def test_packed_chunks_are_sealed_as_they_are_stored(split: Split | None, tmp_path: Path) -> None:
+    bag = write(tmp_path / "bag", split, packed=True)
+    seal = seal_of(bag)
+    assert (seal.is_sound, seal.chunks, seal.end) == (True, CHUNKS, sealed_end(bag))
+    end = leave_verdict(bag, Verdict.VALID, [], "runner")
+    assert (seal_of(bag).is_sound, seal_of(bag).end) == (True, end)
+    assert check_bag(bag).ok
+    again = write(tmp_path / "again", split, name="bag_0", packed=True)
+    assert seal_of(again).ends == seal.ends
+
+
+def test_a_large_packed_message_is_sealed_whole(tmp_path: Path) -> None:
+    path = tmp_path / "bag"
+    with BagWriter(path, packed=True) as writer:
+        writer.add_topic("/text", "std_msgs/msg/String")
+        writer.write("/text", text(noise(2 * LARGE_BYTES)), 1, 1)
+    (file,) = path.glob("*.mcap")
+    assert seal_of(path).is_sound
+    (chunk,) = chunks(file)
+    assert chunk.length > LARGE_BYTES
+    data = bytearray(file.read_bytes())
+    data[chunk.offset + chunk.length // 2] ^= 1
+    file.write_bytes(data)
+    assert not seal_of(path).is_sound
 
 
 def test_a_bag_of_others_is_not_sealed(bag: Path) -> None:

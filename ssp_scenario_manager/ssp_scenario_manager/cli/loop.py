@@ -17,7 +17,7 @@ from ssp_core.host.locks import beside_measuring, measuring_alone
 from ssp_core.options import WholeNumber
 from ssp_scenario_manager.closed_loop.answers import repeated
 from ssp_scenario_manager.closed_loop.campaigns.again import run_of_row
-from ssp_scenario_manager.closed_loop.campaigns.bags import Bags, bag_rows, write_bags
+from ssp_scenario_manager.closed_loop.campaigns.bags import bag_rows, write_bags
 from ssp_scenario_manager.closed_loop.campaigns.campaign import run_campaign
 from ssp_scenario_manager.closed_loop.campaigns.cards import CARDS_FILE, load_cards
 from ssp_scenario_manager.closed_loop.campaigns.groups import (
@@ -30,6 +30,7 @@ from ssp_scenario_manager.closed_loop.campaigns.plan_file import (
     load_plan,
     try_drivers,
 )
+from ssp_scenario_manager.closed_loop.campaigns.row_bags import Bags
 from ssp_scenario_manager.closed_loop.campaigns.seal import check_sources
 from ssp_scenario_manager.closed_loop.outcomes.rates import Rates
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUNS_FILE, TABLE_FILE, rows_there
@@ -70,10 +71,10 @@ AGAIN_FOLDER = "again"
 @click.option(
     "--bags",
     type=click.Choice(["all", "failed", "none"]),
-    default="failed",
+    default="all",
+    show_default=True,
     help="Runs whose bags are kept in OUT/bags; failed: those without success, and all runs on "
-    "the first start of each event. A finished campaign gets the bags that it lacks.  "
-    "[default: failed]",
+    "the first start of each event. A finished campaign gets the bags that it lacks.",
 )
 @click.option(
     "--drive",
@@ -133,7 +134,9 @@ def loop(
     try_drivers(plan)
     with taken_folder(out):
         with console.progress("runs", None, estimated=True) as bar:
-            rates, refused = run_campaign(plan, out, jobs, _counted(bar), console.note, engine)
+            rates, refused = run_campaign(
+                plan, out, jobs, _counted(bar), console.note, engine, bags
+            )
         # Said first: recording can fail, as on a full disk.
         _say(rates, refused, out, as_json)
         recorded = list(bag_rows(plan, rows_there(out / RUNS_FILE), bags))

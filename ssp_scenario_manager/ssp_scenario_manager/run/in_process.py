@@ -34,7 +34,7 @@ from ssp_scenario_manager.session import outbox
 from ssp_scenario_manager.session.run_script import RunOutcome
 
 if TYPE_CHECKING:
-    from ssp_scenario_manager.run.in_process_recording import SessionRecording
+    from ssp_scenario_manager.run.kept_session import KeptSession, SessionListener
 
 _COLUMNS = ("stamp_ns", "x_m", "y_m", "yaw_rad", "speed_mps", "acceleration_mps2", "yaw_rate_radps")
 _VALUES = attrgetter(*_COLUMNS)
@@ -130,7 +130,7 @@ class InProcessResult:
 def run_in_process(
     spec: RunSpec,
     work_dir: Path | None = None,
-    recording: SessionRecording | None = None,
+    listener: SessionListener | None = None,
     answers: Sequence[RecordedAnswer] | None = None,
 ) -> tuple[InProcessResult, Record]:
     """Run a session in this process, as fast as it goes.
@@ -138,7 +138,7 @@ def run_in_process(
     Args:
         spec: the run, in mode lockstep.
         work_dir: for SUMO's files, where there is traffic.
-        recording: of it.
+        listener: takes all that the session's nodes would say; None: nothing does.
         answers: that the model of a driven run gave before, and repeats; None: it is asked.
 
     Returns:
@@ -152,7 +152,7 @@ def run_in_process(
     # Nothing here makes cycles, and looking for some in every kept state takes its time.
     collects = gc.isenabled()
     gc.disable()
-    session = InProcessSession(spec, plant, record.reports.append, recording=recording)
+    session = InProcessSession(spec, plant, record.reports.append, listener=listener)
     try:
         session.run()
     except NotRecordedError as error:
@@ -216,11 +216,39 @@ def run_recorded(
     from ssp_scenario_manager.run.report import measured
 
     with SessionRecording(spec, run_file, bag, server) as recording:
-        result, record = run_in_process(spec, recording=recording, answers=answers)
+        result, record = run_in_process(spec, listener=recording, answers=answers)
     for line in recording.recorder.not_given_back:
         say(line)
     seal = leave_verdict(bag, result.verdict, result.reasons, "runner")
     return result, record, {"bag": bag.name, "seal": seal, "measured": measured(bag, spec, say)}
+
+
+def leave_recording(
+    spec: RunSpec, run_file: Path, bag: Path, kept: KeptSession, result: InProcessResult
+) -> dict[str, Any]:
+    """Leave the bag of a run in one process that is over, with the verdict in it.
+
+    Args:
+        spec: the run; its camera, if it has one, is drawn by our own renderer.
+        run_file: holds ``spec``; its task lies beside it.
+        bag: a new folder.
+        kept: what was said in the run.
+        result: of the run.
+
+    Returns:
+        What ``result.json`` says of the bag.
+
+    Raises:
+        InputError: a file of the task can't be taken.
+        HostError: the disk doesn't take the bag.
+    """
+    from ssp_scenario_manager.run.in_process_recording import SessionRecording
+    from ssp_scenario_manager.run.report import ReportInput, told
+
+    with SessionRecording(spec, run_file, bag) as recording:
+        kept.tell(recording)
+    seal = leave_verdict(bag, result.verdict, result.reasons, "runner")
+    return {"bag": bag.name, "seal": seal, "measured": told(ReportInput.of_kept(kept, spec), spec)}
 
 
 def judged(

@@ -29,7 +29,7 @@ from ssp_scenario_manager.session.state_machine import SessionEvent
 from ssp_scenario_manager.session.supervision import AbortWatch, LivenessMonitor
 
 if TYPE_CHECKING:
-    from ssp_scenario_manager.run.in_process_recording import SessionRecording
+    from ssp_scenario_manager.run.kept_session import SessionListener
 
 WHO = "run_scenario"
 HOLD_NS = seconds_to_ns(0.1)
@@ -53,7 +53,7 @@ class InProcessSession:
     Args:
         on_report: is given every report of the running world.
         on_hold: is given every report of the world that holds.
-        recording: takes all that the session's nodes would say; None: it isn't recorded.
+        listener: takes all that the session's nodes would say; None: nothing does.
 
     Attributes:
         sent: everything that the session sent, in its order.
@@ -66,7 +66,7 @@ class InProcessSession:
         plant: Plant,
         on_report: OnReport = _ignore,
         on_hold: OnReport = _ignore,
-        recording: SessionRecording | None = None,
+        listener: SessionListener | None = None,
     ) -> None:
         self.session = Session()
         self.sent: list[outbox.Outgoing] = []
@@ -76,7 +76,7 @@ class InProcessSession:
         self._plant = plant
         self._on_report = on_report
         self._on_hold = on_hold
-        self._recording = recording
+        self._listener = listener
         self._now_ns = 0
         self._steady_ns = 0
         self._abort = AbortWatch()
@@ -211,12 +211,12 @@ class InProcessSession:
         self._take(report)
 
     def _record(self, report: StepReport) -> None:
-        if self._recording is not None:
-            self._recording.hear(report)
+        if self._listener is not None:
+            self._listener.hear(report)
 
     def _answer(self) -> None:
-        if self._recording is not None:
-            self._recording.answer(self._now_ns, self.session.state)
+        if self._listener is not None:
+            self._listener.answer(self._now_ns, self.session.state)
 
     def _take(self, report: StepReport) -> None:
         session = self.session
@@ -273,8 +273,8 @@ class InProcessSession:
         while self.session.outbox:
             fact = self.session.outbox.pop(0)
             self.sent.append(fact)
-            if self._recording is not None:
-                self._recording.sent(fact)
+            if self._listener is not None:
+                self._listener.sent(fact)
             if isinstance(fact, Reference):
                 self._fresh.append(fact)
             elif isinstance(fact, outbox.ObjectCommand):

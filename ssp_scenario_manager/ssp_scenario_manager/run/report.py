@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from ssp_core import names
 from ssp_core.bag.reading.reader import BagReader, object_states
+from ssp_core.bag.types import typestore
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.cdr.references import Acknowledgement, decode_ack, decode_reference
 from ssp_core.clock import ns_to_seconds, seconds_to_ns
@@ -22,8 +24,12 @@ from ssp_core.names import absolute
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.link_quality import LossCounter
 from ssp_core.vocabulary import ControlState, SessionPhase
+from ssp_scenario_manager.run.kept_session import KeptSession
+from ssp_scenario_manager.session import outbox
+from ssp_scenario_manager.session.messages import encode_trigger
 
 SCHEMA = "ssp.measured/1"
+_TRIGGER = "ssp_msgs/msg/TriggerEvent"
 # States of so long before the dispatch show the noise, so many at least.
 BEFORE_S = 2.0
 LEAST_STATES = 5
@@ -216,6 +222,52 @@ class ReportInput:
             references=references,
             acks=acks,
             states=object_states(bag, [names.VUT_ID, *targets]),
+        )
+
+    @classmethod
+    def of_kept(cls, kept: KeptSession, spec: RunSpec) -> ReportInput:
+        """Take what a session's bag holds from the session itself."""
+        targets = {target.id for target in spec.targets}
+        facts = list(kept.facts())
+        references: dict[str, Reference] = {}
+        for fact in facts:
+            if isinstance(fact, Reference) and fact.object_id in targets:
+                references.setdefault(fact.reference_id, fact)
+        acks: dict[str, Acknowledgement] = {}
+        stamped: dict[str, list[tuple[int, ObjectState]]] = {
+            name: [] for name in (names.VUT_ID, *targets)
+        }
+        for report in kept.reports():
+            for ack in report.acks:
+                if ack.object_id in targets:
+                    acks.setdefault(ack.reference_id, ack)
+            # An array of states is one message, of the stamp of its newest one.
+            newest_ns = max((one.stamp_ns for one in report.target_states), default=0)
+            for one in (*report.vut_states, *report.target_states):
+                in_one = spec.states_in_one and one.object_id in targets
+                at_ns = newest_ns if in_one else one.stamp_ns
+                stamped[one.object_id].append((at_ns, one))
+        return cls(
+            started_ns=next(
+                (
+                    fact.stamp_ns
+                    for fact in facts
+                    if isinstance(fact, outbox.StateChanged) and fact.state is SessionPhase.RUNNING
+                ),
+                0,
+            ),
+            firings=[
+                typestore().deserialize_cdr(encode_trigger(fact, 0.0), _TRIGGER)
+                for fact in facts
+                if isinstance(fact, outbox.TriggerDecision)
+            ],
+            references=references,
+            acks=acks,
+            # Readers order a bag by the times of its messages.
+            states={
+                name: [one for _, one in sorted(found, key=itemgetter(0))]
+                for name, found in stamped.items()
+            },
         )
 
     def s(self, time_ns: int) -> float:

@@ -392,9 +392,6 @@ def for_one_process(spec: RunSpec, *, camera: bool = False) -> RunSpec:
 Further = Callable[[RunSpec, InProcessResult, Record], tuple[dict[str, Any], str]]
 
 
-def _say_nothing(_: str) -> None: ...
-
-
 def _nothing_further(_: RunSpec, __: InProcessResult, ___: Record) -> tuple[dict[str, Any], str]:
     return {}, ""
 
@@ -408,7 +405,6 @@ def run_one(
     server: ServerOfRun | None = None,
     further: Further = _nothing_further,
     answers: Sequence[RecordedAnswer] | None = None,
-    quiet: bool = False,
 ) -> dict[str, Any]:
     """Do one run, which leaves run.yaml, states.npz and result.json; return the last's content.
 
@@ -421,14 +417,12 @@ def run_one(
         further: returns what else ``result.json`` says of the run, and why its verdict can't
             stand.
         answers: that the model of a driven run gave before, and repeats; None: it is asked.
-        quiet: prints nothing of the run.
     """
     run_file = folder / "run.yaml"
     write_text(run_file, spec.model_dump_json(by_alias=True, indent=1) + "\n")
     if recorded:
         bag = folder / "bag"
-        say = _say_nothing if quiet else console.note
-        result, record, told = run_recorded(spec, run_file, bag, say, server, answers)
+        result, record, told = run_recorded(spec, run_file, bag, console.note, server, answers)
     else:
         (result, record), told = run_in_process(spec, answers=answers), {}
     more, why = further(spec, result, record)
@@ -437,9 +431,8 @@ def run_one(
         if recorded:
             told["seal"] = leave_verdict(bag, result.verdict, result.reasons, "runner")
     written = result_json(spec, result) | told | {"compiled_core": core_in_use()} | more
-    if not quiet:
-        # Said first: the disk may be full.
-        _say(spec, folder, result, written, as_json)
+    # Said first: the disk may be full.
+    _say(spec, folder, result, written, as_json)
     save_states(folder / "states.npz", spec, record)
     write_json(folder / RESULT_FILE, written)
     return written

@@ -35,7 +35,7 @@ Ended = tuple[Outcome, InProcessResult, dict[SessionPhase, int], list[tuple[Safe
 def ended(run: RunSpec, start: Start) -> Ended:
     """Return what a run came to, when its session changed, and the limits that objects saw."""
     said: list[object] = []
-    result, record = run_in_process(run, recording=Mock(sent=said.append))
+    result, record = run_in_process(run, listener=Mock(sent=said.append))
     changes = {one.state: one.stamp_ns for one in said if isinstance(one, outbox.StateChanged)}
     seen = [(one.code, one.object_id) for report in record.reports for one in report.limits]
     assert run.driven is not None

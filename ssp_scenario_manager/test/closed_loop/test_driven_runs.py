@@ -430,7 +430,7 @@ def test_a_driver_that_is_asked_nothing_has_no_latency(
     assert (figures["answers"], figures["p50_s"], figures["p99_s"]) == (0, None, None)
     say_driven({**told, "needless": ""})
     assert "L: – (nothing was asked)" in capsys.readouterr().out
-    assert "L measured, nothing asked" in top_view(run, record, told)
+    assert "L measured, nothing asked" in top_view(run, record, told, None)
     # One that can't be loaded wasn't asked, and one whose time ran out was.
     lost = GivenAnswer(None, ended="it can't be loaded")
     late = GivenAnswer(None, LatencyParts(2_000_000_000), "gave no answer within 2 s")

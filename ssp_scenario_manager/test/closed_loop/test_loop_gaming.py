@@ -242,7 +242,7 @@ def test_a_dip_is_avoided_and_needless_in_a_campaigns_row_and_in_a_runs_result(
     sealed = json.dumps({"event": "crossing_car", "kind": "critical", **start.sealed()})
     (row,) = rows_of(Job(sealed, SCRIPTED, (LATENCY,), repeats=1, seed=1)).rows
     drove = drive_start(start, SCRIPTED, LATENCY)
-    told = told_of_run(drove.run, drove.result, drove.record)["driven"]
+    told = told_of_run(drove.run, drove.result, drove.record)[0]["driven"]
     for said in (dict(zip(RUN_COLUMNS, row, strict=True)), told):
         assert said["outcome"] == "avoided"
         assert said["needless"] == "driven as here, it has no contact in the event either"

@@ -283,7 +283,9 @@ def test_a_model_that_can_not_be_loaded_ends_one_run_and_is_refused_by_a_command
     assert outcome.why.startswith("it can't be loaded")
     assert run.driven is not None
     # The view from above shows no plan, where there is none.
-    assert "<svg" in top_view(run, record, told_of(run.driven, record, outcome, None))
+    assert "<svg" in top_view(
+        run, record, told_of(run.driven, record, outcome, None), outcome.contact
+    )
     with pytest.raises(
         InputError, match=r"driver mine: can't be loaded: backend_options.*is_not_there"
     ):
@@ -510,7 +512,7 @@ def test_a_question_that_is_not_the_recorded_one_is_our_fault(start: Start, fold
     other = [*kept[:9], replace(kept[9], question="sha256:0"), *kept[10:]]
     said: list[Any] = []
     recording = Mock(sent=said.append)
-    result, record = run_in_process(run, recording=recording, answers=other)
+    result, record = run_in_process(run, listener=recording, answers=other)
     outcome = outcome_of(run, run.driven, result, record, start.twin)
     assert (outcome.kind, result.verdict.name) == ("harness", "INVALID_HARNESS")
     assert outcome.at_s == record.reports[-1].now_ns / 1e9

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from ssp_core.errors import InputError
+from ssp_core.errors import InputError, PeerError
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
 from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
@@ -23,7 +23,8 @@ from ssp_scenario_manager.closed_loop.outcomes.outcome import Drove
 from ssp_scenario_manager.closed_loop.starts.start import Start, make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
-from ssp_vla_bridge.backend import make_backend
+from ssp_vla_bridge.backend import DeclinedError, make_backend
+from ssp_vla_bridge.backends.node import error_of
 from support.processes import end
 
 BACKENDS = """
@@ -45,6 +46,24 @@ def raises(options):
 
 def leaves(options):
     return Odd("leaves")
+"""
+
+
+# A bridge of others, whose answers have an error code that VlaResponse.msg doesn't have.
+OTHERS = """
+import rclpy
+from rclpy.qos import QoSProfile
+from ssp_msgs.msg import VlaRequest, VlaResponse
+
+rclpy.init()
+node = rclpy.create_node("others")
+publisher = node.create_publisher(VlaResponse, "/ssp/vla/theirs/response", QoSProfile(depth=10))
+
+def answer(request):
+    publisher.publish(VlaResponse(request_id=request.request_id, error_code=99, error_msg="odd"))
+
+node.create_subscription(VlaRequest, "/ssp/vla/theirs/request", answer, QoSProfile(depth=10))
+rclpy.spin(node)
 """
 
 
@@ -74,6 +93,8 @@ def bridge(domain: int, tmp_path: Path) -> Iterator[Callable[[str], Any]]:
     def begin(backend: str) -> Any:
         command = [sys.executable, "-m", "ssp_vla_bridge.ros.vla_bridge", "--ros-args"]
         command += ["-p", "model:=theirs", "-p", f"backend:={backend}"]
+        if backend == "others":
+            command = [sys.executable, "-c", OTHERS]
         process = subprocess.Popen(command, cwd=tmp_path, env=session_environment(domain))
         started.append(process)
         return process
@@ -111,10 +132,11 @@ def test_an_error_of_a_running_bridge_is_a_refused_plan_and_its_end_the_drivers(
     start: Start, domain: int, bridge: Callable[[str], Any]
 ) -> None:
     for does, kind, why in (
-        ("raises", "fallback", "no weights"),
-        ("leaves", "died", "left its topics"),
+        ("odd_backends:raises", "fallback", "no weights"),
+        ("others", "fallback", "vla/theirs/response: error_code is no number of VlaResponse.msg"),
+        ("odd_backends:leaves", "died", "left its topics"),
     ):
-        process = bridge(f"odd_backends:{does}")
+        process = bridge(does)
         drove = led(start, backend="node", topic="theirs", domain_id=domain)
         assert drove.outcome.kind == kind
         first = drove.answers[0].given
@@ -134,3 +156,16 @@ def test_an_error_of_a_running_bridge_is_a_refused_plan_and_its_end_the_drivers(
 def test_a_bridge_without_a_place_is_refused(given: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         make_backend("node", given)
+
+
+def test_an_error_code_that_the_message_does_not_have_is_named_with_those_that_it_has() -> None:
+    assert error_of("vla/theirs/response", 0, "") is None
+    declined = error_of("vla/theirs/response", 6, "filtered")
+    assert (type(declined), str(declined)) == (DeclinedError, "filtered")
+    unknown = error_of("vla/theirs/response", 99, "odd")
+    assert type(unknown) is PeerError
+    assert str(unknown) == (
+        "vla/theirs/response: error_code is no number of VlaResponse.msg (got 99, and 'odd'); "
+        "expected is one of 0 NONE, 1 TIMEOUT, 2 BACKEND, 3 OVERLOAD, 4 BAD_REQUEST, 5 BROKEN_OFF, "
+        "6 DECLINED"
+    )

@@ -6,15 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ssp_core.errors import InputError
+from ssp_core.errors import InputError, PeerError, SspError
 from ssp_core.run_file.driven import is_driver_name
-from ssp_vla_bridge.backend import check_options, number_option
+from ssp_vla_bridge.backend import CODES, check_options, number_option
+from ssp_vla_bridge.messages import ErrorCode
 
 _BACKEND = "node"
 _KNOWN = {"topic": str, "domain_id": int, "interface": str, "start_s": float}
 _START_S = 30.0
 # The ports of a higher domain don't exist.
 _MOST_DOMAIN = 232
+_ERRORS = {code: kind for kind, code in CODES.items()}
 
 
 @dataclass(frozen=True)
@@ -57,3 +59,22 @@ def read_options(options: Mapping[str, Any]) -> NodeOptions:
     return NodeOptions(
         topic, int(domain_id), number_option(options, "start_s", _START_S, 0.0, 600.0)
     )
+
+
+def error_of(topic: str, code: int, text: str) -> SspError | None:
+    """Return the error that a running bridge answered with; None: it is none.
+
+    Args:
+        topic: of its answers.
+        code: error_code of VlaResponse.msg.
+        text: error_msg of it.
+    """
+    try:
+        known = ErrorCode(code)
+    except ValueError:
+        numbers = ", ".join(f"{one.value} {one.name}" for one in ErrorCode)
+        return PeerError(
+            f"{topic}: error_code is no number of VlaResponse.msg (got {code}, and {text!r}); "
+            f"expected is one of {numbers}"
+        )
+    return None if known is ErrorCode.NONE else _ERRORS.get(known, PeerError)(text)

@@ -16,16 +16,15 @@ from ssp_core.errors import PeerError
 from ssp_core.names import vla_request_topic, vla_response_topic
 from ssp_core.ros import VLA, init, make_executor, make_node
 from ssp_msgs.msg import VlaRequest, VlaResponse
-from ssp_vla_bridge.backend import CODES, NotTakenError
-from ssp_vla_bridge.backends.node import read_options
+from ssp_vla_bridge.backend import NotTakenError
+from ssp_vla_bridge.backends.node import error_of, read_options
 from ssp_vla_bridge.backends.recorded import response_of_message
-from ssp_vla_bridge.messages import Answer, ErrorCode, Request
+from ssp_vla_bridge.messages import Answer, Request
 from ssp_vla_bridge.ros.conversions import request_to_msg
 
 _LOOK_S = 0.05
 # A node that left its topics in between may be seen late by discovery, and not be gone.
 _GONE_S = 2.0
-_ERRORS = {code: kind for kind, code in CODES.items()}
 
 
 class NodeClient:
@@ -82,10 +81,11 @@ class NodeClient:
         try:
             response = response_of_message(self._got)
         except (ValueError, RecursionError) as error:
-            raise PeerError(f"the answer can't be read: {error}") from error
+            raise PeerError(f"{self._responses}: the answer can't be read: {error}") from error
         self._model_id = response.model_id
-        if response.error_code:
-            raise _ERRORS.get(ErrorCode(response.error_code), PeerError)(response.error_msg)
+        refused = error_of(self._responses, response.error_code, response.error_msg)
+        if refused is not None:
+            raise refused
         return Answer(response.text, response.arrays, response.decoding)
 
     def _is_there(self) -> bool:

@@ -13,6 +13,7 @@ from io import FileIO
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
+import zstandard
 from isal.isal_zlib import crc32, crc32_combine
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -47,6 +48,10 @@ MESSAGE_HEAD = struct.Struct("<BQHIQQ")
 MESSAGE_BODY_BYTES = MESSAGE_HEAD.size - 9
 # Opcode, length, start, end, uncompressed size, CRC, length of the compression's name, data length.
 CHUNK_HEAD = struct.Struct("<BQQQQIIQ")
+# The same with the name of a compression; states and plans pack to a tenth at its lowest level, in
+# a thousandth of the time that a run takes.
+PACKED_HEAD = struct.Struct("<BQQQQII4sQ")
+PACKING, PACKING_LEVEL = "zstd", 1
 # Opcode, length, channel, length of the entries; each entry is a log time and an offset.
 INDEX_HEAD = struct.Struct("<BQHI")
 INDEX_ENTRY_BYTES = 16
@@ -72,11 +77,16 @@ class FinishedChunk(NamedTuple):
 
 
 class ChunkBuilder:
-    """The open chunk: a reference to each large message, a copy of the small ones."""
+    """The open chunk: a reference to each large message, a copy of the small ones.
 
-    __slots__ = ("_buffers", "_entries", "_small", "size")
+    Args:
+        packed: its content is compressed when it is finished.
+    """
 
-    def __init__(self) -> None:
+    __slots__ = ("_buffers", "_entries", "_small", "packed", "size")
+
+    def __init__(self, *, packed: bool = False) -> None:
+        self.packed = packed
         self._clear()
 
     def _clear(self) -> None:
@@ -139,19 +149,27 @@ class ChunkBuilder:
         for buffer in payload:
             payload_crc = crc32(buffer, payload_crc)
         start_ns, end_ns = self.times() or (0, 0)
-        head = CHUNK_HEAD.pack(
+        if self.packed:
+            packed = zstandard.ZstdCompressor(level=PACKING_LEVEL).compress(b"".join(payload))
+            payload, stored_bytes, stored_crc = [packed], len(packed), crc32(packed)
+            layout, name = PACKED_HEAD, PACKING.encode()
+        else:
+            stored_bytes, stored_crc = self.size, payload_crc
+            layout, name = CHUNK_HEAD, b""
+        head = layout.pack(
             Opcode.CHUNK,
-            CHUNK_HEAD.size - 9 + self.size,
+            layout.size - 9 + stored_bytes,
             start_ns,
             end_ns,
             self.size,
             payload_crc,
-            0,
-            self.size,
+            len(name),
+            *([name] if name else []),
+            stored_bytes,
         )
-        chunk_bytes = len(head) + self.size
+        chunk_bytes = len(head) + stored_bytes
         indexes, offsets = _message_indexes(self._entries, offset + chunk_bytes)
-        crc = crc32_combine(crc32(head), payload_crc, self.size)
+        crc = crc32_combine(crc32(head), stored_crc, stored_bytes)
         finished = FinishedChunk(
             [head, *payload, indexes],
             chunk_bytes + len(indexes),
@@ -159,8 +177,8 @@ class ChunkBuilder:
             ChunkIndex(
                 chunk_length=chunk_bytes,
                 chunk_start_offset=offset,
-                compression="",
-                compressed_size=self.size,
+                compression=name.decode(),
+                compressed_size=stored_bytes,
                 message_end_time=end_ns,
                 message_index_length=len(indexes),
                 message_index_offsets=offsets,
@@ -345,6 +363,7 @@ class McapOutput:
         path: of it.
         chain: that the files of a bag share.
         number: of the file in its bag.
+        packed: its chunks are compressed.
 
     Raises:
         OSError: the file can't be written.
@@ -359,9 +378,10 @@ class McapOutput:
         *,
         number: int = 0,
         maker: Maker = Maker.WRITER,
+        packed: bool = False,
     ) -> None:
         self._ahead: list[bytes]
-        self._begin(file, path, Chain() if chain is None else chain)
+        self._begin(file, path, Chain() if chain is None else chain, packed=packed)
         opening = opening_record(maker, number, self._chain.end.hex())
         # What belongs before the open chunk and was not written yet.
         self._ahead = [MCAP0_MAGIC, record_bytes(Header("ros2", library)), opening]
@@ -390,13 +410,13 @@ class McapOutput:
         output._index = FileIndex.of(summary)
         return output
 
-    def _begin(self, file: FileIO, path: Path, chain: Chain) -> None:
+    def _begin(self, file: FileIO, path: Path, chain: Chain, *, packed: bool = False) -> None:
         self.path = path
         self._file = file
         self._chain = chain
         self._offset = 0
         self._crc = 0
-        self.chunk = ChunkBuilder()
+        self.chunk = ChunkBuilder(packed=packed)
         self._index = FileIndex()
         self._ahead = []
         self._ahead_bytes = 0
@@ -447,7 +467,12 @@ class McapOutput:
             place = self._offset + CHUNK_RECORD_BYTES
             buffers, length, crc, chunk_index, counts = self.chunk.finish(place)
             *content, indexes = buffers
-            self._chain.take(content)
+            if self.chunk.packed:
+                # The chunk's checksum is that of its messages, and none covers what is stored.
+                for buffer in content:
+                    self._chain.take_whole(buffer)
+            else:
+                self._chain.take(content)
             self._index.add_chunk(chunk_index, counts, times)
             seal = chunk_record(self._index.chunks, self._chain.close())
             crc = crc32_combine(crc32(seal), crc, length)

@@ -52,6 +52,7 @@ class BagWriter(Closing):
         split: when to go on in a new file, None for never: then only when the index of a file
             has become too large to be read.
         maker: what writes it, for its seal.
+        packed: its chunks are compressed by zstd, which rosbag2, Foxglove and rosbags read.
 
     Raises:
         InputError: the directory exists or can't be made.
@@ -65,6 +66,7 @@ class BagWriter(Closing):
         name: str | None = None,
         split: Split | None = None,
         maker: Maker = Maker.WRITER,
+        packed: bool = False,
     ) -> None:
         self.path = Path(path)
         try:
@@ -90,9 +92,12 @@ class BagWriter(Closing):
         self._sync = DiskSync()
         self._chain = Chain()
         self._maker = maker
+        self._packed = packed
         try:
             opened = FileIO(self.file, "xb")
-            self._output = McapOutput(opened, self.file, LIBRARY, self._chain, maker=maker)
+            self._output = McapOutput(
+                opened, self.file, LIBRARY, self._chain, maker=maker, packed=packed
+            )
         except OSError as error:
             raise HostError(f"{self.file}: can't be opened: {error.strerror}") from error
         self._chunk = self._output.chunk
@@ -217,7 +222,15 @@ class BagWriter(Closing):
             opened.close()
             file.unlink(missing_ok=True)
             raise
-        output = McapOutput(opened, file, LIBRARY, self._chain, number=number, maker=self._maker)
+        output = McapOutput(
+            opened,
+            file,
+            LIBRARY,
+            self._chain,
+            number=number,
+            maker=self._maker,
+            packed=self._packed,
+        )
         self._sync.request(self.file.name, self._output.descriptor)
         self._output.close()
         self.files += (file,)

@@ -8,13 +8,17 @@ from pathlib import Path
 from ssp_core.errors import InputError
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.closed_loop.answers import KeptAnswers, load_answers, row_file
-from ssp_scenario_manager.closed_loop.campaigns.runs import drivable, identity_of, jobs_of
-from ssp_scenario_manager.closed_loop.campaigns.seal import TASKS_FOLDER, sealed_plan, sealed_starts
+from ssp_scenario_manager.closed_loop.campaigns.runs import (
+    drivable,
+    identity_of,
+    jobs_of,
+    task_of,
+)
+from ssp_scenario_manager.closed_loop.campaigns.seal import sealed_plan, sealed_starts
 from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUNS_FILE, Row, rows_there
 from ssp_scenario_manager.closed_loop.single_run.before import Before, before_of_row
 from ssp_scenario_manager.closed_loop.starts.start import Start
-from ssp_scenario_manager.compile.task import TASK_FOLDER
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +80,7 @@ def run_of_row(folder: Path, number: int) -> RowRun:
                 value=number,
                 remedy="give a row of another driver",
             )
-        task = folder / TASKS_FOLDER / str(plan.events.index(wanted[left][0])) / TASK_FOLDER
+        task = task_of(folder, plan, wanted[left][0])
         latency, repeat = job.latencies[left // job.repeats], left % job.repeats
         start = drivable(job.start)
         run = start.driven_by(job.driver.driver, job.driver.options, latency, repeat=repeat)

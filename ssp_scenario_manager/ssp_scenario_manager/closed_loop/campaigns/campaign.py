@@ -14,8 +14,10 @@ from ssp_scenario_manager.closed_loop.campaigns.cards import (
     complete_cards,
     seal_cards,
 )
+from ssp_scenario_manager.closed_loop.campaigns.disk_room import check_room
 from ssp_scenario_manager.closed_loop.campaigns.groups import group_numbers
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import ZERO, LoopPlan
+from ssp_scenario_manager.closed_loop.campaigns.row_bags import Bags
 from ssp_scenario_manager.closed_loop.campaigns.runs import Job, identity_of, jobs_of, rows_of
 from ssp_scenario_manager.closed_loop.campaigns.seal import (
     PLAN_FILE,
@@ -48,6 +50,7 @@ def run_campaign(
     on_rows: Callable[[int, int], None],
     say: Callable[[str], None],
     engine: Engine = "processes",
+    bags: Bags = "none",
 ) -> tuple[list[Rates], list[str]]:
     """Run a campaign, or what is left of it; return the rates, and why it is refused.
 
@@ -58,11 +61,12 @@ def run_campaign(
         on_rows: is given how many runs are done, at first those that were, and of how many.
         say: takes what doesn't end it, for people.
         engine: where the workers are.
+        bags: of runs that are recorded as they are driven; on a cluster none are.
 
     Raises:
         InputError: as ``draw_starts``, or ``runs.csv`` is of another campaign, or runs with a
             measured latency would go side by side, or on another machine.
-        HostError: as ``ordered_map``.
+        HostError: as ``ordered_map``, or the disk has no room for the bags.
     """
     if plan.is_measured and jobs > 1:
         raise InputError(
@@ -79,7 +83,7 @@ def run_campaign(
             remedy="leave --engine out, or give the fixed latencies a plan of their own",
         )
     with cluster(engine, jobs):
-        return _run(plan, folder, jobs, on_rows, say, engine)
+        return _run(plan, folder, jobs, on_rows, say, engine, bags)
 
 
 def _run(
@@ -89,11 +93,13 @@ def _run(
     on_rows: Callable[[int, int], None],
     say: Callable[[str], None],
     engine: Engine,
+    bags: Bags,
 ) -> tuple[list[Rates], list[str]]:
     starts = draw_starts(plan, folder, jobs, say, engine)
     numbers = group_numbers(seal_cards(folder, plan, starts))
     # A worker on a cluster works in a folder of its own.
-    todo = list(jobs_of(plan, starts, folder.resolve()))
+    todo = list(jobs_of(plan, starts, folder.resolve(), "none" if engine == "ray" else bags))
+    check_room(todo, folder, bags, say)
     per_job = len(plan.latencies) * plan.repeats
     path = folder / RUNS_FILE
     rows = rows_there(path)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import random
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Any
 
+from ssp_core.errors import HostError
 from ssp_core.files.folders import make_folder
 from ssp_core.run_file.driven import BUILT_IN, COMMANDED
 from ssp_core.run_file.latency import ZERO_LATENCY, Latency
@@ -25,6 +27,12 @@ from ssp_scenario_manager.closed_loop.answers import (
     save_answers,
 )
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver, LoopPlan
+from ssp_scenario_manager.closed_loop.campaigns.row_bags import (
+    Bags,
+    bag_folder,
+    has_bag,
+    leave_bag,
+)
 from ssp_scenario_manager.closed_loop.campaigns.tries import Failure, Tries, load_tries, tries_file
 from ssp_scenario_manager.closed_loop.outcomes.careful import CAREFUL, careful_motion, is_defined
 from ssp_scenario_manager.closed_loop.outcomes.needless import needless_of
@@ -39,10 +47,31 @@ from ssp_scenario_manager.closed_loop.outcomes.outcome import (
     severity_of,
 )
 from ssp_scenario_manager.closed_loop.outcomes.severity import Severity, severity_facts
-from ssp_scenario_manager.closed_loop.outcomes.tables import Row, one_line, shown
+from ssp_scenario_manager.closed_loop.outcomes.tables import Row, one_line, read_row, shown
 from ssp_scenario_manager.closed_loop.outcomes.texts import KeptAnswer, texts_of
 from ssp_scenario_manager.closed_loop.starts.start import Start, from_facts
+from ssp_scenario_manager.compile.task import TASK_FOLDER
 from ssp_scenario_manager.run.in_process import Record, run_in_process
+from ssp_scenario_manager.run.kept_session import KeptSession
+
+TASKS_FOLDER = "tasks"
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """The bags of a job.
+
+    Args:
+        which: of its runs have one.
+        folder: of the campaign.
+        task: folder of the event's task.
+        is_first: the job's start is the first one of its event.
+    """
+
+    which: Bags
+    folder: Path
+    task: Path
+    is_first: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +82,7 @@ class Job:
         start: as ``starts.json`` has it.
         first_row: of ``runs.csv``, from 1.
         folder: of the campaign, which takes a model's answers; None: none are kept.
+        recording: what is recorded; None: nothing is.
     """
 
     start: str
@@ -62,6 +92,7 @@ class Job:
     seed: int
     first_row: int = 1
     folder: Path | None = None
+    recording: Recording | None = None
 
     @property
     def count(self) -> int:
@@ -69,25 +100,48 @@ class Job:
         return len(self.latencies) * self.repeats
 
 
+def task_of(folder: Path, plan: LoopPlan, event: str) -> Path:
+    """Return the folder of an event's task in a campaign's folder."""
+    return folder / TASKS_FOLDER / str(plan.events.index(event)) / TASK_FOLDER
+
+
 def jobs_of(
-    plan: LoopPlan, starts: Sequence[Mapping[str, Any]], folder: Path | None = None
+    plan: LoopPlan,
+    starts: Sequence[Mapping[str, Any]],
+    folder: Path | None = None,
+    bags: Bags = "none",
 ) -> Iterator[Job]:
     """Yield the jobs of a campaign in the order of its table.
 
     Args:
         plan: the campaign.
         starts: sealed ones.
-        folder: takes a model's answers; None: none are kept.
+        folder: takes a model's answers, and bags; None: none are kept.
+        bags: of which runs.
     """
     first_row = 1
+    first: dict[str, str] = {}
     for start in starts:
         text = json.dumps(start, sort_keys=True)
+        event = start["event"]
+        is_first = first.setdefault(event, start["hash"]) == start["hash"]
+        recording = None
+        if folder is not None and bags != "none":
+            task = task_of(folder, plan, event)
+            recording = Recording(bags, folder, task, is_first)
         drives_carefully = is_defined(RunSpec.model_validate(start["run"]))
         for driver in plan.everybody:
             if driver.driver == CAREFUL and not drives_carefully:
                 continue
             job = Job(
-                text, driver, tuple(plan.latencies), plan.repeats, plan.seed, first_row, folder
+                text,
+                driver,
+                tuple(plan.latencies),
+                plan.repeats,
+                plan.seed,
+                first_row,
+                folder,
+                recording,
             )
             yield job
             first_row += job.count
@@ -101,6 +155,8 @@ class _Found:
         answers: with texts.
         took: what is known of a measured latency; None: it was given.
         states: hash of the true states; empty: it was driven in no session.
+        drove: in the event; None: there was no sound drive, or it was a prescribed motion.
+        kept: a model's answers, with which it is driven again.
     """
 
     outcome: Outcome
@@ -110,6 +166,8 @@ class _Found:
     answers: tuple[KeptAnswer, ...] = ()
     took: Mapping[str, Any] | None = None
     states: str = ""
+    drove: Drove | None = None
+    kept: KeptAnswers | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +197,29 @@ def rows_of(job: Job) -> JobRows:
                 found = _both(job, start, built_in, latency, repeat, row)
             rows.append([*identity[len(rows)], *_cells(start, found)])
             answers.append(found.answers)
+            _leave_bag(job, start, latency, repeat, found, rows)
     return JobRows(rows, answers)
+
+
+def _leave_bag(
+    job: Job, start: Start, latency: Latency, repeat: int, found: _Found, rows: Sequence[Row]
+) -> None:
+    """Leave the bag of the last row, if it has one; what the disk doesn't take has none."""
+    recording, drove = job.recording, found.drove
+    if recording is None or drove is None:
+        return
+    one = read_row(rows[-1])
+    if not has_bag(one, job.driver, recording.which, is_first=recording.is_first):
+        return
+    # A drive without plans stands for those at other latencies.
+    run = start.driven_by(job.driver.driver, job.driver.options, latency, repeat=repeat)
+    drove = replace(drove, run=run, driven=run.driven or drove.driven)
+    place = bag_folder(recording.folder, job.first_row + len(rows) - 1)
+    try:
+        leave_bag(place, recording.task, drove, found.kept, start.v_r_mps, one.needless)
+    except HostError:
+        # Its row is worth more. Whoever records what has no bag meets the same disk, and says so.
+        shutil.rmtree(place, ignore_errors=True)
 
 
 def _cells(start: Start, found: _Found) -> Row:
@@ -193,7 +273,8 @@ def _both(
     if path is not None and kept is None:
         make_folder(path.parent)
         asked = Question.of(driven.driven)
-        save_answers(path, KeptAnswers(asked, driven.answers, free.answers))
+        kept = KeptAnswers(asked, driven.answers, free.answers)
+        save_answers(path, kept)
     return _Found(
         driven.outcome,
         chain_of(driven.driven, driven.record, driven.outcome),
@@ -209,6 +290,8 @@ def _both(
         tuple(texts_of(driven.driven, driven.record.reports, driven.outcome.at_s)),
         measured_of(driven.driven, driven.record),
         driven.record.sha256,
+        driven,
+        kept,
     )
 
 
@@ -268,8 +351,17 @@ def _run(
         kept: answers that a model repeats; None: it is asked.
     """
     answers = repeated(kept, event=event)
+    listens = event and job.recording is not None
     while (lost := tries.lost(event=event)) is None:
-        drove = drive_start(start, job.driver, latency, event=event, repeat=repeat, answers=answers)
+        drove = drive_start(
+            start,
+            job.driver,
+            latency,
+            event=event,
+            repeat=repeat,
+            answers=answers,
+            said=KeptSession() if listens else None,
+        )
         if drove.outcome.kind != HARNESS:
             return drove
         tries.fail(drove.outcome, failed, event=event)
@@ -284,6 +376,7 @@ def drive_start(
     event: bool = True,
     repeat: int = 0,
     answers: Answers = None,
+    said: KeptSession | None = None,
 ) -> Drove:
     """Drive one driver on a start once.
 
@@ -294,13 +387,26 @@ def drive_start(
         event: False: the event-free twin.
         repeat: of the start under this driver, from 0.
         answers: that a model gave before, and repeats; None: it is asked.
+        said: keeps what its session says, of which a bag can be made; None: nothing does.
     """
     run = start.driven_by(driver.driver, driver.options, latency, event=event, repeat=repeat)
+    return driven_again(run, start, answers, said)
+
+
+def driven_again(run: RunSpec, start: Start, answers: Answers, said: KeptSession | None) -> Drove:
+    """Drive the run of a driver on a start.
+
+    Args:
+        run: as ``driven_by`` gives it.
+        start: with its twin.
+        answers: as for ``drive_start``.
+        said: as for ``drive_start``.
+    """
     if run.driven is None:
         raise ValueError("a driven run has a driver")
-    result, record = run_in_process(run, answers=answers)
+    result, record = run_in_process(run, listener=said, answers=answers)
     outcome = outcome_of(run, run.driven, result, record, start.twin)
-    return Drove(run, run.driven, result, record, outcome)
+    return Drove(run, run.driven, result, record, outcome, said)
 
 
 @lru_cache(maxsize=2)

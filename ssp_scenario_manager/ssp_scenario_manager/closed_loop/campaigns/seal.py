@@ -21,7 +21,7 @@ from ssp_core.run_file.latency import ZERO_LATENCY
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.closed_loop.campaigns.forms import SealedStarts, check_form, read_sealed
 from ssp_scenario_manager.closed_loop.campaigns.plan_file import CampaignDriver, LoopPlan
-from ssp_scenario_manager.closed_loop.campaigns.runs import drive_start
+from ssp_scenario_manager.closed_loop.campaigns.runs import TASKS_FOLDER, drive_start
 from ssp_scenario_manager.closed_loop.outcomes.rates import KINDS
 from ssp_scenario_manager.closed_loop.single_run.single import MOST_SEEDS
 from ssp_scenario_manager.closed_loop.starts.start import (
@@ -35,7 +35,7 @@ from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER, load_task
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.ordered_map import Engine, ordered_map
 
-PLAN_FILE, TASKS_FOLDER, STARTS_FILE = "plan.json", "tasks", "starts.json"
+PLAN_FILE, STARTS_FILE = "plan.json", "starts.json"
 STARTS_SCHEMA = "ssp.loop_starts/6"
 # Their sources decide how a run goes and what it is rated.
 _PACKAGES = (

@@ -31,6 +31,7 @@ from ssp_scenario_manager.closed_loop.outcomes.evaded import Twin, evaded
 from ssp_scenario_manager.closed_loop.starts.start import path_of
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
 from ssp_scenario_manager.run.in_process import InProcessResult, Record
+from ssp_scenario_manager.run.kept_session import KeptSession
 from ssp_scenario_manager.run.result import rounded
 
 # In the order that decides between facts of one step.
@@ -71,13 +72,18 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Drove:
-    """One drive of a driver on a start."""
+    """One drive of a driver on a start.
+
+    Args:
+        said: in its session; None: it wasn't kept.
+    """
 
     run: RunSpec
     driven: Driven
     result: InProcessResult
     record: Record
     outcome: Outcome
+    said: KeptSession | None = None
 
     @property
     def answers(self) -> tuple[RecordedAnswer, ...]:

@@ -62,7 +62,7 @@ def told_of_session(
         if kept is None and answers is not None:
             # Who aborts a session waits for no model: it isn't asked in the event-free twin.
             kept = KeptAnswers(Question.of(spec.driven), answers, ())
-    told = told_of_run(run, result, record, folder=bag.parent, kept=kept)
+    told, contact = told_of_run(run, result, record, folder=bag.parent, kept=kept)
     if kept is not None and not kept.free:
         told["driven"]["needless"] = (
             "the operator aborted, and the model wasn't asked without the event"
@@ -73,7 +73,7 @@ def told_of_session(
     elif abort is None:
         if before is not None:
             told["driven"], why = before.judged(told["driven"])
-        leave_view(bag.parent, run, record, told["driven"])
+        leave_view(bag.parent, run, record, told["driven"], contact)
     return told, why
 
 

@@ -27,6 +27,7 @@ from ssp_scenario_manager.closed_loop.answers import (
     repeated,
     save_answers,
 )
+from ssp_scenario_manager.closed_loop.contact import Contact
 from ssp_scenario_manager.closed_loop.outcomes.evaded import Twin
 from ssp_scenario_manager.closed_loop.outcomes.needless import needless_of
 from ssp_scenario_manager.closed_loop.outcomes.outcome import Drove, outcome_of, told_of
@@ -229,11 +230,11 @@ def told_of_run(
     *,
     folder: Path | None = None,
     kept: KeptAnswers | None = None,
-) -> dict[str, Any]:
-    """Return what ``result.json`` says of who drove; empty for a run without a driver.
+) -> tuple[dict[str, Any], Contact | None]:
+    """Return what ``result.json`` says of who drove, and the contact of the outcome.
 
-    The twins are driven again for it: but for a model's answers, nothing but the run file has to be
-    kept.
+    Of a run without a driver nothing is said. The twins are driven again for it: but for a model's
+    answers, nothing but the run file has to be kept.
 
     Args:
         run: as it was driven.
@@ -244,7 +245,7 @@ def told_of_run(
     """
     driven = run.driven
     if driven is None:
-        return {}
+        return {}, None
     twin, contact = twin_of(run)
     outcome = outcome_of(run, driven, result, record, twin)
     v_r_mps = None if contact is None else contact.relative_mps
@@ -255,7 +256,7 @@ def told_of_run(
     if folder is not None and is_kept(driven):
         answers = KeptAnswers(Question.of(driven), event.answers, free.answers)
         save_answers(folder / ANSWERS_FILE, answers)
-    return {"driven": told | {"needless": needless}}
+    return {"driven": told | {"needless": needless}}, outcome.contact
 
 
 def kept_answers(run: RunSpec, drive: Drive | None, folder: Path) -> KeptAnswers | None:

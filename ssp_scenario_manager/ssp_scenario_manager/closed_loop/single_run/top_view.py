@@ -24,7 +24,7 @@ from ssp_core.world.driver import DriveMode
 from ssp_core.world.plant import StepReport
 from ssp_core.world.road_drawing import RoadView, drawing_of
 from ssp_scenario_manager.closed_loop.answers import KeptAnswers
-from ssp_scenario_manager.closed_loop.contact import first_touch, until
+from ssp_scenario_manager.closed_loop.contact import Contact, until
 from ssp_scenario_manager.closed_loop.single_run.before import Before
 from ssp_scenario_manager.closed_loop.single_run.single import told_of_run
 from ssp_scenario_manager.closed_loop.starts.start import path_of
@@ -39,6 +39,7 @@ _CHART_PX, _LEFT_PX, _BOTTOM_PX, _KEY_PX = 190.0, 46.0, 34.0, 34.0
 _OUTLINE_S = 1.0
 _GAP_POINTS, _GAP_PX = 12, 40.0
 _PLAN_S = 2.0  # of a plan, as much as each must have (METHOD 8.4)
+_PLAN_STEPS = 5  # from one drawn point of a plan to the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,19 +89,29 @@ def told_with_view(
         result: of the run.
         record: of the run.
     """
-    told = told_of_run(run, result, record, folder=folder, kept=kept)
+    told, contact = told_of_run(run, result, record, folder=folder, kept=kept)
     if not told:
         return {}, ""
     driven, why = (told["driven"], "") if before is None else before.judged(told["driven"])
-    leave_view(folder, run, record, driven)
+    leave_view(folder, run, record, driven, contact)
     return told | {"driven": driven}, why
 
 
-def leave_view(folder: Path, run: RunSpec, record: Record, told: dict[str, Any]) -> None:
-    """Write the view from above into the folder of a run; its task there has the distances."""
+def leave_view(
+    folder: Path, run: RunSpec, record: Record, told: dict[str, Any], contact: Contact | None
+) -> None:
+    """Write the view from above into the folder of a run; its task there has the distances.
+
+    Args:
+        folder: of the run.
+        run: as for ``top_view``.
+        record: as for ``top_view``.
+        told: as for ``top_view``.
+        contact: as for ``top_view``.
+    """
     task = folder / TASK_FOLDER / EVENT_FILE
     event = load_event(str(task))[0] if task.is_file() else None
-    write_text(folder / VIEW_FILE, top_view(run, record, told, event))
+    write_text(folder / VIEW_FILE, top_view(run, record, told, contact, event))
 
 
 def _latency(told: dict[str, Any]) -> str:
@@ -110,13 +121,20 @@ def _latency(told: dict[str, Any]) -> str:
     return "L measured, " + ("nothing asked" if half_s is None else f"median {half_s:.2f} s")
 
 
-def top_view(run: RunSpec, record: Record, told: dict[str, Any], event: Event | None = None) -> str:
+def top_view(
+    run: RunSpec,
+    record: Record,
+    told: dict[str, Any],
+    contact: Contact | None,
+    event: Event | None = None,
+) -> str:
     """Return the picture of a driven run as SVG.
 
     Args:
         run: as it was driven.
         record: of the run.
         told: what ``result.json`` says under ``driven``.
+        contact: of the run's outcome.
         event: K*; None: no distance of its box is drawn.
     """
     if run.driven is None:
@@ -127,7 +145,6 @@ def top_view(run: RunSpec, record: Record, told: dict[str, Any], event: Event | 
         r.drive.effective for r in led if r.drive is not None and r.drive.effective is not None
     ]
     paths = {i: [s for r in led for s in r.truths if s.object_id == i] for i in run.object_ids}
-    contact = first_touch(run, led)
     shown = [(s.x_m, s.y_m) for states in paths.values() for s in states]
     view = RoadView(run.road, shown)
     drawing = drawing_of(run)
@@ -213,7 +230,7 @@ def _is_unled(mode: DriveMode) -> bool:
 
 def _places(plan: Reference) -> list[Point]:
     t, x, y = plan.columns[:3]
-    kept = t <= _PLAN_S
+    kept = np.flatnonzero(t <= _PLAN_S)[::_PLAN_STEPS]
     return list(zip(x[kept].tolist(), y[kept].tolist(), strict=True))
 
 
@@ -280,7 +297,7 @@ class _Chart:
         begin_s = ns_to_seconds(plan.execute_at_ns)
         inside = (t <= _PLAN_S) & (begin_s + t <= self._end_s) & (begin_s + t >= self._begin_s)
         pairs = zip((begin_s + t[inside]).tolist(), v[inside].tolist(), strict=True)
-        return self._line(list(pairs)[::5])
+        return self._line(list(pairs)[::_PLAN_STEPS])
 
     def spans(self, stamps_ns: Sequence[int], step_s: float) -> list[tuple[float, float]]:
         """Return left end and width of the spans that these steps make."""
