@@ -53,7 +53,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a campaign that recorded each run as it was driven."""
     folder = tmp_path_factory.mktemp("loop") / "campaign"
     said = run(folder, "all")
-    assert any(one.startswith("bags of 14 runs take about 0.0 GB; ") for one in said), said
+    assert any(one.startswith("bags of 14 runs take about 0.01 GB; ") for one in said), said
     return folder
 
 
@@ -154,7 +154,7 @@ def test_bags_of_all_runs_are_refused_before_a_driver_runs_where_the_disk_has_no
     command = [str(file), "--out", str(bare)]
     refused = CliRunner().invoke(loop, command, standalone_mode=False)
     assert isinstance(refused.exception, HostError)
-    assert "bags of 14 runs take about 0.0 GB; 1.0 GB are free" in str(refused.exception)
+    assert "bags of 14 runs take about 0.01 GB; 1.00 GB are free" in str(refused.exception)
     assert "--bags failed or none" in str(refused.exception)
     assert not (bare / "runs.csv").exists()
     # Runs that fail are some of all, and those whose bags are there need no more room.
@@ -163,7 +163,7 @@ def test_bags_of_all_runs_are_refused_before_a_driver_runs_where_the_disk_has_no
     disk_room.check_room(jobs, bare, "failed", said.append)
     disk_room.check_room(jobs, bare, "none", said.append)
     disk_room.check_room(jobs, recorded, "all", said.append)
-    assert [one.partition(";")[0] for one in said] == ["bags of at most 14 runs take about 0.0 GB"]
+    assert [one.partition(";")[0] for one in said] == ["bags of at most 14 runs take about 0.01 GB"]
 
 
 def test_the_command_records_each_run_unless_told_otherwise(

@@ -46,8 +46,8 @@ def check_room(jobs: Sequence[Job], folder: Path, which: Bags, say: Callable[[st
         return
     most = "" if which == "all" else "at most "
     told = (
-        f"bags of {most}{count} runs take about {needed / _GB:.1f} GB; "
-        f"{free / _GB:.1f} GB are free in {folder}"
+        f"bags of {most}{count} runs take about {needed / _GB:.2f} GB; "
+        f"{free / _GB:.2f} GB are free in {folder}"
     )
     if which == "all" and needed + _LEFT_BYTES > free:
         raise HostError(
