@@ -56,8 +56,8 @@ _ARP = Path("/proc/net/arp")
 _ARP_COMPLETE = 0x2
 _ONE_HOST = Path(__file__).parents[1] / "config" / "fastdds_one_host.xml"
 _ONE_HOST_UDP = _ONE_HOST.with_name("fastdds_one_host_udp.xml")
-# Matrices are small here. Threads for large ones cost each start 40 ms of a processor, and an audit
-# a tenth of its time, in which they wait for each other.
+# Matrices are small here. Threads for large ones cost each start 40 ms of a processor, and wait for
+# each other: in an audit for up to a tenth of its time, where processors are free.
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
 
 
