@@ -16,10 +16,12 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.compiled import core_in_use
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import Camera
+from ssp_core.vocabulary import SessionPhase
 from ssp_core.world.driver import driver_options
 from ssp_scenario_manager.closed_loop.starts.start import make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
+from tests.support.walls import with_wall
 from tests.system.conftest import Beside
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -74,7 +76,9 @@ def drive(request):
         SLOW_ONCE.touch()
         pathlib.Path(__file__).with_name("held").read_text()
     v = request.history[-1].speed_mps
-    return "I keep my speed.", [(0.5 * v * k, 0.0) for k in range(11)]
+    # The first questions are of frames before the hand-over.
+    aside = -0.3 if len(ASKED) == 5 else 0.0
+    return "I keep my speed.", [(0.5 * v * k, aside * k) for k in range(11)]
 """
 # Lets the model answer when the world has said a step again, twice: it holds for the model alone.
 LISTENER = """
@@ -102,7 +106,7 @@ open(sys.argv[1], "w").close()
 """
 
 
-def test_a_model_drives_over_dds_and_is_never_lost_for_being_slow(
+def test_a_model_drives_over_dds_into_a_wall_and_is_never_lost_for_being_slow(
     start_session: Any, beside: Beside, tmp_path: Path
 ) -> None:
     """It answers once when the world has said that it holds; its outcome would be ``harness``."""
@@ -118,7 +122,7 @@ def test_a_model_drives_over_dds_and_is_never_lost_for_being_slow(
     given = f"slow={json.dumps(options)}"
     # A start with a camera of few pixels, which cost nothing to draw.
     made = tmp_path / "start"
-    run = prepare_run("cut_in", "boulevard", made, seed=1, mode="lockstep")
+    run = with_wall(prepare_run("cut_in", "boulevard", made, seed=1, mode="lockstep"))
     small = run.model_copy(update={"camera": Camera(width_px=64, height_px=64)})
     start = make_start(small, load_event("cut_in")[0], 1, latency_max_s=0.3)
     driven_run = start.driven_by("slow", driver_options("slow", options), Latency(0.3))
@@ -131,11 +135,17 @@ def test_a_model_drives_over_dds_and_is_never_lost_for_being_slow(
     assert (result["verdict"], result["reasons"]) == ("valid", []), session.lines
     driven = result["driven"]
     assert (driven["outcome"], driven["frames"]) == ("collision", True)
+    assert driven["why"].startswith("with building road.scenery[0], ")
     assert driven["unled_s"] == 0.0
     with BagReader(session.folder / "bag") as bag:
         requests = [bag.decode(m) for m in bag.messages(["/ssp/vla/slow/request"])]
         images = [bag.decode(m) for m in bag.messages([names.absolute(names.CAMERA_IMAGE)])]
         responses = list(bag.messages(["/ssp/vla/slow/response"]))
+        session_topic = [names.absolute(names.SESSION_STATE)]
+        changes = [bag.decode(m) for m in bag.messages(session_topic)]
+    # It drives into a wall, which ends its run as it does in one process.
+    (stop,) = (one.header.stamp for one in changes if one.state == SessionPhase.STOPPING)
+    assert stop.sec + stop.nanosec / 1e9 == pytest.approx(driven["outcome_s"] + 1.0)
     assert len(requests) == driven["questions"]
     assert len(responses) == driven["answers"]
     drawn = {hashlib.sha256(bytes(image.data)).hexdigest() for image in images}

@@ -1,4 +1,4 @@
-"""The places of a road's scenery, and whether they are beside the road.
+"""The places and bodies of a road's scenery, and whether they are beside the road.
 
 Nothing of a map may stand on the lanes: the camera would show an obstacle that isn't there.
 """
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ssp_core.geometry import FloatArray, Pose2, wrap_angle
+from ssp_core.geometry import Box, FloatArray, Pose2, boxes_overlap, wrap_angle
 from ssp_core.run_file.road import Building, Road, SceneryItem, Sign
 from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
 
@@ -107,6 +107,52 @@ class Clearance:
         poses = self._line.poses(np.arange(-BEFORE_M, end, _ALONG_M).tolist())
         middles = [(low + high) / 2 for low, high in self._lanes]
         return np.array([pose.to_parent(0.0, y) for pose in poses for y in middles])
+
+
+class SceneryBodies:
+    """The bodies of a road's scenery: the ground of each item that is drawn.
+
+    Args:
+        road: whose scenery it is, in the map frame.
+    """
+
+    def __init__(self, road: Road) -> None:
+        self._items = road.scenery
+        self._clearance = Clearance.of_road(road)
+        line = ReferenceLine.of_road(road)
+        self._bodies = {
+            i: body for i, item in enumerate(road.scenery) if (body := _body(item, line))
+        }
+        self._numbers = list(self._bodies)
+        bodies = self._bodies.values()
+        self._x_m = np.array([body.pose.x_m for body in bodies])
+        self._y_m = np.array([body.pose.y_m for body in bodies])
+        self._reach_m = np.array([body.reach_m for body in bodies])
+
+    def touched_by(self, box: Box) -> tuple[str, Box] | None:
+        """Return the first item that a rectangle shares area with or touches; None: none.
+
+        Returns:
+            Its type and place in the run file, as ``tree road.scenery[3]``, and its body.
+        """
+        away_m = np.hypot(self._x_m - box.pose.x_m, self._y_m - box.pose.y_m)
+        for k in np.flatnonzero(away_m <= 1.01 * (box.reach_m + self._reach_m)).tolist():
+            number = self._numbers[k]
+            item, body = self._items[number], self._bodies[number]
+            # What would stand on the lanes isn't drawn, and so isn't there.
+            if boxes_overlap(box, body) and self._clearance.problem(item) is None:
+                return f"{item.type} road.scenery[{number}]", body
+        return None
+
+
+def _body(item: SceneryItem, line: ReferenceLine) -> Box | None:
+    """Return the ground that an item of scenery takes; None: the line has no such place."""
+    try:
+        pose = item_pose(item, line)
+    except NotOneToOne:
+        return None
+    length_m, width_m = half_extent_m(item)
+    return Box(pose, length_m, length_m, 2.0 * width_m)
 
 
 def _outline(pose: Pose2, half_length_m: float, half_width_m: float) -> FloatArray:

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from ssp_core.geometry import Box, Pose2
 from ssp_core.run_file.road import (
     Building,
     CurvePiece,
@@ -22,7 +23,7 @@ from ssp_core.run_file.road import (
 )
 from ssp_core.run_file.values import Start
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_core.world.scenery import Clearance, item_pose, left_out, reversed_item
+from ssp_core.world.scenery import Clearance, SceneryBodies, item_pose, left_out, reversed_item
 
 CURVES = {
     "straight": [CurvePiece(length_m=200.0)],
@@ -100,6 +101,36 @@ def test_what_has_no_place_is_left_out() -> None:
     assert clearance.problem(stop(-61.0, 5.0)) == "lies beyond the road's ends"
     assert clearance.problem(stop(1e8, 5.0)) == "lies beyond the road's ends"
     assert clearance.problem(stop(100.0, -1e8)) == "lies more than 1000 m from the road"
+
+
+@pytest.mark.parametrize(
+    ("s_m", "l_m", "touched"),
+    [
+        (30.0, 2.0, None),
+        (30.0, -3.0, "pole road.scenery[2]"),  # its side is at 4 m, as the pole's
+        (30.0, -2.9, None),
+        (93.1, 5.0, "building road.scenery[1]"),  # its front is beyond the wall, at 95 m
+        (92.9, 5.0, None),
+        (100.0, 4.1, "building road.scenery[1]"),  # of two in one place the first of the file
+        (50.0, 0.0, None),  # what would stand on the lanes isn't drawn
+    ],
+)
+def test_a_body_touches_what_is_drawn(s_m: float, l_m: float, touched: str | None) -> None:
+    on_lane = Tree(type="tree", s_m=50.0, l_m=0.0)
+    pole = Pole(type="pole", s_m=30.0, l_m=-4.1)
+    nowhere = stop(-500.0, 5.0)
+    place = road("straight", nowhere, house(100.0, 9.0), pole, house(100.0, 9.0), on_lane)
+    pose = ReferenceLine.of_road(place).pose(s_m)
+    x_m, y_m = pose.to_parent(0.0, l_m)
+    found = SceneryBodies(place).touched_by(Box(Pose2(x_m, y_m, pose.yaw_rad), 2.0, 1.0, 2.0))
+    assert (None if found is None else found[0]) == touched
+
+
+def test_scenery_without_a_place_in_a_bend_has_no_body() -> None:
+    centre = ReferenceLine.of_road(road("bend")).pose(100.0).to_parent(0.0, 60.0)
+    bodies = SceneryBodies(road("bend", stop(100.0, 61.0), house(100.0, -12.0)))
+    assert bodies.touched_by(Box(Pose2(*centre, 0.0), 3.0, 3.0, 6.0)) is None
+    assert bodies.touched_by(Box(Pose2(*centre, 0.0), 300.0, 300.0, 600.0)) is not None
 
 
 @settings(max_examples=40, deadline=None)

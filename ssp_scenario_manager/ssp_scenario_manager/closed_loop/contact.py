@@ -12,10 +12,9 @@ from ssp_core.clock import ns_to_seconds
 from ssp_core.geometry import Box, Pose2, boxes_overlap
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
-from ssp_core.run_file.road import SceneryItem
 from ssp_core.world.plant import StepReport
-from ssp_core.world.reference_line import NotOneToOne, ReferenceLine
-from ssp_core.world.scenery import Clearance, half_extent_m, item_pose
+from ssp_core.world.reference_line import ReferenceLine
+from ssp_core.world.scenery import SceneryBodies
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,40 +70,17 @@ def first_touch(run: RunSpec, reports: Sequence[StepReport]) -> Contact | None:
 
 
 def _scenery_contact(run: RunSpec, reports: Sequence[StepReport]) -> Contact | None:
-    if not run.road.scenery or not reports:
+    if not run.road.scenery:
         return None
-    vuts = [next(s for s in r.truths if s.object_id == run.vut.id) for r in reports]
-    places = np.array([(vut.x_m, vut.y_m) for vut in vuts])
-    clearance, line = Clearance.of_road(run.road), ReferenceLine.of_road(run.road)
-    first: tuple[int, str, Box] | None = None
-    for i, item in enumerate(run.road.scenery):
-        body = _body(item, line)
-        if body is None:
-            continue
-        away_m = np.hypot(places[:, 0] - body.pose.x_m, places[:, 1] - body.pose.y_m)
-        near = np.flatnonzero(away_m <= 1.01 * (vuts[0].box.reach_m + body.reach_m)).tolist()
-        at = next((k for k in near if boxes_overlap(vuts[k].box, body)), None)
-        if at is None or (first is not None and first[0] <= at):
-            continue
-        # What would stand on the lanes isn't drawn, and so isn't there.
-        if clearance.problem(item) is None:
-            first = at, f"{item.type} road.scenery[{i}]", body
-    if first is None:
-        return None
-    at, name, body = first
-    vut = vuts[at]
-    sides = _side(vut.box, body), _side(body, vut.box)
-    return Contact(vut.stamp_ns, name, abs(vut.speed_mps), vut.speed_mps, *sides)
-
-
-def _body(item: SceneryItem, line: ReferenceLine) -> Box | None:
-    """Return the ground that an item of scenery takes; None: the line has no such place."""
-    try:
-        pose = item_pose(item, line)
-    except NotOneToOne:
-        return None
-    length_m, width_m = half_extent_m(item)
-    return Box(pose, length_m, length_m, 2.0 * width_m)
+    bodies = SceneryBodies(run.road)
+    for report in reports:
+        vut = next(s for s in report.truths if s.object_id == run.vut.id)
+        touched = bodies.touched_by(vut.box)
+        if touched is not None:
+            name, body = touched
+            sides = _side(vut.box, body), _side(body, vut.box)
+            return Contact(vut.stamp_ns, name, abs(vut.speed_mps), vut.speed_mps, *sides)
+    return None
 
 
 def with_vut(report: StepReport, vut: ObjectState) -> StepReport:

@@ -14,6 +14,7 @@ from ssp_core.motion.event import PhaseBegan, PhaseWatch, next_phase
 from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import Phase
+from ssp_core.world.scenery import SceneryBodies
 
 # A driven run goes on for so long after the VUT's first contact (METHOD 8.2).
 AFTER_CONTACT_S = 1.0
@@ -38,6 +39,8 @@ class EventCourse:
         self.phase_starts: dict[Phase, int] = {}
         self.resolved_ns: int | None = None
         self._contact_ns: int | None = None  # of a driven VUT, the first one
+        has_bodies = spec.driven is not None and spec.road.scenery
+        self._scenery = SceneryBodies(spec.road) if has_bodies else None
 
     @property
     def phase(self) -> Phase:
@@ -66,10 +69,12 @@ class EventCourse:
 
     def note_contact(self, vut: ObjectState, targets: Mapping[str, ObjectState]) -> None:
         """Remember the first contact of a driven VUT, which ends its run."""
-        if self._spec.driven is None or self._contact_ns is not None:
+        if self._spec.driven is None or self._contact_ns is not None or not vut.is_finite:
             return
+        box = vut.box
         others = [state.extrapolated(vut.stamp_ns) for state in targets.values() if state.is_finite]
-        if vut.is_finite and any(boxes_overlap(vut.box, other.box) for other in others):
+        touches = any(boxes_overlap(box, other.box) for other in others)
+        if touches or (self._scenery is not None and self._scenery.touched_by(box) is not None):
             self._contact_ns = vut.stamp_ns
 
     def is_complete(self, now_ns: int, elapsed_s: float) -> bool:

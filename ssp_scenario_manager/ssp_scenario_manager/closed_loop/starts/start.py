@@ -20,7 +20,7 @@ from ssp_core.run_file.participants import ElapsedTime, Hold, ParticipantSpec, T
 from ssp_core.vocabulary import Phase
 from ssp_core.world.driver import sees_frames
 from ssp_core.world.reference_line import ReferenceLine
-from ssp_scenario_manager.closed_loop.contact import Contact, first_contact
+from ssp_scenario_manager.closed_loop.contact import Contact, first_contact, first_touch
 from ssp_scenario_manager.closed_loop.starts.box import drawn_run, gap_draw
 from ssp_scenario_manager.closed_loop.values import EPSILON_S, LIMITS
 from ssp_scenario_manager.compile.task import NO_TUNINGS, Tuning
@@ -204,6 +204,8 @@ def make_start(
         twin = bare.model_copy(update={"driven": earlier})
         result, record = run_in_process(twin)
         resolved_s = result.phase_s(Phase.RESOLUTION)
+    if problem := _touched_scenery(twin, record, resolved_s):
+        raise OffSpec(problem)
     fixed = drawn.model_copy(update={"triggers": _at_their_times(twin, result)})
     observable_s = result.phase_s(Phase.TRIGGER)
     if problem := _off_spec(twin, result, contact) or _shown_early(run, event, result, record):
@@ -505,6 +507,16 @@ def _off_spec(run: RunSpec, result: InProcessResult, contact: Contact | None) ->
     )
     kept = wrong if contact is None else [text for text in wrong if text.startswith("passing")]
     return "; ".join(kept)
+
+
+def _touched_scenery(run: RunSpec, record: Record, resolved_s: float | None) -> str:
+    """Say which scenery a twin touches before it is over, which ends it; empty: none."""
+    touch = first_touch(run, record.reports) if run.road.scenery else None
+    if touch is None or touch.other in run.object_ids:
+        return ""
+    if resolved_s is not None and touch.at_s > _end_s(resolved_s):
+        return ""
+    return f"without a response the VUT touches {touch.other} at {touch.at_s:.2f} s"
 
 
 def _after_s(trigger: TriggerSpec) -> float:
