@@ -53,7 +53,7 @@ BAD_ROADS = {
     "count as word": (changed("road", put("lanes_opposite", "value", "two")), "lanes_opposite"),
     "key twice": ('{"segment": 1, "segment": 1}', "stands twice"),
     "NaN": ('{"segment": NaN}', "NaN is no number"),
-    "deep": ("[" * 50_000, "nested too deeply"),
+    "deep": ("[" * 50_000 + "]" * 50_000, "nested too deeply"),
     "huge number": ('{"segment": ' + "9" * 5000 + "}", "no JSON"),
     "empty": ("", "empty"),
     "null": (None, "empty"),
