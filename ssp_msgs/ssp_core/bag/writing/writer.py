@@ -92,7 +92,6 @@ class BagWriter(Closing):
         self._sync = DiskSync()
         self._chain = Chain()
         self._maker = maker
-        self._packed = packed
         try:
             opened = FileIO(self.file, "xb")
             self._output = McapOutput(
@@ -229,7 +228,7 @@ class BagWriter(Closing):
             self._chain,
             number=number,
             maker=self._maker,
-            packed=self._packed,
+            packed=self._chunk.packed,
         )
         self._sync.request(self.file.name, self._output.descriptor)
         self._output.close()

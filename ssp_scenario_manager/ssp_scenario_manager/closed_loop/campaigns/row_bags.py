@@ -68,7 +68,7 @@ def leave_bag(
     needless: str,
     before: Before | None = None,
 ) -> str:
-    """Leave the bag of a drive and what is told of it; the file of its result comes last.
+    """Leave the bag of a drive and the files beside it; the file of its result comes last.
 
     Args:
         place: folder of the row's run, which a call that was cut off may have begun.
