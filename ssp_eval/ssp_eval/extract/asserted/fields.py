@@ -24,8 +24,8 @@ _NO = frozenset(
 # Words that deny a manoeuvre; of nobody's presence the rules read them.
 _NO_ACTION = frozenset({"none", "null", "off"})
 _FEW_WORDS = 3
-_OF_NUMBER = frozenset("-−0123456789")  # its first sign
-_SHARE = r"[-−]?\d+(?:\.\d+)?\s*%?"
+_OF_NUMBER = frozenset("-−.0123456789")  # its first sign
+_SHARE = r"[-−]?(?:\d+(?:\.\d+)?|\.\d+)\s*%?"
 _SIGN = "[✓✔☑✅✗✘☒❌]"
 _WORD_VALUE = (
     r"(?:(?:true|false|yes|no|on|off|none|null|present|absent|positive|negative|"
