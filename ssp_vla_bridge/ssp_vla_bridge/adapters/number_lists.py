@@ -234,6 +234,14 @@ _LABELS = frozenset(
     | {"timesteps", "frame", "frames", "waypoint", "waypoints", "point", "points", "pair"}
     | {"pairs", "at", "after", "in", "future", "and", "then", "wp", "p", "ms"}
 )
+# In a heading's bracket: "(from 0.5 s to 2 s, every 0.5 s):".
+_SECONDS = frozenset({"s", "sec", "secs", "second", "seconds"})
+_OF_SPANS = frozenset(
+    {"from", "to", "until", "till", "through", "up", "every", "each", "in", "of", "at", "over"}
+    | {"the", "next", "t", "time", "times", "step", "steps", "apart", "horizon", "dt"}
+)
+_WORD = re.compile(r"[^\W\d_]+")
+_BEHIND_HEADING = re.compile(r"[ \t*_]*:")
 _NO_NAMES: frozenset[str] = frozenset()
 NESTED = frozenset({"a nested list"})
 _LABELLED = frozenset({"labels between rows"})
@@ -338,6 +346,9 @@ def scan_lists(text: str) -> tuple[NumberList, ...]:
         if rows and parted:
             lists.extend(_finish(rows, gaps, gap, items=items))
             rows, gaps, items = [], [], []
+        if not rows and _is_stated_span(text, row):
+            end = row.end
+            continue
         if not rows and gap.prose:
             gap = _gap(text, max(end, row.start - _LABEL_LENGTH), row.start, from_the_right=True)
         rows.append(row)
@@ -435,6 +446,17 @@ def _ending(
     if row_begun and (gap.prose or not lists):
         lists.append(NumberList((), opener, len(text), CUT, cut=True))
     return lists
+
+
+def _is_stated_span(text: str, row: Row) -> bool:
+    """Tell whether a bracket in a heading says over which times a list goes."""
+    if row.numbers or row.brackets != "()" or _BEHIND_HEADING.match(text, row.end) is None:
+        return False
+    line = text.rfind("\n", max(0, row.start - _LABEL_LENGTH), row.start) + 1
+    if row.end - row.start > _LABEL_LENGTH or _WORD.search(text, line, row.start) is None:
+        return False
+    said = frozenset(_WORD.findall(text[row.start : row.end].lower()))
+    return bool(said & _SECONDS) and said <= _SECONDS | _OF_SPANS
 
 
 def _is_label(word: str) -> bool:
