@@ -24,8 +24,9 @@ from ssp_core.errors import InputError, PeerError
 from ssp_core.files.folders import make_folder
 from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
-from ssp_core.host.children import die_with_parent
+from ssp_core.host.forked import ForkedProcess, node_server
 from ssp_core.host.locks import folder_of_locks
+from ssp_core.host.node_server import Request
 from ssp_core.host.terminal import on_stop_signals
 from ssp_eval.demo_plan import (
     AT_ONCE,
@@ -205,7 +206,7 @@ class _Running:
     """A step's process and its log file."""
 
     step: Step
-    process: subprocess.Popen[bytes]
+    process: ForkedProcess
     log: Path
 
 
@@ -235,7 +236,8 @@ def follow(
     """Run all steps; one that fails costs only those that need it.
 
     Each step is a process group of its own, so that Ctrl-C reaches it once and through here: it
-    gets the signal, and the time to abort its session and to close its bag.
+    gets the signal, and the time to abort its session and to close its bag. All are forked from one
+    process, which imports a step's modules before (node_server).
 
     Args:
         steps: each needs only ones before it.
@@ -303,16 +305,13 @@ def _start(step: Step, logs: Path) -> _Running:
         _remove(path)
     log = logs / f"{step.name.replace('/', '-')}.log"
     with log.open("wb") as stream:
-        stream.write(f"$ {' '.join(step.command('python'))}\n".encode())
+        command = step.command()
+        stream.write(f"$ ssp {' '.join(command)}\n".encode())
         stream.flush()
-        process = subprocess.Popen(
-            step.command(sys.executable),
-            stdout=stream,
-            stderr=subprocess.STDOUT,
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,
-            preexec_fn=die_with_parent,
-        )
+        module, *imports = step.modules
+        env = dict(os.environ)
+        request = Request("ssp", module, command, env, os.getcwd(), "entry", imports)
+        process = node_server(env).start(request, stream.fileno())
     return _Running(step, process, log)
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ssp_core import __version__
+from ssp_core.cli import LATE, VERBS
 from ssp_core.hashing import sha256_json
-from ssp_core.host.children import AS_MODULE
 from ssp_eval.data.provenance import labels_places
 from ssp_eval.twins.files import twins_folder
 from ssp_scenario_manager.event_spec.load import load_event
@@ -56,10 +56,16 @@ class Step:
     present: Callable[[], tuple[str, ...]] | None = None
     makes: tuple[Path, ...] = ()
 
-    def command(self, python: str) -> list[str]:
-        """Give the command line, once the steps that it needs are done."""
+    def command(self) -> list[str]:
+        """Give the arguments of ``ssp``, once the steps that it needs are done."""
         arguments = self.arguments if self.present is None else self.present()
-        return [python, *AS_MODULE, "ssp_core.cli", *arguments, *self.more()]
+        return [*arguments, *self.more()]
+
+    @property
+    def modules(self) -> tuple[str, ...]:
+        """The module whose ``entry`` its process calls, and those that its verb needs."""
+        verb = self.arguments[0]
+        return "ssp_core.cli", VERBS[verb][0].partition(":")[0], *LATE.get(verb, ())
 
     @property
     def digest(self) -> str:

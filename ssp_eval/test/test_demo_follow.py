@@ -22,8 +22,9 @@ from tests.support.waiting import DEADLINE_S
 class Script(Step):
     """A step that runs a piece of Python."""
 
-    def command(self, python: str) -> list[str]:
-        return [python, "-c", *self.arguments]
+    @property
+    def modules(self) -> tuple[str, ...]:
+        return ("ssp_piece",)
 
 
 def script(name: str, code: str, *needs: str, session: bool = False) -> Script:
@@ -51,7 +52,10 @@ def spans(path: Path) -> dict[str, tuple[float, float]]:
 
 
 @pytest.fixture
-def logs(tmp_path: Path) -> Path:
+def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    piece = "import sys\n\ndef entry():\n    exec(sys.argv[1], {'__name__': 'piece'})\n"
+    (tmp_path / "ssp_piece.py").write_text(piece)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     path = tmp_path / "logs"
     path.mkdir()
     return path

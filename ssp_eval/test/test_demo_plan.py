@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import click
@@ -9,6 +12,7 @@ import pytest
 
 from ssp_core.cli import cli
 from ssp_core.files.writing import write_json
+from ssp_core.host.environment import ONE_THREAD
 from ssp_eval import demo_plan as plan
 from ssp_eval.demo import MADE
 from ssp_scenario_manager.event_spec.load import load_event, write_event
@@ -65,7 +69,7 @@ def test_steps_that_have_the_machine_to_themselves_use_all_processes_of_the_demo
 def test_the_evaluation_goes_on_without_a_scenario_that_failed(tmp_path: Path) -> None:
     steps = {step.name: step for step in plan.plan_steps(tmp_path, plan.DEFAULT_SCENARIOS)}
     write_json(plan.audit_folder(tmp_path, "cut_in") / "audit.json", {})
-    asked = steps["evaluate"].command("python")
+    asked = steps["evaluate"].command()
     assert [word for word in asked if word.endswith("bag")] == [
         str(plan.run_folder(tmp_path, "cut_in", domain) / "bag")
         for domain in ("synthetic", "simulation", "physical")
@@ -76,6 +80,17 @@ def test_the_evaluation_goes_on_without_a_scenario_that_failed(tmp_path: Path) -
     assert parse(steps["report"].arguments).params["expected"] == plan.DEFAULT_SCENARIOS
 
 
+def test_importing_what_steps_need_starts_no_thread() -> None:
+    """They are forked from the process that imported it."""
+    steps = plan.plan_steps(OUT, plan.SCENARIOS)
+    modules = dict.fromkeys(name for step in steps for name in step.modules)
+    code = f"import os, {', '.join(modules)}; print(len(os.listdir('/proc/self/task')))"
+    command = [sys.executable, "-P", "-c", code]
+    env = {**os.environ, **dict([ONE_THREAD])}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True, env=env)
+    assert done.stdout == "1\n"
+
+
 def test_what_a_clip_declares_is_taken_from_its_truth(tmp_path: Path) -> None:
     (step,) = (s for s in plan.plan_steps(tmp_path, ["cut_in"]) if s.arguments[0] == "import-video")
     camera = {"hfov_deg": 66.0, "height_m": 1.35, "pitch_down_rad": 0.02}
@@ -84,8 +99,7 @@ def test_what_a_clip_declares_is_taken_from_its_truth(tmp_path: Path) -> None:
     write_json(truth, {"camera": camera, "ego_speed_mps": speeds})
     event, version = load_event("cut_in")
     write_event(plan.event_path(tmp_path, "cut_in"), event)
-    arguments = step.command("python")[4:]
-    params = parse(tuple(arguments)).params
+    params = parse(tuple(step.command())).params
     assert params["ego_speed"] == 11.51
     assert params["camera_pitch_deg"] == pytest.approx(1.146)
     assert params["event_version"] == version

@@ -271,13 +271,11 @@ def test_a_closed_pipe_is_no_traceback() -> None:
 
 
 @pytest.mark.parametrize(("arguments", "status"), [(["--version"], 0), (["fly"], 2)])
-def test_a_command_with_middleware_ends_without_the_end_of_its_libraries(
-    arguments: list[str], status: int
-) -> None:
+def test_a_command_ends_without_the_end_of_its_libraries(arguments: list[str], status: int) -> None:
     """Static objects of the middleware may hang at the exit; a handler of libc does here."""
     code = (
         "import ctypes, sys; from ssp_core.cli import entry; libc = ctypes.CDLL(None); "
-        "libc.__cxa_atexit(libc.pause, None, None); import rclpy; "
+        "libc.__cxa_atexit(libc.pause, None, None); "
         f"sys.argv[1:] = {arguments!r}; entry()"
     )
     done = subprocess.run(

@@ -28,7 +28,7 @@ import socket
 import sys
 import warnings
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ssp_core.host.children import call_process, die_with_parent
 
@@ -39,10 +39,12 @@ class Request:
 
     Args:
         name: of the process, as ``ps -e`` and ``top`` show it (15 bytes).
-        module: whose ``main`` is called.
+        module: whose function is called.
         arguments: of its command line.
         environment: all variables that it has.
         folder: its working folder.
+        function: of the module, which is called.
+        imports: further modules, imported before the process is forked.
     """
 
     name: str
@@ -50,6 +52,8 @@ class Request:
     arguments: list[str]
     environment: dict[str, str]
     folder: str
+    function: str = "main"
+    imports: list[str] = field(default_factory=list)
 
 
 def serve(channel: socket.socket) -> Request | None:
@@ -79,8 +83,9 @@ def serve(channel: socket.socket) -> Request | None:
                 with open(handed[0], encoding="utf-8") as file:
                     request = Request(**json.load(file))
                 # One that can't be imported says so in its own log, where it is imported again.
-                with suppress(BaseException):
-                    importlib.import_module(request.module)
+                for module in (request.module, *request.imports):
+                    with suppress(BaseException):
+                        importlib.import_module(module)
                 here = os.getpid()
                 gc.freeze()  # what is here stays, in pages that are shared as long as they are
                 with warnings.catch_warnings():
@@ -134,7 +139,7 @@ def main() -> None:
     """Serve on the socket whose file descriptor is this program's argument."""
     request = serve(socket.socket(fileno=int(sys.argv[1])))
     if request is not None:
-        sys.exit(importlib.import_module(request.module).main())
+        sys.exit(getattr(importlib.import_module(request.module), request.function)())
 
 
 if __name__ == "__main__":
