@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -13,6 +14,7 @@ from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 from ssp_core.errors import HostError
+from ssp_core.host.children import die_with_parent, worker_context
 from ssp_core.host.terminal import ignore_stop_signals
 
 Result = TypeVar("Result")
@@ -60,10 +62,8 @@ class Helpers:
     """
 
     def __init__(self, count: int) -> None:
-        # A fresh interpreter each: a fork would take along the locks of this one's threads.
-        context = multiprocessing.get_context("spawn")
         self._before = multiprocessing.active_children()
-        self._pool = ProcessPoolExecutor(count, context, ignore_stop_signals) if count else None
+        self._pool = ProcessPoolExecutor(count, worker_context(), _begin) if count else None
         self._lock = Lock()
         self._waiting = deque[Call[Any]]()
         self._idle = count
@@ -128,6 +128,13 @@ class Helpers:
         with self._lock:
             self._idle += 1
         self._hand_out()
+
+
+def _begin() -> None:
+    """Begin a helper, which may be a fork: SIGTERM and the end of the other process end it."""
+    ignore_stop_signals()
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    die_with_parent()
 
 
 def results(calls: Sequence[Call[Result]]) -> list[Result]:
