@@ -310,7 +310,7 @@ def _start(step: Step, logs: Path) -> _Running:
         stream.flush()
         module, *imports = step.modules
         env = dict(os.environ)
-        request = Request("ssp", module, command, env, os.getcwd(), "entry", imports)
+        request = Request("ssp", module, command, env, os.getcwd(), imports)
         process = node_server(env).start(request, stream.fileno())
     return _Running(step, process, log)
 

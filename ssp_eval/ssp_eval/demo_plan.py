@@ -63,7 +63,7 @@ class Step:
 
     @property
     def modules(self) -> tuple[str, ...]:
-        """The module whose ``entry`` its process calls, and those that its verb needs."""
+        """The module whose ``main`` its process calls, and those that its verb needs."""
         verb = self.arguments[0]
         return "ssp_core.cli", VERBS[verb][0].partition(":")[0], *LATE.get(verb, ())
 

@@ -53,7 +53,7 @@ def spans(path: Path) -> dict[str, tuple[float, float]]:
 
 @pytest.fixture
 def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    piece = "import sys\n\ndef entry():\n    exec(sys.argv[1], {'__name__': 'piece'})\n"
+    piece = "import sys\n\ndef main():\n    exec(sys.argv[1], {'__name__': 'piece'})\n"
     (tmp_path / "ssp_piece.py").write_text(piece)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     path = tmp_path / "logs"

@@ -18,6 +18,7 @@ nodes.
 
 from __future__ import annotations
 
+import atexit
 import gc
 import importlib
 import json
@@ -31,6 +32,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from ssp_core.host.children import call_process, die_with_parent
+from ssp_core.host.terminal import end_at_once
 
 
 @dataclass(frozen=True)
@@ -39,11 +41,10 @@ class Request:
 
     Args:
         name: of the process, as ``ps -e`` and ``top`` show it (15 bytes).
-        module: whose function is called.
+        module: whose ``main`` is called.
         arguments: of its command line.
         environment: all variables that it has.
         folder: its working folder.
-        function: of the module, which is called.
         imports: further modules, imported before the process is forked.
     """
 
@@ -52,7 +53,6 @@ class Request:
     arguments: list[str]
     environment: dict[str, str]
     folder: str
-    function: str = "main"
     imports: list[str] = field(default_factory=list)
 
 
@@ -136,10 +136,19 @@ def _become(
 
 
 def main() -> None:
-    """Serve on the socket whose file descriptor is this program's argument."""
+    """Serve on the socket whose file descriptor is this program's argument.
+
+    A forked process ends without the interpreter's own end. This is registered before anything is
+    imported: the first that is registered is called last.
+    """
+    status = 1
+    atexit.register(lambda: end_at_once(status))
     request = serve(socket.socket(fileno=int(sys.argv[1])))
-    if request is not None:
-        sys.exit(getattr(importlib.import_module(request.module), request.function)())
+    try:
+        status = 0 if request is None else importlib.import_module(request.module).main() or 0
+    except SystemExit as stop:
+        status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+        raise
 
 
 if __name__ == "__main__":

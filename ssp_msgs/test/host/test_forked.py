@@ -38,6 +38,15 @@ import os
 def main():
     os._exit(3)
 """
+ENDING = """
+import atexit
+
+atexit.register(print, "by its import")
+
+def main():
+    atexit.register(print, "by itself")
+    return 4
+"""
 WAITING = """
 import time
 
@@ -53,6 +62,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
         "telling": TELLING,
         "waiting": WAITING,
         "brief": BRIEF,
+        "ending": ENDING,
         "broken": "import no_such\n",
     }.items():
         (tmp_path / f"ssp_{name}_node.py").write_text(text)
@@ -102,6 +112,15 @@ def test_a_node_has_its_own_variables_folder_name_and_no_open_file_of_others(
     assert said[1] == f"1 here {environment['PYTHONPATH']}"
     # Beside input, output and error libraries may have files of their own, as libffi has.
     assert all(Path(file).name.startswith("lib") for file in said[2:]), said
+
+
+def test_what_was_registered_for_the_end_is_called_in_the_fork(
+    server: NodeServer, environment: dict[str, str], tmp_path: Path
+) -> None:
+    """Handlers of what the server imports, too: they end processes and remove folders."""
+    ending = Started(server, environment, tmp_path, "ending")
+    assert ending.process.wait(600) == 4
+    assert ending.log.read_text().splitlines() == ["by itself", "by its import"]
 
 
 def test_a_node_reads_from_its_pipe(
