@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import signal
 import sys
 import traceback
@@ -17,7 +16,7 @@ from typing import Any
 from ssp_core import console
 from ssp_core.closing import Closing
 from ssp_core.errors import HostError, InputError, SspError
-from ssp_core.host.children import die_with_parent
+from ssp_core.host.children import die_with_parent, worker_context
 from ssp_core.host.ray_cluster import first_line, import_ray, joined
 from ssp_core.host.terminal import ignore_stop_signals
 from ssp_eval.data.labels import labels_version
@@ -170,8 +169,8 @@ class _Pool:
     started: int = 0
 
     def start(self) -> _Worker:
-        """Return a worker in its own process; a fork would take along this one's threads' locks."""
-        context = multiprocessing.get_context("spawn")
+        """Return a worker in its own process."""
+        context = worker_context()
         ours, theirs = context.Pipe()
         name = f"worker_{self.started}"
         self.started += 1

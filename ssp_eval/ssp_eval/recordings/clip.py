@@ -104,6 +104,7 @@ class BagContent(Closing):
         self._closed = Event()
         self._beside = ThreadPoolExecutor(1)
         self._digest = self._beside.submit(content_sha256, bag, self._go_on)
+        self._beside.shutdown(wait=False)  # the thread ends with the hash
 
     def _go_on(self) -> None:
         if self._closed.is_set():
