@@ -20,6 +20,7 @@ from ssp_eval.extract.movement import (
     is_over_by_then,
     motion_of,
     passed_side,
+    rear_side,
 )
 from ssp_eval.extract.scope import Scope
 from ssp_eval.extract.world import Actor, Statement, World
@@ -450,8 +451,8 @@ class Binder(ClauseFacts):
                 actor.conflicts.append(self._said("active", place))
             if self.subject is None:
                 self.subject = EGO
-        elif self.subject is None and not meaning.ego:
-            self.reacting = self.reacting or hit.value in ("follow", "overtake", "wait", "trail")
+        elif not meaning.ego:
+            self.reacting = self.reacting or self._goes_by(index, hit, flags)
         if (
             hit.value == "trail"
             and self.subject in (None, EGO)
@@ -529,7 +530,7 @@ class Binder(ClauseFacts):
         if self.words[hit.first].startswith(("lead", "preced")):
             actor.hints.append(self._said("front", hit))
         elif kind == "with" and not _REAR.isdisjoint(self.words[hit.first : hit.stop]):
-            actor.hints.append(self._said("rear", hit))
+            actor.hints.append(self._said(rear_side(hit, self.words), hit))
         actor.intruding = actor.intruding or value.startswith((CROSSING, CUTTING_IN))
         before = self.words[max(hit.first - 2, 0) : hit.first]
         actor.ongoing = hit.form == "ing" and not {"is", "are"}.isdisjoint(before)

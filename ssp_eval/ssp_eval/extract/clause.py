@@ -282,6 +282,14 @@ class ClauseFacts:
                 return False
         return False
 
+    def _goes_by(self, index: int, hit: Hit, flags: Scope) -> bool:
+        """Tell whether a verb is done because of somebody: I pass the parked truck."""
+        if self.subject is None:
+            return hit.value in ("follow", "overtake", "wait", "trail")
+        passes = hit.value in ("follow", "overtake") and hit.form != "ed"
+        parked = self.subject is EGO and self._after(index).value == "parked"
+        return passes and parked and not flags & ~Scope.FUTURE
+
     def _orders_behind_reason(self, index: int) -> bool:
         """Tell whether an order stands behind the sentence's mark, and a reason opens it."""
         opened, after = self.hits[self.start], self._after(index)

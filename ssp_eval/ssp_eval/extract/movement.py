@@ -132,3 +132,10 @@ def is_over_by_then(hit: Hit, kind: str, before: Hit, words: list[str]) -> bool:
         return False  # has stepped onto the crossing, and is there now
     stands = kind in ("stand", "parked")
     return hit.form == "ed" and (not stands or (word in _STOOD and before.value != "is"))
+
+
+def rear_side(hit: Hit, words: list[str]) -> str:
+    """Return the place from which somebody comes up: approaches from the rear left."""
+    side = words[hit.stop] if hit.stop < len(words) else ""
+    ends = words[hit.stop - 1] in ("rear", "behind")
+    return f"rear_{side}" if ends and side in OTHER_SIDE else "rear"
