@@ -12,11 +12,13 @@ nears its speed so slowly that no run-up would be long enough for it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ssp_core.clock import seconds_to_ns
 from ssp_core.errors import InputError
-from ssp_core.geometry import Point, Polyline
+from ssp_core.geometry import Point, Polyline, wrap_angle
 from ssp_core.motion.approach import approach_points
 from ssp_core.motion.reference import Reference
 from ssp_core.motion.state import ObjectState
@@ -35,12 +37,14 @@ from ssp_ot_controller.control.tracker import Tracker
 from ssp_ot_controller.driving.frames import QuestionFrames
 from ssp_ot_controller.driving.plan import MapPlan, fallback_of
 from ssp_ot_controller.driving.questions import Questions
-from ssp_ot_controller.sil.vut_driver import steer
+from ssp_ot_controller.sil.vut_driver import lookahead_m, steer
 from ssp_ot_controller.sil.world import World
 
 ROUTE_M = 80.0
 # Speed is held with this gain; its loop with the drive's lag doesn't overshoot.
 _HOLD_1PS = 1.0
+# A path's heading and curvature are those over this length to either side.
+_BEND_M = 1.0
 
 
 class PlansInEffect:
@@ -79,21 +83,55 @@ class PlansInEffect:
 
 
 class Cruise:
-    """A VUT without plans after its hand-over: it keeps its path, and the speed that it had."""
+    """A VUT without plans after its hand-over: it keeps its path, and the speed that it had.
+
+    It keeps the speed that a driver sees first, as `constant_velocity` does: a difference of 2 mm/s
+    would be a step of the time of contact after some seconds.
+    """
 
     def __init__(self, path: Polyline) -> None:
         self._path = path
         self._held_mps: float | None = None
 
-    def command(self, vut: ObjectState) -> Command:
-        """Return the command that holds the speed of the first call."""
+    def see(self, vut: ObjectState) -> float:
+        """Return the speed that is held, which is that of the first call."""
         if self._held_mps is None:
             self._held_mps = vut.speed_mps
+        return self._held_mps
+
+    def command(self, vut: ObjectState) -> Command:
+        """Return the command that holds the speed."""
+        held_mps = self.see(vut)
         bounds = LIMITS[vut.object_class]
-        wanted = _HOLD_1PS * (self._held_mps - vut.speed_mps)
+        wanted = _HOLD_1PS * (held_mps - vut.speed_mps)
         acceleration = min(max(wanted, -bounds.deceleration_mps2), bounds.acceleration_mps2)
-        station, _ = self._path.project_beyond(vut.x_m, vut.y_m)
-        return Command(acceleration, steer(vut, self._path, station), vut.yaw_rad)
+        station_m, _ = self._path.project_beyond(vut.x_m, vut.y_m)
+        curvature = steer(vut, self._path, station_m) + self._bend_1pm(vut, station_m)
+        return Command(acceleration, curvature, vut.yaw_rad)
+
+    def _bend_1pm(self, vut: ObjectState, station_m: float) -> float:
+        """Return what pure pursuit lacks to stay on the path in a bend, 1/m; 0 on a straight.
+
+        Pure pursuit turns in before the bend. What it would give on the path itself is replaced by
+        the path's curvature, ahead of the steering's lag.
+        """
+        path, bounds = self._path, LIMITS[vut.object_class]
+        farthest_m = station_m + max(lookahead_m(vut.speed_mps), _BEND_M)
+        if path.pose(station_m - _BEND_M).yaw_rad == path.pose(farthest_m).yaw_rad:
+            return 0.0
+        here = path.pose(station_m)
+        heading_rad = self._chord_rad(station_m - _BEND_M, station_m + _BEND_M)
+        beside = replace(vut, x_m=here.x_m, y_m=here.y_m, yaw_rad=heading_rad)
+        soon_m = station_m + vut.speed_mps * bounds.curvature_lag_s
+        turn_rad = self._chord_rad(soon_m, soon_m + _BEND_M) - self._chord_rad(
+            soon_m - _BEND_M, soon_m
+        )
+        return wrap_angle(turn_rad) / _BEND_M - steer(beside, path, station_m)
+
+    def _chord_rad(self, from_m: float, to_m: float) -> float:
+        """Return the direction from one place of the path to another."""
+        a, b = self._path.pose(from_m), self._path.pose(to_m)
+        return math.atan2(b.y_m - a.y_m, b.x_m - a.x_m)
 
 
 class Pilot:
@@ -193,6 +231,8 @@ class Pilot:
         return answered
 
     def _commanded(self, now_ns: int, vut: ObjectState) -> tuple[Command | None, DriveReport]:
+        if now_ns >= self._first_ns:
+            self._cruise.see(vut)
         if now_ns < self._hand_over_ns:
             command, _ = self._tracker.track(vut, self._approach, now_ns)
             return command, DriveReport(DriveMode.COMMAND)

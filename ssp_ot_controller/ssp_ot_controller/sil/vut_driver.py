@@ -22,10 +22,14 @@ _LOOKAHEAD_S = 0.6
 _MIN_LOOKAHEAD_M = 4.0
 
 
+def lookahead_m(speed_mps: float) -> float:
+    """Return how far ahead the point of the path lies that pure pursuit steers to."""
+    return max(_MIN_LOOKAHEAD_M, _LOOKAHEAD_S * speed_mps)
+
+
 def steer(vut: ObjectState, path: Polyline, station: float) -> float:
     """Return the curvature of pure pursuit, 1/m: 2 y / L^2 to a point of the path ahead."""
-    ahead = max(_MIN_LOOKAHEAD_M, _LOOKAHEAD_S * vut.speed_mps)
-    target = path.pose(station + ahead)
+    target = path.pose(station + lookahead_m(vut.speed_mps))
     x, y = vut.pose.to_local(target.x_m, target.y_m)
     return 2.0 * y / max(x * x + y * y, 1e-6)
 

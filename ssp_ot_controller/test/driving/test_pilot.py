@@ -10,13 +10,17 @@ from typing import Any
 import pytest
 
 from ssp_core.errors import InputError
+from ssp_core.geometry import Polyline
 from ssp_core.motion.trajectory import Trajectory
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.latency import Latency
 from ssp_core.run_file.model import RunSpec
+from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.driver import Answer, DriveMode, DriveReport, EgoSample, Question, history_of
+from ssp_ot_controller.bodies.dynamics import LIMITS, BodyState, step_vehicle
 from ssp_ot_controller.driving.baselines import BASELINES, lane_plan, make_driver
-from ssp_ot_controller.driving.pilot import Pilot
+from ssp_ot_controller.driving.pilot import Cruise, Pilot
+from ssp_ot_controller.sil.vut_driver import steer
 from tests.support.runs import cut_in_run
 from tests.support.states import object_state
 
@@ -269,3 +273,39 @@ def test_a_plan_along_a_bend_turns_from_its_beginning_on() -> None:
         for x_m, y_m in zip(plan.x_m, plan.y_m, strict=True)
     ]
     assert max(map(abs, beside_m)) < 1e-3
+
+
+def test_a_vut_without_plans_keeps_the_speed_that_a_driver_sees_first() -> None:
+    pilot = Pilot(RunSpec.model_validate(cut_in_run()), driven(), None)
+    commands = []
+    for step, speed_mps in ((5, 9.0), (10, 10.0), (11, 10.001), (50, 10.002)):
+        vut = object_state("vut", speed_mps=speed_mps, stamp_ns=step * STEP_NS)
+        commands.append(pilot.step(step, step * STEP_NS, vut, (vut,))[0])
+    assert commands[-1] is not None
+    assert commands[-1].acceleration_mps2 == pytest.approx(-0.002)
+
+
+def test_a_vut_without_plans_keeps_its_lane_in_a_bend() -> None:
+    """Pure pursuit turned in before the bend, by 0.1 m, and a plan along the lane doesn't."""
+    radius_m, speed_mps, dt_s = 12.0, 5.0, 0.02
+    bend = [
+        (20.0 + radius_m * math.sin(s / radius_m), radius_m * (1.0 - math.cos(s / radius_m)))
+        for s in (0.5 * n for n in range(37))
+    ]
+    path = Polyline([(0.0, 0.0), *bend])
+    cruise, body = Cruise(path), BodyState(0.0, 0.0, 0.0, speed_mps)
+    beside_m = []
+    for _ in range(350):
+        place = {"x_m": body.x_m, "y_m": body.y_m, "yaw_rad": body.yaw_rad}
+        command = cruise.command(object_state("vut", **place, speed_mps=body.speed_mps))
+        body = step_vehicle(body, command, LIMITS[ObjectClass.CAR], dt_s)
+        beside_m.append(path.project_beyond(body.x_m, body.y_m)[1])
+    assert path.project_beyond(body.x_m, body.y_m)[0] > 34.0
+    assert max(map(abs, beside_m)) < 0.05
+
+
+def test_on_a_straight_a_vut_without_plans_is_steered_by_pure_pursuit_alone() -> None:
+    path = Polyline([(0.0, 0.0), (70.0, 40.0)])
+    vut = object_state("vut", x_m=10.0, y_m=6.0, yaw_rad=0.5, speed_mps=8.0)
+    station_m, _ = path.project_beyond(vut.x_m, vut.y_m)
+    assert Cruise(path).command(vut).curvature_1pm == steer(vut, path, station_m)
