@@ -438,10 +438,7 @@ class Binder(ClauseFacts):
         ):
             self.busy = True  # wait for the car to stop; our merge that somebody blocks
             return
-        if hit.form == "ing" and self._gerund(index, hit):
-            self.busy = True
-            return
-        if self._is_of_named(hit):
+        if (hit.form == "ing" and self._gerund(index, hit)) or self._is_of_named(hit):
             self.busy = True
             return
         if self.plan.act(hit, flags, self.step, self._strong()):
