@@ -419,7 +419,7 @@ def cut_out(rng: np.random.Generator, lanes: LaneCounts) -> Cast:
 def roundabout(rng: np.random.Generator, _lanes: LaneCounts) -> Cast:
     """Cast a car that enters a ring and passes the VUT's entry, and a VUT that gives way to it."""
     speed = float(rng.uniform(4.75, 4.9))
-    step_s = float(rng.uniform(2.2, 2.5))
+    step_s = float(rng.uniform(5.2, 5.5))
     fast = float(rng.uniform(4.9, 5.1))
     before_m = 1.0 + CAR.front_m  # of the ring
     way = Line(0.0, 0.0, (Ramp(step_s, 2.2, fast),))
@@ -437,7 +437,7 @@ def roundabout(rng: np.random.Generator, _lanes: LaneCounts) -> Cast:
 
 
 # The roundabout of the clip.
-_RING = Ring(mouth_m=50.0, lane_m=LANE_M)
+_RING = Ring(mouth_m=65.0, lane_m=LANE_M)
 
 
 # New ones at the end: a scenario's number is part of its seed.
@@ -460,7 +460,7 @@ INTERACTIONS = tuple(_PLAYS)
 FPS = 24.0
 _DURATION_S = 9.0
 # Clips whose VUT leaves its road are longer: its way is what METHOD 1 measures along.
-_LONGER_S = {"vut_turn": 10.5, "roundabout": 14.0}
+_LONGER_S = {"vut_turn": 10.5, "roundabout": 17.0}
 MOST_LANES = 4
 _PATH_STEP_M = 0.5
 
