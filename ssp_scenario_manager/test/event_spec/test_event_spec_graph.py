@@ -53,7 +53,7 @@ def test_graph_holds_all_types_and_relations_of_the_method(event: Event) -> None
 
 def test_determined_and_uncertain_values_come_from_the_event(event: Event) -> None:
     graph, value = interaction_graph(event), body(event)
-    end_s = {"roundabout": 14.0, "vut_turn": 10.5}.get(event.name, 9.0)
+    end_s = {"roundabout": 17.0, "vut_turn": 10.5}.get(event.name, 9.0)
     assert graph["determined"]["events.clip.end"] == {"value": end_s, "unit": "s"}
     assert "constraints.trigger.below" not in graph["determined"]
     uncertain = graph["uncertain"]["constraints.trigger.below"]
