@@ -205,7 +205,7 @@ def test_the_arm_that_the_vut_comes_by_has_its_oncoming_lane_up_to_its_end() -> 
     palette = PALETTES["suburb"]
     surface = ground.build_ground(storyboard("roundabout", 1).road, palette, texture=False)
     asphalt = pytest.approx(palette.asphalt, abs=1.0)
-    for x_m in (-5.0, 10.0, 30.0, 45.0):
+    for x_m in (10.0, 25.0, 45.0, 60.0):
         colours = [ground._colour(surface, x_m, y_m, 0.02, 0.02, 0.0) for y_m in (0.3, 2.6, 4.4)]
         assert colours == [asphalt] * 3, x_m
         beside = ground._colour(surface, x_m, 6.5, 0.02, 0.02, 0.0)
