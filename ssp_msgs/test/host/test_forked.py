@@ -231,7 +231,7 @@ def test_a_forked_command_starts_nodes_by_a_server_that_was_forked_with_it(
     given: list[str],
     is_alike: bool,
 ) -> None:
-    """With other variables it starts one of its own; its nodes end with it in any case."""
+    """Start another server where its variables differ; its nodes end with it in any case."""
     log = tmp_path / "leading.log"
     request = Request(
         "leading", "ssp_leading_node", given, environment, str(tmp_path), ["ssp_waiting_node"], True
