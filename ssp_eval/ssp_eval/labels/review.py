@@ -12,7 +12,7 @@ from ssp_core.decimals import decimal
 from ssp_core.errors import InputError
 from ssp_core.files.reading import read_mapping
 from ssp_core.files.writing import write_json
-from ssp_core.hashing import sha256_bytes, sha256_file
+from ssp_core.hashing import sha256_file
 from ssp_core.vocabulary import (
     CONFLICTS,
     LAT_ACTIONS,
@@ -26,7 +26,13 @@ from ssp_eval.data.labels import BY_PHASE, Labels, labels_to_json, load_labels, 
 from ssp_eval.labels.check import phase_problems, plan_problems, response_problems, risk_warnings
 from ssp_eval.labels.propose import Proposal
 from ssp_scenario_manager.event_spec.log import Record, append_records
-from ssp_scenario_manager.review.session import Terminal, ask_reason
+from ssp_scenario_manager.review.dialogue import (
+    QUIT,
+    FileUnderReview,
+    Terminal,
+    ask_reason,
+    decide,
+)
 
 SCHEMA = "ssp.proposal/1"
 # Key of the sidecar of labels that are under review: the fields that were decided.
@@ -163,7 +169,7 @@ class _Desk:
     decided: set[str]
 
     def __post_init__(self) -> None:
-        self._on_disk = sha256_file(self.path)
+        self._file = FileUnderReview(self.path)
 
     def record(self, reason: str, field: str | None, old: Any, new: Any, **details: Any) -> Record:
         return Record(
@@ -171,7 +177,7 @@ class _Desk:
             when=self.now(),
             who=self.who,
             subject=f"{self.labels.scenario} {self.labels.domain}",
-            version=self._on_disk,
+            version=self._file.digest,
             field=field,
             old=old,
             new=new,
@@ -180,16 +186,12 @@ class _Desk:
         )
 
     def decide(self, field: str, after: Labels, records: list[Record]) -> None:
-        if sha256_bytes(self.path.read_bytes()) != self._on_disk:
-            raise InputError(
-                "was changed by somebody else during the review",
-                file=self.path,
-                remedy="start the review again; what was decided before is kept",
-            )
+        self._file.check()
         append_records(self.log, records)
         self.decided.add(field)
         write_decided(self.path, after, self.decided)
-        self.labels, self._on_disk = after, sha256_file(self.path)
+        self.labels = after
+        self._file.written()
 
 
 def review_labels(
@@ -242,23 +244,19 @@ def _show(labels: Labels, field: str, number: str, terminal: Terminal) -> None:
 
 def _ask(desk: _Desk, field: str, terminal: Terminal) -> bool:
     """Ask until one field is decided or skipped; return False when the review stops."""
-    while True:
-        answer = terminal.ask(PROMPT)
-        if answer is None or answer in ("q", "quit"):
-            return False
-        if answer in ("s", "skip"):
-            return True
-        if answer in ("a", "accept"):
-            value: Any = _holder(labels_to_json(desk.labels), field)
-            value = value[_RISK] if field == _RISK else value
-            record = desk.record("agrees with the frames", field, value, value)
-            desk.decide(field, desk.labels, [record])
-            return True
-        if answer in ("e", "edit"):
-            if _edit(desk, field, terminal):
-                return True
-        else:
-            terminal.say(_HELP)
+    acts = {
+        "accept": lambda: _accept(desk, field),
+        "edit": lambda: _edit(desk, field, terminal),
+        "skip": lambda: True,
+    }
+    return decide(terminal, PROMPT, _HELP, acts) != QUIT
+
+
+def _accept(desk: _Desk, field: str) -> bool:
+    value: Any = _holder(labels_to_json(desk.labels), field)
+    value = value[_RISK] if field == _RISK else value
+    desk.decide(field, desk.labels, [desk.record("agrees with the frames", field, value, value)])
+    return True
 
 
 def _edit(desk: _Desk, field: str, terminal: Terminal) -> bool:

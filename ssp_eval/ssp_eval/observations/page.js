@@ -1,11 +1,8 @@
-"use strict";
 // The observer's form. What is saved is a draft without a seal; `ssp audit observe --seal` checks,
 // binds and seals it, so that nothing here has to hash as Python does.
-const DATA = JSON.parse(document.getElementById("data").textContent);
 const FRAMES = DATA.frames;
 const CARDS = DATA.cards;
 const KEY = "ssp.observation:" + DATA.draft.bag_sha256;
-const $ = (id) => document.getElementById(id);
 const copy = (value) => JSON.parse(JSON.stringify(value));
 
 function fresh() {
@@ -205,14 +202,6 @@ function setPhase(key) {
 }
 
 // -- the form ------------------------------------------------------------------------------------
-function element(name, attributes, ...children) {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) {
-    if (value !== undefined && value !== false) made.setAttribute(key, value);
-  }
-  made.append(...children);
-  return made;
-}
 function build() {
   const root = $("cards");
   root.replaceChildren();
@@ -386,20 +375,11 @@ function next() {
 // -- keeping and saving --------------------------------------------------------------------------
 function keep() {
   const person = { who: $("who").value, role: $("role").value, remark: $("remark").value };
-  try {
-    localStorage.setItem(KEY, JSON.stringify({ ...state, person }));
-  } catch (error) {
-    // Without storage the draft lives as long as the page.
-  }
+  memory.keeps(KEY, { ...state, person }); // without storage the draft lives as long as the page
 }
 function offer() {
   // Another person may sit here now, and observers look for themselves: nothing comes back unasked.
-  let found = null;
-  try {
-    found = JSON.parse(localStorage.getItem(KEY));
-  } catch (error) {
-    return;
-  }
+  const found = memory.read(KEY);
   if (!found || !same(shape(found.doc), shape(DATA.draft))) return;
   const panel = $("saved");
   const again = element("button", { type: "button", id: "go-on" }, "Go on with them");
@@ -411,7 +391,7 @@ function offer() {
   };
   const drop = element("button", { type: "button", id: "drop" }, "Drop them");
   drop.onclick = () => {
-    forget();
+    memory.drop(KEY);
     panel.hidden = true;
   };
   panel.classList.add("warn");
@@ -419,13 +399,6 @@ function offer() {
     element("p", {}, "Unsaved answers of ", element("b", {}, found.person.who || "somebody"), " are kept on this computer. Are they yours?"),
     element("p", { class: "row" }, again, drop));
   panel.hidden = false;
-}
-function forget() {
-  try {
-    localStorage.removeItem(KEY);
-  } catch (error) {
-    // There is nothing to forget.
-  }
 }
 function shape(value) {
   // Keys of nested objects, without lists and answers.
@@ -499,11 +472,9 @@ function save(allTheSame) {
   const doc = result();
   const plain = (text) => text.replace(/[^A-Za-z0-9_.-]+/g, "_");
   const name = plain(`draft_${doc.recording}_${doc.who}`) + ".json";
-  const link = element("a", { download: name, href: URL.createObjectURL(new Blob([JSON.stringify(doc, null, 1) + "\n"], { type: "application/json" })) });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+  download(name, doc);
   setChanged(false);
-  forget();
+  memory.drop(KEY);
   panel.classList.remove("warn");
   say(element("b", {}, name), " lies in your downloads. It counts once it is checked, bound to the recording and sealed:");
   panel.append(element("code", {}, `ssp audit observe ${quoted(DATA.bag)} --seal ${name}`));

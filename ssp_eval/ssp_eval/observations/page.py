@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from base64 import b64encode
 from collections.abc import Callable, Sequence
@@ -12,14 +11,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from markupsafe import Markup
 
 from ssp_core.bag.pictures.frames import Frames
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.messages import peek_stamp_ns
 from ssp_core.errors import InputError
 from ssp_core.names import CAMERA_IMAGE, absolute
-from ssp_core.templates import templates
+from ssp_eval.forms import form_page
 from ssp_eval.observations.files import Footage
 from ssp_eval.observations.questions import Card
 
@@ -104,7 +102,7 @@ def shown_frames(
     return [found[i] for i in indices if i in found]
 
 
-_HERE = Path(__file__).parent
+_TEMPLATE = Path(__file__).with_name("page.html.j2")
 
 
 def render(
@@ -131,15 +129,4 @@ def render(
             for frame in frames
         ],
     }
-    return (
-        templates(_HERE)
-        .get_template("page.html.j2")
-        .render(
-            recording=draft["recording"],
-            digest=draft["bag_sha256"],
-            style=Markup((_HERE / "page.css").read_text()),
-            script=Markup((_HERE / "page.js").read_text()),
-            # No markup may end the script that holds it.
-            data=Markup(json.dumps(data).replace("<", "\\u003c")),
-        )
-    )
+    return form_page(_TEMPLATE, data, recording=draft["recording"], digest=draft["bag_sha256"])

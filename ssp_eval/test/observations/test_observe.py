@@ -206,7 +206,7 @@ def test_the_page_stands_alone_and_says_no_answer(run: Path) -> None:
     text = page_of(run, "--event", "cut_in").read_text()
     assert not re.search(r"https?://", text)
     assert "@import" not in text
-    data = json.loads(text.split('id="data">')[1].split("</script>")[0])
+    data = json.loads(text.split('type="application/json">')[1].split("</script>")[0])
     assert len(data["frames"]) == 90
     assert all(frame["src"].startswith("data:image/jpeg;base64,") for frame in data["frames"])
     assert data["draft"]["scenario"] == "cut_in"

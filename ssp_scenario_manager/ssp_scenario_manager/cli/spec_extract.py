@@ -27,12 +27,11 @@ from ssp_scenario_manager.extract.candidate import Origin
 from ssp_scenario_manager.extract.clip import WIDE_SPACING_S, Crop
 from ssp_scenario_manager.extract.extraction import ExtractedEvent, Order, extract
 from ssp_scenario_manager.review.decisions import shown
+from ssp_scenario_manager.review.dialogue import Stdio, Terminal
 from ssp_scenario_manager.review.session import (
     End,
     EventUnderReview,
     Session,
-    Stdio,
-    Terminal,
     open_evidence,
     to_decide,
 )

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-import click
-
-from ssp_core import console
 from ssp_core.errors import InputError
 from ssp_core.files.folders import make_folder
 from ssp_core.files.writing import write_bytes, write_text
-from ssp_core.hashing import sha256_bytes, sha256_file
+from ssp_core.hashing import sha256_file
 from ssp_scenario_manager.checks.base import Failure, View
 from ssp_scenario_manager.checks.check import (
     UndecidedField,
@@ -38,6 +34,13 @@ from ssp_scenario_manager.review.decisions import (
     leave_unresolved,
     read_value,
     shown,
+)
+from ssp_scenario_manager.review.dialogue import (
+    QUIT,
+    FileUnderReview,
+    Terminal,
+    ask_reason,
+    decide,
 )
 
 COLUMNS = 3
@@ -166,7 +169,7 @@ class EventUnderReview:
         self.path, self.log, self.who = path, log, who
         self._now = now
         self.event, self.version = load_event(str(path))
-        self._on_disk = sha256_bytes(path.read_bytes())
+        self._file = FileUnderReview(path)
 
     def record(
         self,
@@ -201,12 +204,7 @@ class EventUnderReview:
         Raises:
             InputError: the file was changed by somebody else meanwhile; nothing is written.
         """
-        if sha256_bytes(self.path.read_bytes()) != self._on_disk:
-            raise InputError(
-                "was changed by somebody else during the review",
-                file=self.path,
-                remedy="start the review again; what was decided before is kept",
-            )
+        self._file.check()
         version = event_version(after)
         append_records(
             self.log,
@@ -215,48 +213,9 @@ class EventUnderReview:
                 for record in records
             ],
         )
-        text = event_text(after)
-        write_text(self.path, text)
+        write_text(self.path, event_text(after))
         self.event, self.version = after, version
-        self._on_disk = sha256_bytes(text.encode())
-
-
-class Terminal(Protocol):
-    """The source of answers and the place of questions; tests have their own."""
-
-    def say(self, text: str) -> None:
-        """Show a line, or several."""
-
-    def ask(self, prompt: str) -> str | None:
-        """Return the next line, stripped; None when there are no more."""
-
-
-class Stdio:
-    """Standard input and output."""
-
-    def say(self, text: str) -> None:
-        console.out.print(text, markup=False)
-
-    def ask(self, prompt: str) -> str | None:
-        click.echo(console.visible(prompt), nl=False)
-        line = sys.stdin.readline()
-        if not sys.stdin.isatty():
-            click.echo(
-                console.visible(line.rstrip("\n"))
-            )  # so that a log of a piped review reads like a talk
-        return line.strip() if line else None
-
-
-def ask_reason(terminal: Terminal, prompt: str = "  reason> ") -> str | None:
-    """Return a reason of a word or more; None at the end of input or after two empty ones."""
-    for _ in range(2):
-        text = terminal.ask(prompt)
-        if text is None:
-            return None
-        if text:
-            return text
-        terminal.say("  a reason is needed; it goes into the log")
-    return None
+        self._file.written()
 
 
 PROMPT = "  [a]ccept [e]dit [u]nresolved [s]kip [r]eject clip [q]uit [?] > "
@@ -401,26 +360,14 @@ class Session:
 
     def _decide(self, item: UndecidedField) -> End | None:
         """Ask until there is a decision about one field; return an End when the review is over."""
-        acts: dict[str, Callable[[UndecidedField], bool]] = {
-            "a": self._accept,
-            "e": self._edit,
-            "u": self._leave,
+        acts = {
+            "accept": lambda: self._accept(item),
+            "edit": lambda: self._edit(item),
+            "unresolved": lambda: self._leave(item),
+            "skip": lambda: True,
+            "reject": lambda: self._reject(item),
         }
-        while True:
-            answer = self.terminal.ask(PROMPT)
-            if answer is None or answer in ("q", "quit"):
-                return End.QUIT
-            key = answer[:1]
-            if key in acts and answer in (key, _WORDS[key]):
-                if acts[key](item):
-                    return None
-            elif answer in ("s", "skip"):
-                return None
-            elif answer in ("r", "reject"):
-                if self._reject(item):
-                    return End.REJECTED
-            else:
-                self.terminal.say(HELP)
+        return _ENDS.get(decide(self.terminal, PROMPT, HELP, acts))
 
     def _accept(self, item: UndecidedField) -> bool:
         if item.critical and is_unresolved(item.value):
@@ -505,7 +452,7 @@ class Session:
         return True
 
 
-_WORDS = {"a": "accept", "e": "edit", "u": "unresolved"}
+_ENDS = {QUIT: End.QUIT, "reject": End.REJECTED}
 
 
 def _failure_line(failure: Failure, mark: str = "") -> str:

@@ -1,28 +1,20 @@
-"use strict";
-const data = JSON.parse(document.getElementById("data").textContent);
-const at = (id) => document.getElementById(id);
-const store = `ssp-review ${data.subset} ${data.reviewer}`;
-const ids = data.texts.map((one) => one.id);
+const store = `ssp-review ${DATA.subset} ${DATA.reviewer}`;
+const ids = DATA.texts.map((one) => one.id);
 let answers = {};
 let index = 0;
 let current = 0;
 
-// What was answered survives a closed window; a browser that keeps nothing still can export.
-try {
-  const kept = JSON.parse(localStorage.getItem(store) || "{}");
-  take(kept.answers || {});
-  index = Math.min(Math.max(kept.index || 0, 0), ids.length - 1);
-} catch {
-  say("This browser keeps no answers: save them before you close the window.", true);
-}
+const kept = memory.read(store) || {};
+take(kept.answers || {});
+index = Math.min(Math.max(kept.index || 0, 0), ids.length - 1);
 
 function take(given) {
   for (const id of ids) {
     const one = given[id];
     if (typeof one !== "object" || one === null) continue;
     answers[id] = {};
-    for (const slot of data.slots) {
-      const allowed = [...slot.values, data.none, data.unsure];
+    for (const slot of DATA.slots) {
+      const allowed = [...slot.values, DATA.none, DATA.unsure];
       const parts = String(one[slot.name] ?? "").split("+").filter((part) => allowed.includes(part));
       if (parts.length) answers[id][slot.name] = parts.join("+");
     }
@@ -31,30 +23,28 @@ function take(given) {
 }
 
 function keep() {
-  try {
-    localStorage.setItem(store, JSON.stringify({ answers, index }));
-  } catch {
+  if (!memory.keeps(store, { answers, index })) {
     say("This browser keeps no answers: save them before you close the window.", true);
   }
 }
 
 function say(text, wrong = false) {
-  at("say").textContent = text;
-  at("say").className = wrong ? "wrong" : "";
+  $("say").textContent = text;
+  $("say").className = wrong ? "wrong" : "";
   clearTimeout(say.timer);
-  say.timer = setTimeout(() => { at("say").textContent = ""; }, wrong ? 8000 : 3000);
+  say.timer = setTimeout(() => { $("say").textContent = ""; }, wrong ? 8000 : 3000);
 }
 
 const answer = (id) => (answers[id] ||= {});
 const chosen = (slot) => (answer(ids[index])[slot.name] || "").split("+").filter(Boolean);
-const whole = (id) => data.slots.every((slot) => (answers[id] || {})[slot.name]);
+const whole = (id) => DATA.slots.every((slot) => (answers[id] || {})[slot.name]);
 
 function choose(slot, value) {
   let now = chosen(slot);
   if (now.includes(value)) {
     now = now.filter((one) => one !== value);
-  } else if (slot.several && !data.alone.includes(value)) {
-    now = [...now.filter((one) => !data.alone.includes(one)), value];
+  } else if (slot.several && !DATA.alone.includes(value)) {
+    now = [...now.filter((one) => !DATA.alone.includes(one)), value];
     now = slot.values.filter((one) => now.includes(one));
   } else {
     now = [value];
@@ -66,63 +56,52 @@ function choose(slot, value) {
 }
 
 // Built once; a text changes only what is checked.
-const fields = data.slots.map((slot, number) => {
-  const field = document.createElement("fieldset");
-  const legend = document.createElement("legend");
-  legend.textContent = slot.title;
-  const name = document.createElement("small");
-  name.textContent = slot.name + (slot.several ? ", any number" : "");
-  legend.append(name);
-  const choices = document.createElement("div");
-  choices.className = "choices";
+const fields = DATA.slots.map((slot, number) => {
+  const many = element("small", {}, slot.name + (slot.several ? ", any number" : ""));
+  const choices = element("div", { class: "choices" });
+  const field = element("fieldset", {}, element("legend", {}, slot.title, many), choices);
   const inputs = new Map();
-  [...slot.values, data.none, data.unsure].forEach((value, place) => {
-    const label = document.createElement("label");
-    if (data.alone.includes(value)) label.className = "alone";
-    const input = document.createElement("input");
-    input.type = "checkbox";
-    input.setAttribute("aria-label", `${slot.name}: ${value}`);
+  [...slot.values, DATA.none, DATA.unsure].forEach((value, place) => {
+    const input = element("input", { type: "checkbox", "aria-label": `${slot.name}: ${value}` });
     input.addEventListener("change", () => { go(number); choose(slot, value); });
-    const key = document.createElement("kbd");
-    key.textContent = value === data.none ? "0" : value === data.unsure ? "?" : String(place + 1);
-    label.append(input, key, value);
-    choices.append(label);
+    const key = value === DATA.none ? "0" : value === DATA.unsure ? "?" : String(place + 1);
+    const kind = DATA.alone.includes(value) && "alone";
+    choices.append(element("label", { class: kind }, input, element("kbd", {}, key), value));
     inputs.set(value, input);
   });
-  field.append(legend, choices);
   field.addEventListener("pointerdown", () => go(number));
   field.addEventListener("focusin", () => go(number));
-  at("slots").append(field);
+  $("slots").append(field);
   return { field, inputs };
 });
 
 function mark() {
-  data.slots.forEach((slot, number) => {
+  DATA.slots.forEach((slot, number) => {
     const now = chosen(slot);
     fields[number].inputs.forEach((input, value) => { input.checked = now.includes(value); });
     fields[number].field.classList.toggle("answered", now.length > 0);
     fields[number].field.classList.toggle("current", number === current);
   });
-  at("rule").textContent = data.slots[current].rule;
+  $("rule").textContent = DATA.slots[current].rule;
   const done = ids.filter(whole).length;
-  at("done").textContent = `${done} of ${ids.length} answered`;
-  at("fill").style.width = `${(100 * done) / ids.length}%`;
-  at("fill").parentElement.setAttribute("aria-valuenow", done);
+  $("done").textContent = `${done} of ${ids.length} answered`;
+  $("fill").style.width = `${(100 * done) / ids.length}%`;
+  $("fill").parentElement.setAttribute("aria-valuenow", done);
 }
 
 function go(number) {
-  current = Math.min(Math.max(number, 0), data.slots.length - 1);
+  current = Math.min(Math.max(number, 0), DATA.slots.length - 1);
   mark();
 }
 
 function show(number) {
   index = Math.min(Math.max(number, 0), ids.length - 1);
-  at("text").textContent = data.texts[index].text;
-  at("text").scrollTop = 0;
-  at("where").textContent = `${ids[index]} · ${index + 1} / ${ids.length}`;
-  at("comment").value = answer(ids[index]).comment || "";
-  at("previous").disabled = index === 0;
-  at("next").disabled = index === ids.length - 1;
+  $("text").textContent = DATA.texts[index].text;
+  $("text").scrollTop = 0;
+  $("where").textContent = `${ids[index]} · ${index + 1} / ${ids.length}`;
+  $("comment").value = answer(ids[index]).comment || "";
+  $("previous").disabled = index === 0;
+  $("next").disabled = index === ids.length - 1;
   current = 0;
   keep();
   mark();
@@ -137,37 +116,33 @@ function unanswered() {
 }
 
 function onward() {
-  if (current + 1 < data.slots.length) go(current + 1);
+  if (current + 1 < DATA.slots.length) go(current + 1);
   else if (index + 1 < ids.length) show(index + 1);
   else unanswered();
 }
 
 function save() {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([asJson()], { type: "application/json" }));
-  link.download = `answers_${data.reviewer}.json`;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  download(`answers_${DATA.reviewer}.json`, given());
   const left = ids.filter((id) => !whole(id)).length;
   if (left) say(`Saved, but ${left} of ${ids.length} texts are not whole yet.`, true);
   else say("Saved. Send the file back.");
 }
 
-function asJson() {
-  const given = {};
+function given() {
+  const all = {};
   for (const id of [...ids].sort()) {
     const one = answer(id);
-    given[id] = { comment: one.comment || "" };
-    for (const slot of data.slots) given[id][slot.name] = one[slot.name] || "";
+    all[id] = { comment: one.comment || "" };
+    for (const slot of DATA.slots) all[id][slot.name] = one[slot.name] || "";
   }
-  const { schema, subset, reviewer } = data;
-  return JSON.stringify({ schema, subset, reviewer, answers: given }, null, 1) + "\n";
+  const { schema, subset, reviewer } = DATA;
+  return { schema, subset, reviewer, answers: all };
 }
 
 async function load(file) {
   try {
     const value = JSON.parse(await file.text());
-    if (value.subset !== data.subset || value.reviewer !== data.reviewer) {
+    if (value.subset !== DATA.subset || value.reviewer !== DATA.reviewer) {
       say("That file belongs to another form.", true);
       return;
     }
@@ -180,38 +155,38 @@ async function load(file) {
   }
 }
 
-at("previous").addEventListener("click", () => show(index - 1));
-at("next").addEventListener("click", () => show(index + 1));
-at("open").addEventListener("click", unanswered);
-at("save").addEventListener("click", save);
-at("load").addEventListener("click", () => at("file").click());
-at("file").addEventListener("change", (event) => {
+$("previous").addEventListener("click", () => show(index - 1));
+$("next").addEventListener("click", () => show(index + 1));
+$("open").addEventListener("click", unanswered);
+$("save").addEventListener("click", save);
+$("load").addEventListener("click", () => $("file").click());
+$("file").addEventListener("change", (event) => {
   if (event.target.files[0]) load(event.target.files[0]);
   event.target.value = "";
 });
-at("comment").addEventListener("input", () => {
-  answer(ids[index]).comment = at("comment").value;
+$("comment").addEventListener("input", () => {
+  answer(ids[index]).comment = $("comment").value;
   keep();
 });
 
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
-  if (event.target === at("comment")) {
-    if (event.key === "Escape" || event.key === "Enter") at("comment").blur();
+  if (event.target === $("comment")) {
+    if (event.key === "Escape" || event.key === "Enter") $("comment").blur();
     return;
   }
-  const slot = data.slots[current];
+  const slot = DATA.slots[current];
   const values = slot.values;
   const button = event.target instanceof HTMLButtonElement || event.target.tagName === "SUMMARY";
   if (event.key >= "1" && event.key <= "9" && values[event.key - 1]) choose(slot, values[event.key - 1]);
-  else if (event.key === "0" || event.key === "n") choose(slot, data.none);
-  else if (event.key === "?") choose(slot, data.unsure);
+  else if (event.key === "0" || event.key === "n") choose(slot, DATA.none);
+  else if (event.key === "?") choose(slot, DATA.unsure);
   else if (event.key === "ArrowDown") go(current + 1);
   else if (event.key === "ArrowUp") go(current - 1);
   else if (event.key === "PageDown") show(index + 1);
   else if (event.key === "PageUp") show(index - 1);
   else if (event.key === "u") unanswered();
-  else if (event.key === "c") at("comment").focus();
+  else if (event.key === "c") $("comment").focus();
   else if (event.key === "Enter" && !button) onward();
   else return;
   event.preventDefault();

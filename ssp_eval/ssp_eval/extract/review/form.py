@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import random
 from collections.abc import Mapping
 from pathlib import Path
-
-import jinja2
 
 from ssp_core.files.folders import make_folder, taken_folder
 from ssp_core.files.writing import write_json, write_text
@@ -16,8 +13,9 @@ from ssp_eval.extract.conventions import ASKED, CONVENTIONS, GENERAL, REVIEWERS_
 from ssp_eval.extract.measure import NOBODY
 from ssp_eval.extract.review.answers import ANSWERS_SCHEMA, NONE, REVIEWERS, UNSURE
 from ssp_eval.extract.review.subset import Subset
+from ssp_eval.forms import form_page
 
-_HERE = Path(__file__).parent
+_TEMPLATE = Path(__file__).with_name("form.html.j2")
 
 
 def write_review(subset: Subset, out: Path) -> None:
@@ -62,16 +60,8 @@ def form(texts: Mapping[str, str], subset: str, reviewer: int) -> str:
         "none": NONE,
         "unsure": UNSURE,
     }
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_HERE), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    return environment.get_template("form.html.j2").render(
-        reviewer=reviewer,
-        count=len(texts),
-        general=(*GENERAL, REVIEWERS_TOO),
-        data=_embedded(data),
-        style=(_HERE / "form.css").read_text(encoding="utf-8"),
-        script=(_HERE / "form.js").read_text(encoding="utf-8"),
+    return form_page(
+        _TEMPLATE, data, reviewer=reviewer, count=len(texts), general=(*GENERAL, REVIEWERS_TOO)
     )
 
 
@@ -84,9 +74,3 @@ def _order(subset: Subset, reviewer: int) -> dict[str, str]:
 
 def _shown(text: str) -> str:
     return text.encode("utf-8", "replace").decode()
-
-
-def _embedded(value: object) -> str:
-    """JSON as it may stand in a script element of HTML, whatever texts hold."""
-    text = json.dumps(value, ensure_ascii=True)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
