@@ -146,14 +146,16 @@ def test_a_model_drives_over_dds_into_a_wall_and_is_never_lost_for_being_slow(
     # It drives into a wall, which ends its run as it does in one process.
     (stop,) = (one.header.stamp for one in changes if one.state == SessionPhase.STOPPING)
     assert stop.sec + stop.nanosec / 1e9 == pytest.approx(driven["outcome_s"] + 1.0)
-    assert len(requests) == driven["questions"]
-    assert len(responses) == driven["answers"]
+    assert len(requests) - driven["questions"] in (0, 1)
+    assert len(responses) - driven["answers"] in (0, 1)
     drawn = {hashlib.sha256(bytes(image.data)).hexdigest() for image in images}
     shown = {frame.format.rpartition(":")[2] for one in requests for frame in one.frames}
     assert shown <= drawn
     kept = json.loads((session.folder / "answers.json").read_text())
-    assert [one["given"]["answer"]["text"] for one in kept["event"]] == (
-        ["I keep my speed."] * driven["questions"]
-    )
+    assert len(kept["event"]) == driven["questions"]
+    # The session may end before the question of its last frame has been answered.
+    assert driven["answers"] >= driven["questions"] - 1
+    answered = kept["event"][: driven["answers"]]
+    assert {one["given"]["answer"]["text"] for one in answered} == {"I keep my speed."}
     assert kept["free"]
     assert (tmp_path / "slow").exists()
