@@ -120,6 +120,22 @@ def test_without_mutmut_it_says_what_to_install(tmp_path, capsys):
     assert not (tmp_path / "work").exists()
 
 
+def test_a_command_that_is_named_by_a_path_from_here_runs_in_the_folder(
+    tmp_path, monkeypatch, capfd
+):
+    command = tmp_path / "bin" / "mutmut"
+    command.parent.mkdir()
+    command.write_text("#!/bin/sh\necho at $(basename $PWD): $1\n")
+    command.chmod(0o755)
+    (tmp_path / "work").mkdir()
+    (tmp_path / "work" / "pyproject.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    assert run.main(["work", "--mutmut", "bin/mutmut"]) == 0
+    said = capfd.readouterr().out
+    assert "at work: run" in said
+    assert "0 mutants" in said
+
+
 def test_a_folder_of_something_else_is_left_alone(tmp_path, capsys):
     (tmp_path / "mine.txt").write_text("mine")
     assert run.main([str(tmp_path), "--mutmut", sys.executable]) == 2
