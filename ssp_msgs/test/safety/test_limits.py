@@ -17,9 +17,10 @@ from ssp_core.motion.state import DEFAULT_SIZES, ObjectState, Size
 from ssp_core.run_file.model import Limits
 from ssp_core.safety import limits as judge
 from ssp_core.safety.codes import SafetyCode
+from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import Continuity, LimitViolation, follow, near_pairs
-from ssp_core.vocabulary import ObjectClass, Role
+from ssp_core.vocabulary import ControlState, ObjectClass, Role
 from support.states import object_state
 
 S = 1_000_000_000
@@ -195,6 +196,16 @@ def test_a_jump(seconds: float, x_m: float, y_m: float, passed: bool) -> None:
         assert found.limit == 1.0 + 1.5 * seconds**2
 
 
+@pytest.mark.parametrize(("back_m", "passed"), [(0.0, False), (1.1, True)])
+def test_a_jump_is_measured_wherever_the_object_is_and_leads(back_m: float, passed: bool) -> None:
+    """North-west of the origin and on its way north, a tenth of a second later."""
+    before = replace(STATE, x_m=-30.0, y_m=70.0, yaw_rad=math.pi / 2.0)
+    after = replace(before, stamp_ns=before.stamp_ns + S // 10, x_m=-30.0, y_m=71.0 - back_m)
+    found = judge.position_jump(before, after, LIMITS)
+    assert (found is not None) is passed
+    assert found is None or found.measured == pytest.approx(back_m)
+
+
 def test_a_bend_is_no_jump() -> None:
     turning = replace(STATE, yaw_rate_radps=0.5)
     assert judge.position_jump(turning, turning.extrapolated(21 * S), LIMITS) is None
@@ -220,6 +231,7 @@ def test_a_body_changes_neither_its_extent_nor_its_class() -> None:
     assert told(row) == [(2, "STATE_CONTRADICTS"), (3, "STATE_CONTRADICTS")]
     _, (found,) = follow(Continuity(row[1], None), row[2], LIMITS)
     assert found.words == "states a car of 0.1 × 0.1 m, and stated a car of 4.5 × 1.8 m"
+    assert (found.measured, found.limit) == (0.02, 0.0)
     other = replace(row[1], object_class=ObjectClass.BUS)
     assert told([row[0], other]) == [(1, "STATE_CONTRADICTS")]
 
@@ -254,9 +266,101 @@ def test_a_position_that_stands_while_the_object_moves(
     assert found == [(index, SafetyCode.STATE_FROZEN) for index in expected]
 
 
+@pytest.mark.parametrize(
+    ("moved_m", "frozen"), [((0.01, 0.0), True), ((0.0, -0.011), False), ((-0.0101, 0.0), False)]
+)
+def test_who_went_a_centimetre_has_stayed(moved_m: tuple[float, float], frozen: bool) -> None:
+    """The first state lies beside the axes; the place moves once, with the second."""
+    first = replace(STATE, x_m=0.0, y_m=30.0)
+    then: dict[str, Any] = {"x_m": moved_m[0], "y_m": 30.0 + moved_m[1]}
+    memory, found = Continuity(), []
+    for step in range(22):
+        state = replace(first, stamp_ns=S + step * S // 50, **(then if step else {}))
+        memory, passed = follow(memory, state, LIMITS.model_copy(update={"jump_m": 100.0}))
+        found += [(step, one.code) for one in passed]
+    assert found == ([(21, SafetyCode.STATE_FROZEN)] if frozen else [])
+
+
 def test_a_short_stop_of_the_position_is_forgiven() -> None:
     at = [0.0, 0.2, 0.4, 0.4, 0.4, 0.4, 1.2, 1.4, 1.6]
     assert told([later(0.02 * i, x_m=50.0 + x) for i, x in enumerate(at)]) == []
+
+
+# -- what a state says of itself ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("says", "codes"),
+    [
+        ({"error_longitudinal_m": 2.1}, ["ERROR_LONGITUDINAL"]),
+        ({"error_lateral_m": -0.9}, ["ERROR_LATERAL"]),
+        ({"error_yaw_rad": 0.4}, ["ERROR_YAW"]),
+        ({"error_longitudinal_m": 2.1, "error_yaw_rad": 0.4}, ["ERROR_LONGITUDINAL"]),
+        ({"error_lateral_m": 0.9, "reference_id": ""}, []),
+        ({"acceleration_mps2": -3.1}, ["OVER_ACCELERATION"]),
+        ({"acceleration_mps2": -3.1, "control_state": ControlState.ABORTING}, []),
+        ({"acceleration_mps2": -3.1, "reference_id": ""}, []),
+        (
+            {"position_std_m": 0.7, "acceleration_mps2": 3.1, "error_yaw_rad": -0.4},
+            ["LOCALISATION", "OVER_ACCELERATION", "ERROR_YAW"],
+        ),
+    ],
+)
+def test_errors_and_acceleration_count_off_a_reference(
+    says: dict[str, Any], codes: list[str]
+) -> None:
+    driven = {"reference_id": "r", "control_state": ControlState.RUNNING}
+    found = judge.stated(replace(STATE, **{**driven, **says}), LIMITS)
+    assert [one.code.name for one in found] == codes
+
+
+@pytest.mark.parametrize(
+    ("age_s", "allowance_s", "measured"),
+    [
+        (5.0, 0.0, None),
+        (0.0, 0.0, None),
+        (-0.05, 0.0, None),
+        (-0.06, 0.0, 0.06),
+        (-0.06, 0.02, None),
+        (-0.08, 0.02, 0.06),
+        (math.nan, 0.0, math.nan),
+    ],
+)
+def test_a_stamp_ahead_counts_beyond_what_is_allowed_for(
+    age_s: float, allowance_s: float, measured: float | None
+) -> None:
+    found = judge.stamp_ahead(age_s, LIMITS, allowance_s)
+    assert (found is None) is (measured is None)
+    if found is not None:
+        assert (found.code, found.limit) == (SafetyCode.CLOCK_OFFSET, 0.05)
+        assert found.measured == pytest.approx(measured, nan_ok=True)
+
+
+def test_an_offset_is_known_to_half_of_the_delay_and_a_negative_one_takes_nothing_off() -> None:
+    def codes(offset_s: float, delay_s: float) -> list[str]:
+        return [one.code.name for one in judge.link_violations(offset_s, delay_s, LIMITS)]
+
+    assert codes(0.25, 0.4) == codes(-0.25, 0.4) == codes(0.05, -0.0005) == []
+    assert codes(0.251, 0.4) == codes(-0.251, 0.4) == codes(0.051, -0.0005) == ["CLOCK_OFFSET"]
+    assert codes(9.0, 0.46) == ["LINK_DELAY", "CLOCK_OFFSET"]
+    assert codes(math.nan, math.nan) == ["LINK_DELAY", "CLOCK_OFFSET"]
+
+
+def test_who_went_as_far_as_its_places_are_uncertain_has_stood() -> None:
+    def watch(way_m: float, std_m: float = 0.0) -> ConsistencyWatch:
+        made = ConsistencyWatch(Bounds())
+        for step in range(2):
+            made.take(step * S, way_m * step, 0.0, 0.0, 0.0, std_m)
+        return made
+
+    assert judge.has_stood(replace(STATE, speed_mps=0.0), watch(0.1))
+    assert judge.has_stood(replace(STATE, speed_mps=0.0), watch(0.6, 0.25))
+    assert judge.net_way_m(watch(math.nextafter(0.1, 1.0))) == (math.nextafter(0.1, 1.0), 0.1)
+    assert judge.net_way_m(watch(0.75, 0.25)) == (0.75, 0.6)
+    for mps, stood in ((0.05, True), (-0.05, True), (0.051, False), (-0.051, False)):
+        assert judge.has_stood(replace(STATE, speed_mps=mps), watch(0.0)) is stood
+    assert not judge.has_stood(replace(STATE, speed_mps=0.0), watch(0.2))
+    assert not judge.has_stood(replace(STATE, speed_mps=math.nan), watch(0.0))
 
 
 # -- two objects ----------------------------------------------------------------------------------
@@ -283,6 +387,7 @@ def test_the_distance_of_two_boxes(gap_m: float, code: SafetyCode | None, side: 
     assert (found.code if found else None) == code
     if found is not None:
         assert found.measured == pytest.approx(max(gap_m, 0.0), abs=1e-12)
+        assert found.limit == (0.0 if code is SafetyCode.COLLISION else 0.5)
 
 
 @given(
@@ -360,6 +465,20 @@ def test_objects_that_are_far_from_each_other_are_left_out() -> None:
     assert near_pairs(row, 1.0) == []
     assert near_pairs(column, 1.0) == []
     assert near_pairs(row, 6.0) == [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5)]
+
+
+@pytest.mark.parametrize("course_rad", [0.0, math.pi / 2.0, -math.pi / 2.0])
+@pytest.mark.parametrize("within_m", [0.0, 0.5])
+def test_boxes_that_point_corners_at_each_other_are_as_near_as_these(
+    course_rad: float, within_m: float
+) -> None:
+    """The widest reach counts, and rounding leaves none out."""
+    a = state(0.0, 0.0, course_rad - math.atan2(1.0, 3.0), 3.0, 1.0, 2.0)
+    away_m = 2.0 * math.hypot(3.0, 1.0) + within_m
+    x_m, y_m = away_m * math.cos(course_rad), away_m * math.sin(course_rad)
+    b = replace(a, x_m=x_m, y_m=y_m, yaw_rad=a.yaw_rad + math.pi)
+    assert box_distance(a.box, b.box) == pytest.approx(within_m, abs=1e-9)
+    assert near_pairs([a, b], within_m) == [(0, 1)]
 
 
 def test_an_extent_that_is_no_number_may_reach_anywhere() -> None:
