@@ -189,11 +189,9 @@ class Facts:
         """No waiting lets every object be armed: an object's process must be started anew."""
         return self.lasting or any(body.lasting for body in self.bodies.values())
 
-    def silence_s(self, sign: SignOfLife) -> float:
-        """Return the seconds since a sign counted by arrival; infinite for what was never heard."""
-        if sign.code is SafetyCode.REPLY_MISSING:
-            return self.links.get(sign.who, LinkEstimate()).age_s
-        return self.ages_s.get(sign.who, math.inf)
+    def silence_s(self, who: str) -> float:
+        """Return the seconds since a node or object was heard; infinite for what never was."""
+        return self.ages_s.get(who, math.inf)
 
     @staticmethod
     def of_one_process(spec: RunSpec) -> Facts:
@@ -302,7 +300,7 @@ def _states_arrive(at: Situation) -> Iterator[Obstacle]:
             detail = " and ".join(at.facts.unanswered)
             yield Obstacle(Need.ANSWERS, names.SIL_WORLD, detail=detail)
             continue
-        silence_s = math.inf if at.state_of(sign.who) is None else at.facts.silence_s(sign)
+        silence_s = math.inf if at.state_of(sign.who) is None else at.facts.silence_s(sign.who)
         body = at.facts.bodies.get(sign.who)
         yield from _silent(sign, silence_s, "" if body is None else "; ".join(body.no_state))
 
@@ -357,12 +355,12 @@ def _nodes_live(at: Situation) -> Iterator[Obstacle]:
         if sign == RECORDER_SIGN:
             yield from recorder_obstacles(at.facts)
         else:
-            yield from _silent(sign, at.facts.silence_s(sign))
+            yield from _silent(sign, at.facts.silence_s(sign.who))
 
 
 def recorder_obstacles(facts: Facts) -> Iterator[Obstacle]:
     """Find what the recorder lacks, which needs no run file to be said."""
-    silent = list(_silent(RECORDER_SIGN, facts.silence_s(RECORDER_SIGN)))
+    silent = list(_silent(RECORDER_SIGN, facts.silence_s(RECORDER_SIGN.who)))
     yield from silent
     if silent:
         return
