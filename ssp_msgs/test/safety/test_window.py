@@ -52,8 +52,13 @@ def test_a_speed_may_be_off_by_a_quarter_or_half_a_metre_per_second_or_the_noise
 
 @pytest.mark.parametrize(
     ("speed_mps", "signed", "turned_rad"),
-    [(5.0, True, 2.5), (0.0, True, 2.5), (-5.0, True, 2.5 - math.pi)]
-    + [(5.0, False, 2.5 - math.pi), (-5.0, False, 2.5 - math.pi)],
+    [
+        (5.0, True, 2.5),
+        (0.0, True, 2.5),
+        (-5.0, True, 2.5 - math.pi),
+        (5.0, False, 2.5 - math.pi),
+        (-5.0, False, 2.5 - math.pi),
+    ],
 )
 def test_the_way_lies_to_the_left_of_where_yaw_and_sign_of_the_speed_lead(
     speed_mps: float, signed: bool, turned_rad: float
