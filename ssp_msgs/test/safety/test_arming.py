@@ -200,6 +200,15 @@ def test_one_object_that_is_not_in_place_is_named_alone(
 def test_places_that_went_on_are_named_where_the_speed_says_standstill() -> None:
     facts = replace(READY, motion={"ot1": stood(0.5), "ot2": stood(0.1)})
     assert found(facts=facts) == [(Need.STAYING, "ot1", 0.5, 0.1, " in 1 s")]
+    doubted = ConsistencyWatch(Bounds())
+    for step in range(50):
+        doubted.take(step * S // 50, 0.2 * step if step < 40 else 7.8, 0.0, 0.0, 0.0)
+    assert doubted.doubt is not None
+    text = doubted.doubt.text
+    assert found(facts=replace(READY, motion={"ot2": doubted})) == [
+        (Need.STAYING, "ot2", pytest.approx(7.8), 0.1, " in 1 s"),
+        about(Need.CONSISTENT, "ot2", text),
+    ]
     fast = participants(RUN, ot1={"speed_mps": 1.0})
     assert found(facts=facts, states=fast) == [(Need.STANDING, "ot1", 1.0, 0.05, "")]
 

@@ -17,16 +17,21 @@ def contradict(
     return found
 
 
+def kept(findings: MotionFindings) -> tuple[Contradiction | None, Contradiction | None]:
+    """The present contradiction and the doubt."""
+    return findings.contradiction, findings.doubt
+
+
 def test_a_contradiction_holds_from_half_a_second_on() -> None:
     findings = MotionFindings()
     first = contradict(findings, 2.0)
     assert first == Contradiction("a", "a: at 2 s", 0.0, 1, True)
-    assert findings.contradiction == first
+    assert kept(findings) == (first, None)
     assert not contradict(findings, 2.25, 2.499).holds
     assert contradict(findings, 2.5) == Contradiction("a", "a: at 2.5 s", 0.5, 4, True)
     assert contradict(findings, 2.5).holds
     findings.agree(2.6, moves=True)
-    assert findings.contradiction is None
+    assert kept(findings)[0] is None
     assert contradict(findings, 2.7) == Contradiction("a", "a: at 2.7 s", 0.0, 1, True)
 
 
@@ -85,11 +90,12 @@ def test_standstill_an_interruption_or_a_contradiction_begins_that_half_second_a
 
 def test_a_doubt_of_an_object_that_stood_ends_while_it_stands() -> None:
     findings = doubting(moves=False)
-    assert findings.doubt is not None
-    assert not findings.doubt.moving
+    _, doubt = kept(findings)
+    assert doubt is not None
+    assert not doubt.moving
     findings.agree(1.0, moves=False)
     findings.agree(1.5, moves=False)
-    assert findings.doubt is None
+    assert kept(findings) == (None, None)
     assert not contradict(findings, 2.0, moves=False).moving
 
 
@@ -177,11 +183,10 @@ def test_beginning_anew_forgets_what_did_not_fit_just_now_but_not_what_is_out() 
     delays = Delays()
     delays.take(0.0, fits(FIRST))
     delays.begin_anew()
-    assert delays.is_at_rest
+    assert (delays.is_at_rest, delays.believed_s) == (True, 0.0)
     delays.take(0.5, fits(FIRST))
     assert delays.possible(0.5) == list(DELAYS_S)
     delays.take(1.0, fits(FIRST))
     delays.begin_anew()
-    assert not delays.is_at_rest
-    assert delays.believed_s == DELAYS_S[FIRST]
+    assert (delays.is_at_rest, delays.believed_s) == (False, DELAYS_S[FIRST])
     assert delays.possible(1.1) == [DELAYS_S[FIRST]]

@@ -13,6 +13,7 @@ from ssp_core.safety.publishers import (
     Strangers,
     declarations,
     is_process,
+    known_strangers,
     whence,
 )
 from support.runs import small_run
@@ -143,6 +144,12 @@ def test_without_a_run_the_session_is_watched_all_the_same() -> None:
     rules = PublisherRules()
     assert names.state_topic("ot1") not in rules.expected
     assert rules.strangers(names.HEARTBEAT, [MANAGER, STRANGER]) is not None
+
+
+@pytest.mark.parametrize(("age_s", "known"), [(0.0, True), (3.0, True), (3.001, False)])
+def test_a_manager_that_is_silent_says_nothing_of_strangers(age_s: float, known: bool) -> None:
+    found = known_strangers(["/clock has /x"], age_s, ["/tf has /y"])
+    assert found == (("/clock has /x", "/tf has /y") if known else ("/tf has /y",))
 
 
 OWN = bytes.fromhex("010f7f016a0897c600000000")

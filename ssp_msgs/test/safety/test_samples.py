@@ -19,8 +19,8 @@ def sampled(
 ) -> MotionSamples:
     """Samples of time, x, y, yaw and speed; no place counts as less certain than 0.5 m."""
     samples = MotionSamples(0.5, pause_s)
-    for t_s, *values in rows:
-        samples.append(round((at_s + t_s) * S), *values, std_m)
+    for t_s, x_m, y_m, yaw_rad, speed_mps in rows:
+        samples.append(round((at_s + t_s) * S), x_m, y_m, yaw_rad, speed_mps, std_m)
     return samples
 
 
