@@ -103,6 +103,79 @@ def test_one_box_that_moved_is_judged_as_on_a_way() -> None:
         assert moved_excess_m(Pose2(*before.tolist()), box(*after.tolist()), WALLED) == swept
 
 
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ((40.0, 30.0, 0.0), (60.0, 30.0, 0.0)),
+        ((60.0, 30.0, 0.0), (40.0, 30.0, 0.0)),
+        # It ends 3 m clear of the wall that it came through, in y, in x, and by a turn.
+        ((48.0, 30.0, 0.0), (48.0, 16.0, 0.0)),
+        ((51.0, 21.5, 3.141592653589793), (58.0, 21.5, 0.0)),
+        ((44.0, 22.0, 0.0), (51.0, 15.0, 0.0)),
+        ((48.0, 22.0, 1.9), (48.0, 22.0, 1.0)),
+        ((48.5, 21.0, 1.5707963267948966), (48.5, 21.0, -1.5)),
+    ],
+)
+def test_one_box_that_came_through_a_wall_was_outside_wherever_it_is_now(
+    before: tuple[float, float, float], after: tuple[float, float, float]
+) -> None:
+    swept = drive(before, after)[1]
+    assert swept > 0.0
+    assert moved_excess_m(Pose2(*before), box(*after), WALLED) == swept
+
+
+def test_one_box_that_went_far_or_turned_far_is_judged_as_on_a_way() -> None:
+    random = np.random.default_rng(4)
+    found = {True: 0, False: 0}
+    for k in range(600):
+        before = random.uniform((40.0, 14.0, -3.1), (60.0, 40.0, 3.1))
+        spread = ((6.0, 0.0, 0.0), (0.0, 6.0, 0.0), (0.0, 0.0, 2.0), (4.0, 4.0, 1.0))[k % 4]
+        after = before + random.normal(0.0, spread)
+        swept = drive((*before,), (*after,))[1]
+        assert moved_excess_m(Pose2(*before.tolist()), box(*after.tolist()), WALLED) == swept
+        found[swept == 0.0] += 1
+    assert min(found.values()) > 100, found
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 2.0, -1.5])
+def test_what_is_still_where_it_was_is_as_far_out_as_before(yaw_rad: float) -> None:
+    for x_m, y_m in ((50.0, 0.5), (48.0, 24.5), (20.0, 25.0)):
+        here = box(x_m, y_m, yaw_rad)
+        excess_m = box_excess_m(here, WALLED)
+        assert moved_excess_m(here.pose, here, WALLED) == excess_m
+
+
+def test_a_corner_that_is_given_twice_changes_no_room() -> None:
+    twice = [*NOTCHED[:2], NOTCHED[1], *NOTCHED[2:], NOTCHED[-1]]
+    random = np.random.default_rng(7)
+    x, y = random.uniform(-10.0, 110.0, 100), random.uniform(-10.0, 60.0, 100)
+    assert rooms_m(x, y, twice) == pytest.approx(rooms_m(x, y, NOTCHED))
+    for k in range(100):
+        assert room_m(x[k], y[k], twice) == pytest.approx(room_m(x[k], y[k], NOTCHED))
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "radius_m", "holds"),
+    [
+        (50.0, 25.0, 24.9, True),
+        (50.0, 25.0, 25.0, False),
+        (50.0, 10.0, 9.9, True),
+        (50.0, 10.0, 10.0, False),
+        (0.0, 25.0, 0.0, False),
+        (-5.0, 25.0, 1.0, False),
+    ],
+)
+def test_a_room_that_was_never_measured_is_measured_at_once(
+    x_m: float, y_m: float, radius_m: float, holds: bool
+) -> None:
+    assert KnownRoom(SQUARE).holds(x_m, y_m, radius_m) is holds
+    # A place that was measured before answers for others, and is replaced where it doesn't.
+    for first in ((50.0, 25.0), (10.0, 10.0), (99.0, 49.0), (-9.0, -9.0)):
+        known = KnownRoom(SQUARE)
+        known.holds(*first, 1.0)
+        assert known.holds(x_m, y_m, radius_m) is holds
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_what_cannot_be_located_is_outside(bad: float) -> None:
     assert box_excess_m(box(50.0, bad), SQUARE) == math.inf

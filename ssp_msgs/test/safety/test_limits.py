@@ -108,7 +108,7 @@ def test_no_number_in_a_state(field: str, value: float) -> None:
     assert judge.state_not_finite(STATE) is None
     found = judge.state_not_finite(replace(STATE, **{field: value}))
     assert found is not None
-    assert found.code is SafetyCode.STATE_NOT_FINITE
+    assert (found.code, found.limit) == (SafetyCode.STATE_NOT_FINITE, 0.0)
 
 
 @pytest.mark.parametrize("field", ["front_m", "rear_m", "width_m", "height_m"])
@@ -390,6 +390,32 @@ def test_the_distance_of_two_boxes(gap_m: float, code: SafetyCode | None, side: 
         assert found.limit == (0.0 if code is SafetyCode.COLLISION else 0.5)
 
 
+@pytest.mark.parametrize("course_rad", [k * math.pi / 4.0 for k in range(8)])
+@pytest.mark.parametrize(
+    ("turned_rad", "ahead_m", "left_m"),
+    [
+        (0.0, 4.9, 0.5),  # its tail before the other's nose
+        (math.pi, 7.6, -0.5),  # nose to nose
+        (0.0, -4.9, 0.5),
+        (math.pi, -2.2, 0.5),  # tail to tail
+        (0.0, 1.0, 2.2),  # side by side
+        (math.pi / 2.0, 4.9, 0.5),  # its right side before the other's nose
+    ],
+)
+def test_boxes_that_are_too_near_are_found_whichever_way_they_face(
+    course_rad: float, turned_rad: float, ahead_m: float, left_m: float
+) -> None:
+    """Away from the origin; 0.4 m are left, and 0.5 m are asked for."""
+    c, s = math.cos(course_rad), math.sin(course_rad)
+    a = replace(STATE, x_m=-20.0, y_m=30.0, yaw_rad=course_rad)
+    x_m, y_m = -20.0 + c * ahead_m - s * left_m, 30.0 + s * ahead_m + c * left_m
+    b = replace(a, x_m=x_m, y_m=y_m, yaw_rad=course_rad + turned_rad)
+    for found in (judge.separation(a, b, LIMITS), judge.separation(b, a, LIMITS)):
+        assert found is not None
+        assert (found.code, found.limit) == (SafetyCode.SEPARATION, 0.5)
+        assert found.measured == pytest.approx(0.4)
+
+
 @given(
     st.floats(-8.0, 8.0),
     st.floats(-8.0, 8.0),
@@ -465,6 +491,13 @@ def test_objects_that_are_far_from_each_other_are_left_out() -> None:
     assert near_pairs(row, 1.0) == []
     assert near_pairs(column, 1.0) == []
     assert near_pairs(row, 6.0) == [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5)]
+
+
+@pytest.mark.parametrize("y_m", [-500.0, 0.0, 500.0])
+def test_a_pair_is_near_wherever_it_is(y_m: float) -> None:
+    states = [state(x_m, y_m + 1.0 + x_m, 0.0, 1.0, 1.0, 1.0) for x_m in (9.0, 3.0, 0.5, -4.0)]
+    assert near_pairs(states, 1.0) == [(1, 2)]
+    assert near_pairs(states[::-1], 1.0) == [(1, 2)]
 
 
 @pytest.mark.parametrize("course_rad", [0.0, math.pi / 2.0, -math.pi / 2.0])
