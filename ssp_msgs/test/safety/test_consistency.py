@@ -11,9 +11,10 @@ import pytest
 
 from ssp_core.run_file.model import Limits
 from ssp_core.safety import window
+from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch, WindowCounts
 from ssp_core.safety.contradiction import Contradiction
-from ssp_core.safety.limits import net_way_m
+from ssp_core.safety.limits import LimitViolation, net_way_m, state_contradicts
 from ssp_core.vocabulary import ObjectClass
 from tests.support.tracks import (
     MANOEUVRES,
@@ -291,6 +292,18 @@ def test_a_doubt_lasts_until_the_object_has_moved_without_one() -> None:
     assert see(states(6.0, 0.4, 5.0, 5.0)) is not None
     begin = 7.0
     assert see(states(6.4, 0.5, 5.0, 5.0)) is None
+
+
+def test_a_contradiction_ends_a_session_once_it_has_held() -> None:
+    held = set()
+    for watch in watched(drive(2.0, lambda t: (5.0 * t, 0.0), speed_mps=0.0), Bounds()):
+        found, passed = watch.contradiction, state_contradicts(watch)
+        held.add(found is not None and found.holds)
+        if found is None or not found.holds:
+            assert passed is None
+        else:
+            assert passed == LimitViolation(SafetyCode.STATE_CONTRADICTS, found.held_s, 0.5)
+    assert held == {False, True}
 
 
 def test_a_pause_and_a_clock_that_is_set_back_begin_anew() -> None:

@@ -108,6 +108,18 @@ def test_a_blind_stop_goes_on_along_the_arc_but_a_walkers_straight_on() -> None:
     assert right_m(ObjectClass.PEDESTRIAN, -1.2 - 1e-6, 2.0) == 0.0
 
 
+def test_a_fast_stop_on_a_narrow_arc_is_swept_to_half_a_centimetre() -> None:
+    """It goes round a circle of 10 m; the front right corner of its slack leads outermost."""
+    low_m = 0.02 - math.hypot(10.0 + 1.2, 4.2)
+    fence = [(-40.0, low_m), (40.0, low_m), (40.0, 40.0), (-40.0, 40.0)]
+    for turn in range(12):
+        c, s = math.cos(0.5 * turn), math.sin(0.5 * turn)
+        columns = held(0.0, 0.5 * turn, 30.0, 0.1)
+        columns[1:3, 0] = 10.0 * s, -10.0 * c
+        (found,) = blind_excess_m(columns, ObjectClass.CAR, BODY, LATE, fence, 0.02)
+        assert found == pytest.approx(0.02, abs=0.006)
+
+
 def test_the_worst_place_of_a_blind_stop_counts_for_each_point() -> None:
     columns = np.hstack([held(x_m, 0.0, 10.0, 0.0) for x_m in (0.0, 50.0, 60.0)])
     notched = [(-20.0, -5.0), (100.0, -5.0), (100.0, 5.0), (70.0, 5.0), (70.0, 0.9), (69.0, 0.9)]
