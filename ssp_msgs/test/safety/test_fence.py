@@ -154,6 +154,32 @@ def test_a_corner_that_is_given_twice_changes_no_room() -> None:
         assert room_m(x[k], y[k], twice) == pytest.approx(room_m(x[k], y[k], NOTCHED))
 
 
+def with_corners_each(step_m: float, fence: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The same outline in edges of at most so many metres."""
+    found = []
+    for (xa, ya), (xb, yb) in zip(fence, [*fence[1:], fence[0]], strict=True):
+        count = math.ceil(math.hypot(xb - xa, yb - ya) / step_m)
+        found += [(xa + (xb - xa) * k / count, ya + (yb - ya) * k / count) for k in range(count)]
+    return found
+
+
+@pytest.mark.parametrize("step_m", [0.7, 9.0])
+def test_corners_on_an_edge_change_nothing(step_m: float) -> None:
+    fine = with_corners_each(step_m, NOTCHED)
+    random = np.random.default_rng(8)
+    x, y = random.uniform(-5.0, 105.0, 60), random.uniform(-5.0, 55.0, 60)
+    yaw = random.uniform(-3.1, 3.1, 60)
+    assert rooms_m(x, y, fine) == pytest.approx(rooms_m(x, y, NOTCHED))
+    apart = (way_excess_m(*(v[:, None] for v in (x, y, yaw)), SIZE, f) for f in (fine, NOTCHED))
+    assert next(apart) == pytest.approx(next(apart))
+    for k in range(60):
+        at, here = (x[k], y[k]), box(x[k], y[k], yaw[k])
+        assert room_m(*at, fine) == pytest.approx(room_m(*at, NOTCHED))
+        assert box_excess_m(here, fine) == pytest.approx(box_excess_m(here, NOTCHED))
+        to = (x[k - 1], y[k - 1])
+        assert way_room_m(at, to, fine) == pytest.approx(way_room_m(at, to, NOTCHED), abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("x_m", "y_m", "radius_m", "holds"),
     [

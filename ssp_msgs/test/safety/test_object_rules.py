@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 import pytest
 
 import ssp_core
+from ssp_core.motion.state import DEFAULT_SIZES
 from ssp_core.run_file.model import Limits, RunSpec
 from ssp_core.run_file.participants import Motion
 from ssp_core.run_file.values import SiteDatum, Start
@@ -23,7 +25,9 @@ from ssp_core.safety.object_rules import (
     RulesCheck,
     check_rules,
     rules_of,
+    software_here,
 )
+from ssp_core.vocabulary import ObjectClass
 from support.runs import small_run
 
 
@@ -116,10 +120,22 @@ def test_a_size_and_a_version_of_the_product_count() -> None:
     older = ObjectRules("0.0.9", ours.values)
     problem = check_rules(ours, older, "ot1").problem
     assert problem == f"ot1 judges by another software: 0.0.9 on its host, {ours.software} here"
+    assert check_rules(ours, older, "ot1").digest == older.digest != ours.digest
     more = ObjectRules(ours.software, {**ours.values, "limits.jerk": "1"})
     assert (
         "another limits.jerk: 1 on its host, nothing here" in check_rules(ours, more, "ot1").problem
     )
+
+
+def test_the_rules_name_the_software_here_and_the_body_of_the_object() -> None:
+    rules = rules_of(OURS, "ot1")
+    version, plus, sources = software_here().partition("+")
+    assert (rules.software, version, plus) == (software_here(), ssp_core.__version__, "+")
+    assert len(sources) == 12
+    given = {name: value for name, value in rules.values.items() if ".size." in name}
+    size = DEFAULT_SIZES[ObjectClass.CAR]
+    assert given == {f"ot1.size.{name}": f"{value}" for name, value in asdict(size).items()}
+    assert (rules.values["step_s"], rules.values["geofence[1]"]) == ("0.02", "[400.0, -8.0]")
 
 
 @pytest.mark.parametrize(
@@ -179,6 +195,26 @@ def test_a_limit_is_stricter_on_one_side_at_most(name: str) -> None:
     assert (not higher.problem) == (name == "separation_m")
 
 
+@pytest.mark.parametrize("told", ['"fast"', "null", "NaN", "[1.0]", "14", "", None])
+@pytest.mark.parametrize("name", ["limits.speed_mps", "limits.separation_m"])
+def test_a_limit_that_is_no_lower_number_is_not_stricter(name: str, told: str | None) -> None:
+    ours = rules_of(with_limits(separation_m=14.0), "ot1")
+    values = {**ours.values, name: told}
+    its = ObjectRules(ours.software, {k: v for k, v in values.items() if v is not None})
+    found = check_rules(ours, its, "ot1")
+    words = "nothing" if told is None else told
+    assert found.problem == f"ot1 judges by another {name}: {words} on its host, 14.0 here"
+    assert found.stricter == ()
+
+
+def test_a_field_that_is_named_like_a_limit_is_none() -> None:
+    ours = rules_of(OURS, "ot1")
+    mine, its = (
+        ObjectRules(ours.software, {**ours.values, "speed_mps": value}) for value in ("9.0", "1.0")
+    )
+    assert "another speed_mps: 1.0 on its host" in check_rules(mine, its, "ot1").problem
+
+
 def fenced(*corners: tuple[float, float]) -> RulesCheck:
     return check(OURS.model_copy(update={"geofence": list(corners)}))
 
@@ -191,6 +227,8 @@ def fenced(*corners: tuple[float, float]) -> RulesCheck:
         ([(400.0, -8.0), (400.0, 12.0), (0.0, 12.0), (0.0, -8.0)], True),  # from another corner
         ([(0.0, -8.0), (300.0, -8.0), (300.0, 12.001), (0.0, 12.0)], False),
         ([(0.0, 20.0), (300.0, 20.0), (300.0, 40.0), (0.0, 40.0)], False),
+        ([(10.0, -4.0), (300.0, -4.0)], False),
+        ([(10.0, -4.0), (300.0, 8.0), (300.0, -4.0), (10.0, 8.0)], False),  # crosses itself
     ],
 )
 def test_a_fence_of_its_own_lies_inside_the_runs(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -15,11 +16,14 @@ from ssp_core.run_file.values import Start
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.limits import LimitViolation, has_stood
-from ssp_core.safety.start_heading import start_heading
+from ssp_core.safety.start_heading import StartHeading, start_heading
 from ssp_core.vocabulary import ObjectClass, Role
+from tests.support.states import object_state
 from tests.support.tracks import RATES_HZ, SOURCES, Row, measured, motion
 
 S = 1_000_000_000
+BOUNDS = Bounds(math.radians(20.0), jump_m=1.0, position_std_m=0.5)
+WAYS_M = tuple(0.2 * k for k in range(1, 15))
 LIMITS = Limits(speed_mps=30.0, acceleration_mps2=5.0, heading_by_course=["one"])
 
 
@@ -95,6 +99,128 @@ def test_a_person_may_go_backwards_and_what_is_omnidirectional_anywhere() -> Non
 def test_one_correction_of_the_receiver_is_no_way() -> None:
     assert judged(way(0.0, 1.0, step_m=0.99), 0.0) is None
     assert judged(way(math.pi, 1.0, step_m=0.99), 0.0) is not None
+
+
+def seen(
+    *places: tuple[float, float],
+    yaw_rad: float = 0.0,
+    tolerance_deg: float = 10.0,
+    std_m: float = 0.0,
+    speed_mps: float = 1.0,
+    stood_std_m: float | None = None,
+    bounds: Bounds = BOUNDS,
+) -> list[tuple[int, LimitViolation]]:
+    """What is found after each place, half a second apart; at the first two the object stands."""
+    heading = StartHeading(bounds, yaw_rad, math.radians(tolerance_deg))
+    found = []
+    for k, (x_m, y_m) in enumerate(((0.0, 0.0), *places)):
+        std = std_m if k or stood_std_m is None else stood_std_m
+        state = object_state(
+            x_m=3.0 + x_m,
+            y_m=7.0 + y_m,
+            speed_mps=speed_mps,
+            stamp_ns=S + k * S // 2,
+            position_std_m=std,
+        )
+        if (passed := heading.see(state, stands=k == 0)) is not None:
+            found.append((k, passed))
+    return found
+
+
+def at(course_deg: float, *ways_m: float) -> list[tuple[float, float]]:
+    c, s = math.cos(math.radians(course_deg)), math.sin(math.radians(course_deg))
+    return [(way_m * c, way_m * s) for way_m in ways_m]
+
+
+def test_the_first_metre_is_judged_once_it_is_gone() -> None:
+    """Steps of less than a correction are one by which the way may have begun."""
+    wide = replace(BOUNDS, jump_m=0.1)
+    assert seen(*at(90.0, 0.5, 0.99), bounds=wide) == []
+    ((k, found),) = seen(*at(90.0, 0.5, 1.0, 1.5, 9.0), bounds=wide)
+    words = "its first 1.00 m lead +90° off its start's heading, limit 20°"
+    assert (k, found) == (2, LimitViolation(SafetyCode.STATE_CONTRADICTS, 1.0, 0.0, words))
+    # A first metre that was right is the last that is looked at.
+    assert seen(*at(0.0, 0.5, 1.1), *at(90.0, 3.0, 9.0), bounds=wide) == []
+
+
+@pytest.mark.parametrize(
+    ("course_deg", "tolerance_deg", "turned"),
+    [
+        (19.9, 10.0, False),
+        (-19.9, 10.0, False),
+        (20.1, 10.0, True),
+        (-20.1, 10.0, True),
+        (29.9, 30.0, False),
+        (30.1, 30.0, True),
+    ],
+)
+def test_the_wider_of_tolerance_and_direction_counts(
+    course_deg: float, tolerance_deg: float, turned: bool
+) -> None:
+    for yaw_rad in (0.0, 2.0, 3.0):
+        places = at(course_deg + math.degrees(yaw_rad), *WAYS_M)
+        found = seen(*places, yaw_rad=yaw_rad, tolerance_deg=tolerance_deg)
+        assert bool(found) is turned
+
+
+@pytest.mark.parametrize(
+    ("std_m", "stood_std_m", "first"),
+    [
+        (0.25, 0.0, 3),
+        (0.0, 0.25, 3),
+        (0.25, 0.25, 3),
+        (0.5, 0.0, 5),
+        # No place counts as less certain than the bound.
+        (9.0, 0.0, 5),
+        (math.nan, 0.0, 5),
+    ],
+)
+def test_a_way_is_judged_when_it_is_longer_than_its_places_are_uncertain(
+    std_m: float, stood_std_m: float, first: int
+) -> None:
+    """Three sigma of two places: 1.06 m of 0.25 m, 2.12 m of 0.5 m."""
+    ways_m = (0.5, 1.05, 1.07, 2.11, 2.13, 3.0)
+    sure = replace(BOUNDS, jump_m=0.1)
+    ((k, found),) = seen(*at(180.0, *ways_m), std_m=std_m, stood_std_m=stood_std_m, bounds=sure)
+    assert k == first
+    # A direction that is that uncertain is 45 degrees wide.
+    assert found.words.endswith("limit 45°")
+    assert seen(*at(43.0, *ways_m), std_m=std_m, stood_std_m=stood_std_m, bounds=sure) == []
+
+
+def test_one_step_of_the_place_begins_the_way_behind_it_and_a_second_one_does_not() -> None:
+    once = (-0.99, 0.0), (-0.8, 0.0), (-0.5, 0.0), (-1.0, 0.0)
+    assert seen(*once[:3]) == []
+    backwards = ((-0.9, 0.0), (-1.1, 0.0), (-1.5, 0.0), (-1.89, 0.0), (-1.91, 0.0))
+    assert [k for k, _ in seen(*backwards)] == [5]
+    # What is longer than a correction is a way at once.
+    assert [k for k, _ in seen((-1.01, 0.0))] == [1]
+    assert [k for k, _ in seen((-1.0, 0.0))] == []
+    # The longest step counts, whichever it was, and wherever it led.
+    up = ((0.0, 0.9), (0.1, 0.95), (0.3, 1.0), (0.9, 1.0), (2.0, 0.95))
+    assert seen(*up) == []
+
+
+def test_older_states_and_standstill_are_no_way() -> None:
+    heading = StartHeading(replace(BOUNDS, jump_m=0.1), 0.0, 0.3)
+
+    def see(stamp_s: float, x_m: float, *, stands: bool = False) -> LimitViolation | None:
+        state = object_state(x_m=x_m, speed_mps=1.0, stamp_ns=round(stamp_s * S))
+        return heading.see(state, stands=stands)
+
+    # The first state is where it stood, whether it says so or not.
+    assert see(1.0, 50.0) is None
+    assert see(2.0, 0.0, stands=True) is None
+    assert see(2.0, -9.0) is None
+    assert see(1.9, -9.0) is None
+    assert see(3.0, -0.9) is None
+    assert see(4.0, -0.9, stands=True) is None
+    assert see(5.0, -1.8) is None
+    assert see(6.0, -1.91) is not None
+    assert see(7.0, -9.0) is None
+    heading.clear()
+    assert see(1.0, 0.0, stands=True) is None
+    assert see(2.0, -1.5) is not None
 
 
 def test_an_object_that_is_not_listed_is_not_watched() -> None:
