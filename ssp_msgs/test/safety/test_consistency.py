@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -304,6 +305,46 @@ def test_a_contradiction_ends_a_session_once_it_has_held() -> None:
         else:
             assert passed == LimitViolation(SafetyCode.STATE_CONTRADICTS, found.held_s, 0.5)
     assert held == {False, True}
+
+
+def test_the_bounds_of_an_object_are_those_of_its_class_and_its_site() -> None:
+    site = {"jump_m": 0.75, "position_std_m": 0.25, "state_age_s": 0.25}
+    site |= {"omnidirectional": ["two"]}
+    limits, late = (
+        LIMITS.model_copy(update={**site, **more}) for more in ({}, {"state_age_s": 0.5})
+    )
+    turned = {ObjectClass.CAR: 20.0, ObjectClass.CYCLIST: 30.0, ObjectClass.PEDESTRIAN: 60.0}
+    for cls, bound_deg in turned.items():
+        signed = cls is not ObjectClass.PEDESTRIAN
+        expected = Bounds(math.radians(bound_deg), signed, 0.75, 0.25, 0.5)
+        assert Bounds.of("one", cls, limits) == expected
+        assert Bounds.of("one", cls, late) == replace(expected, pause_s=0.75)
+        assert Bounds.of("two", cls, limits) == replace(expected, direction_rad=None)
+
+
+@pytest.mark.parametrize(
+    ("before_s", "is_forgotten"), [(0.0, False), (0.5, False), (1.0, False), (1.125, True)]
+)
+def test_a_stamp_far_before_the_newest_forgets_it_and_one_a_little_before_has_no_effect(
+    before_s: float, is_forgotten: bool
+) -> None:
+    watch = ConsistencyWatch(Bounds())
+    for k in range(17):
+        watch.take(8 * S + k * S // 8, float(k), 0.0, 0.0, 8.0)
+    watch.take(10 * S - round(before_s * S), 99.0, 0.0, 0.0, 0.0, 0.25)
+    assert watch.net_way_m(1.0) == ((0.0, 0.0) if is_forgotten else (8.0, 1.0))
+    assert watch.position_std_m == (0.25 if is_forgotten else 0.0)
+    assert watch.counts.judged == 13
+
+
+def test_shares_of_a_bound_count_from_four_fifths_on() -> None:
+    counts = WindowCounts()
+    for share in (0.3, 0.8):
+        counts.see_share(share)
+    assert (counts.near_misses, counts.nearest) == (0, 0.0)
+    for share in (0.81, 1.5, 0.9):
+        counts.see_share(share)
+    assert (counts.near_misses, counts.nearest) == (3, 1.5)
 
 
 def test_a_pause_and_a_clock_that_is_set_back_begin_anew() -> None:

@@ -81,6 +81,23 @@ def test_an_impossible_delay_is_no_answer() -> None:
     assert clock.link(S).age_s == math.inf
 
 
+@pytest.mark.parametrize(("back_ns", "counts"), [(MS, True), (MS + 1, False)])
+def test_a_delay_may_seem_to_be_a_millisecond_below_none(back_ns: int, counts: bool) -> None:
+    clock = LinkClock()
+    clock.add(Exchange(10 * S, 10 * S, 10 * S, 10 * S - back_ns), S)
+    assert clock.link(S).delay_s == (-0.001 if counts else pytest.approx(math.nan, nan_ok=True))
+    assert (clock.link(S).age_s == 0.0) is counts
+
+
+def test_an_answer_that_comes_at_the_instant_of_a_look_counts_at_the_next_look() -> None:
+    clock = LinkClock()
+    clock.add(exchange(0, there_ns=300 * MS), S)
+    assert clock.link(2 * S).delay_s == pytest.approx(0.301)
+    clock.add(exchange(0), 2 * S)
+    assert clock.link(2 * S) == LinkEstimate(0.0, 0.002, 0.0)
+    assert clock.link(2 * S + S // 2) == LinkEstimate(0.0, 0.002, 0.5)
+
+
 def test_one_process_answers_for_all_of_its_objects() -> None:
     links = LinkClocks()
     links.on_sent(1, 5 * S)
@@ -128,6 +145,11 @@ def counted(sequences: list[int]) -> tuple[int, int]:
         ([5, 9, 6, 7], 1),
         ([500, 1, 2, 3], 0),  # begun anew
         ([2000, 900, 901], 0),
+        ([2000, 1000, 1002], 1),  # so far below the highest it has begun anew
+        ([2000, 1001, 1003], 0),  # nearer by one it comes late
+        ([21, 1, 2, 4], 1),
+        ([20, 1, 2, 4], 0),
+        ([40, 2, 4], 0),
         ([2, 1, 3], 0),
     ],
 )
