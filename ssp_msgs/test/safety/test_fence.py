@@ -322,6 +322,35 @@ def test_a_known_room_holds_no_circle_that_is_not_inside() -> None:
     assert held > 300
 
 
+@pytest.mark.parametrize(("x_m", "y_m"), [(40.0, 0.0), (0.0, 20.0), (-40.0, 0.0), (0.0, -20.0)])
+def test_a_known_room_is_no_room_on_the_other_side_of_the_origin(x_m: float, y_m: float) -> None:
+    """What was measured in the middle of one half doesn't hold in the other, near its edge."""
+    around = [(x - 50.0, y - 25.0) for x, y in SQUARE]
+    known = KnownRoom(around)
+    assert known.holds(x_m / 2.0, y_m / 2.0, 4.0)
+    assert known.holds(-x_m, -y_m, 4.0)
+    assert not known.holds(-1.125 * x_m, -1.125 * y_m, 5.0)
+    assert known.holds(1.125 * x_m, 1.125 * y_m, 2.0)
+    assert not known.holds(1.125 * x_m, 1.125 * y_m, 6.0)
+
+
+def test_a_way_that_begins_or_ends_outside_or_at_the_edge_has_no_room() -> None:
+    inside, near, edge, beyond = (50.0, 10.0), (50.0, 0.5), (50.0, 0.0), (50.0, -1.0)
+    assert way_room_m(inside, near, SQUARE) == way_room_m(near, inside, SQUARE) == 0.5
+    for other in (edge, beyond):
+        assert way_room_m(inside, other, SQUARE) <= 0.0
+        assert way_room_m(other, inside, SQUARE) <= 0.0
+        assert way_room_m(other, other, SQUARE) <= 0.0
+    assert way_room_m(beyond, (60.0, -1.0), SQUARE) == -math.inf
+    # A metre long, beside the notch and through it.
+    assert way_room_m((49.5, 24.0), (50.5, 24.0), NOTCHED) == pytest.approx(1.0)
+    assert way_room_m((50.0, 23.5), (50.0, 24.5), NOTCHED) == pytest.approx(0.5)
+    assert way_room_m((45.0, 30.0), (55.0, 30.0), NOTCHED) == 0.0
+    # The wall right behind the beginning, and right before the end.
+    assert way_room_m((49.8, 30.0), (60.0, 30.0), WALLED) == 0.0
+    assert way_room_m((60.0, 30.0), (49.8, 30.0), WALLED) == 0.0
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_known_room_holds_nothing_that_cannot_be_located(bad: float) -> None:
     known = KnownRoom(SQUARE)
