@@ -121,7 +121,12 @@ def test_one_box_that_came_through_a_wall_was_outside_wherever_it_is_now(
 ) -> None:
     swept = drive(before, after)[1]
     assert swept > 0.0
-    assert moved_excess_m(Pose2(*before), box(*after), WALLED) == swept
+    # Around the origin too, where places before and after have other signs.
+    for x_m, y_m in ((0.0, 0.0), (50.0, 23.0), (200.0, 200.0)):
+        fence = [(x - x_m, y - y_m) for x, y in WALLED]
+        came = Pose2(before[0] - x_m, before[1] - y_m, before[2])
+        here = box(after[0] - x_m, after[1] - y_m, after[2])
+        assert moved_excess_m(came, here, fence) == pytest.approx(swept)
 
 
 def test_one_box_that_went_far_or_turned_far_is_judged_as_on_a_way() -> None:
