@@ -302,6 +302,24 @@ def test_a_long_fence_is_judged_as_edge_by_edge(
     assert _is_inside(at, tuple(fence)) == _is_inside_few(at, fence)
 
 
+def test_a_long_fence_with_long_edges_is_judged_as_edge_by_edge() -> None:
+    """One side has all corners; each other one leads slantwise."""
+    corners = [(-60.0, -30.0), (50.0, -70.0), (80.0, 40.0), (-30.0, 60.0)]
+    random = np.random.default_rng(9)
+    inside = 0
+    for first in range(4):
+        (xa, ya), *others = corners[first:] + corners[:first]
+        xb, yb = others[0]
+        side = [(xa + (xb - xa) * k / 600, ya + (yb - ya) * k / 600) for k in range(600)]
+        for _ in range(150):
+            x_m, y_m, yaw_rad = random.uniform((-110.0, -110.0, -7.0), (110.0, 110.0, 7.0)).tolist()
+            at = box(x_m, y_m, yaw_rad)
+            is_inside = _is_inside_few(at, corners)
+            assert _is_inside(at, [*side, *others]) is is_inside
+            inside += is_inside
+    assert inside > 100
+
+
 def test_a_long_fence_that_changes_in_its_place_is_judged_anew() -> None:
     fence = ring(600)
     assert box_excess_m(box(0.0, 0.0), fence) == 0.0
