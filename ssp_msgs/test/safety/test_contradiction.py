@@ -179,6 +179,23 @@ def test_the_middle_of_those_that_fit_is_believed_once_the_one_before_is_out() -
     assert delays.believed_s == DELAYS_S[7]
 
 
+def test_of_four_that_fit_the_third_is_believed() -> None:
+    delays = Delays()
+    for now_s in (0.0, 0.5):
+        delays.take(now_s, fits(7, 8, 9, 10))
+    assert delays.believed_s == DELAYS_S[9]
+
+
+def test_a_delay_is_not_believed_up_to_the_end_of_its_time_out() -> None:
+    delays = Delays()
+    for now_s, k in ((0.0, FIRST), (0.5, FIRST), (0.625, LAST), (1.125, LAST)):
+        delays.take(now_s, fits(k))
+    # The first is out until 11.125 s, the last until 10.5 s.
+    assert delays.believed_s == DELAYS_S[FIRST]
+    assert delays.take(11.125, fits(LAST))
+    assert delays.believed_s == DELAYS_S[LAST]
+
+
 def test_beginning_anew_forgets_what_did_not_fit_just_now_but_not_what_is_out() -> None:
     delays = Delays()
     delays.take(0.0, fits(FIRST))

@@ -139,6 +139,7 @@ def counted(sequences: list[int]) -> tuple[int, int]:
         ([1, 2, 3], 0),
         ([7, 8, 9], 0),  # what came before the first that was heard is no loss
         ([1, 2, 5, 6], 2),
+        ([1, 3, 3], 1),  # what is repeated isn't what was lost
         ([1, 3, 2, 4], 0),  # late, not lost
         ([1, 1, 1, 2], 0),  # a world that holds repeats itself
         ([0, 0, 0], 0),  # a source that doesn't count

@@ -5,13 +5,16 @@ from __future__ import annotations
 import pytest
 
 from ssp_core import names
+from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.publishers import (
     NAMELESS,
+    ONE,
     Publisher,
     PublisherRules,
     Strangers,
     declarations,
+    expected_publishers,
     is_process,
     known_strangers,
     whence,
@@ -63,6 +66,37 @@ def test_a_rehearsal_may_declare_what_an_object_target_declares_too() -> None:
     live = run(mode="live")
     assert names.declared_topic("ot1/body") in declarations(live)
     assert not PublisherRules(live).expected.keys() & set(declarations(live))
+    assert declarations(run()) == ()
+
+
+def test_a_driver_that_is_asked_publishes_its_answers_and_the_vuts_references() -> None:
+    driven = Driven(driver="no_response", first_request_s=1.0, hand_over_s=2.0, end_s=9.0)
+    asked = run().model_copy(update={"driven": driven})
+    more = expected_publishers(asked).keys() - expected_publishers(run()).keys()
+    assert more == {
+        names.vla_request_topic("no_response"),
+        names.vla_response_topic("no_response"),
+        names.vla_latency_topic("no_response"),
+        names.reference_topic("vut"),
+        names.ack_topic("vut"),
+    }
+    assert expected_publishers(run()).keys() <= expected_publishers(asked).keys()
+    assert all(expected_publishers(asked)[topic] == ONE for topic in more)
+    assert expected_publishers(run())[names.state_topic("ot1")] == ONE
+
+
+def test_of_drivers_outside_the_session_those_of_the_last_call_are_expected(
+    rules: PublisherRules,
+) -> None:
+    before = dict(rules.expected)
+    rules.expect_one(["/a", "/b"])
+    assert rules.expected == before | {"/a": ONE, "/b": ONE}
+    assert rules.strangers("/a", [STRANGER]) is None
+    assert rules.strangers("/a", [STRANGER, RUNNER]) is not None
+    rules.expect_one(["/b", "/c"])
+    assert rules.expected == before | {"/b": ONE, "/c": ONE}
+    rules.expect_one([])
+    assert rules.expected == before
 
 
 @pytest.mark.parametrize("topic", SHARED)
@@ -76,6 +110,14 @@ def test_a_shared_topic_is_for_the_processes_of_the_session(
     # The same process twice, and one of that name that has no object of the run.
     assert rules.strangers(topic, [OBJECTS, OBJECTS]) is not None
     assert rules.strangers(topic, [OBJECTS, FAR]) is not None
+
+
+def test_a_state_shows_a_process_of_objects_as_an_acknowledgement_does() -> None:
+    for topic in (names.ack_topic("ot1"), names.state_topic("ot1")):
+        rules = PublisherRules(run())
+        rules.know({topic: [OBJECTS]})
+        assert rules.strangers(names.HEARTBEAT_REPLY, [OBJECTS]) is None
+        assert topic in rules.proofs
 
 
 def test_every_process_of_objects_belongs_to_the_session(rules: PublisherRules) -> None:
@@ -112,6 +154,12 @@ def test_the_runner_sends_references_only_where_the_run_asks_for_them(
     assert asked.strangers(topic, [MANAGER, RUNNER]) is None
     assert asked.strangers(topic, [MANAGER, RUNNER, STRANGER]) is not None
     assert rules.strangers(names.FAULT_EVENT, [RUNNER, OBJECTS]) is None
+    # A fault of another kind asks for none, nor does one of another object.
+    both = [*small_run()["targets"], _another("ot2")]
+    for one in (fault | {"target": "ot2"}, fault | {"kind": "state_nan"}):
+        other = PublisherRules(run(faults=[one], targets=both))
+        other.know({names.SESSION_STATE: [MANAGER]})
+        assert other.strangers(topic, [MANAGER, RUNNER]) is not None
 
 
 @pytest.mark.parametrize("topic", [names.STEP_DONE, names.SESSION_STATE])
@@ -121,6 +169,7 @@ def test_of_two_managers_that_were_there_before_neither_is_called_the_stranger(t
     late.know({names.SESSION_STATE: [MANAGER, other], names.ack_topic("ot1"): [OBJECTS]})
     found = late.strangers(topic, [MANAGER, other])
     assert found is not None
+    assert found.count == (1 if topic == names.SESSION_STATE else 2)
     assert found.text.startswith(f"{topic} has /ssp/other_manager and /ssp/scenario_manager")
     assert "beside this session's own" not in found.text
     # Of the objects it is known, and so it is of the manager when one of both has gone.

@@ -33,6 +33,7 @@ def driven(count: int, period_s: float = 0.125) -> MotionSamples:
 def test_times_count_from_the_first_sample_and_lag_behind_the_newest() -> None:
     samples = MotionSamples(0.5, 0.5)
     assert samples.lag_s(5 * S) == -math.inf
+    assert not samples.append(5 * S, 0.0, 0.0, 0.0, 0.0, 0.0)
     samples = driven(3)
     assert samples.t_s == [0.0, 0.125, 0.25]
     assert samples.lag_s(100 * S) == 0.25
@@ -158,6 +159,10 @@ def test_between_two_samples_a_shifted_window_is_interpolated() -> None:
     assert half is not None
     way_m = 0.5 * (rows[16].way_m + rows[15].way_m - rows[12].way_m - rows[11].way_m)
     assert half.speed_mps == pytest.approx(way_m / 0.5)
+    first = curved().shifted(4, 0.4375)  # from the middle of the first two samples on
+    assert first is not None
+    way_m = 0.5 * (rows[12].way_m + rows[13].way_m - rows[0].way_m - rows[1].way_m)
+    assert first.speed_mps == pytest.approx(way_m / 1.5)
 
 
 def test_figures_of_neighbours_and_of_the_newest_place() -> None:

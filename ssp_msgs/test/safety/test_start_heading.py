@@ -164,6 +164,53 @@ def test_the_wider_of_tolerance_and_direction_counts(
 
 
 @pytest.mark.parametrize(
+    ("course_deg", "speed_mps", "signed", "turned"),
+    [
+        (0.0, 0.0, True, False),
+        (0.0, 0.5, True, False),
+        (0.0, -0.5, True, True),
+        (180.0, -0.5, True, False),
+        (170.0, -0.5, True, False),
+        (150.0, -0.5, True, True),
+        (180.0, 0.5, True, True),
+        (180.0, 0.5, False, False),
+        (0.0, -0.5, False, False),
+        (90.0, 0.5, False, True),
+    ],
+)
+def test_the_sign_of_the_speed_says_whether_it_faces_where_it_goes(
+    course_deg: float, speed_mps: float, signed: bool, turned: bool
+) -> None:
+    for yaw_rad in (0.0, 2.5):
+        places = at(course_deg + math.degrees(yaw_rad), *WAYS_M)
+        by = replace(BOUNDS, signed=signed, jump_m=0.1)
+        assert bool(seen(*places, yaw_rad=yaw_rad, speed_mps=speed_mps, bounds=by)) is turned
+
+
+def test_a_site_says_whose_heading_is_watched_and_how_far_it_may_be_off() -> None:
+    site = {"start_yaw_rad": 0.75, "jump_m": 0.1, "omnidirectional": ["two"]}
+    limits = LIMITS.model_copy(update={**site, "heading_by_course": ["one", "two"]})
+    start = Start(x_m=0.0, y_m=0.0, yaw_rad=2.0)
+
+    def found(who: str, cls: str, course_rad: float) -> LimitViolation | None:
+        one = ParticipantSpec(id=who, object_class=cls, start=start)
+        watch = start_heading(one, limits)
+        assert watch is not None
+        for k, way_m in enumerate((0.0, 0.5, 1.0, 1.5)):
+            x_m, y_m = way_m * math.cos(course_rad), way_m * math.sin(course_rad)
+            state = object_state(x_m=x_m, y_m=y_m, speed_mps=1.0, stamp_ns=k * S)
+            if (passed := watch.see(state, stands=k == 0)) is not None:
+                return passed
+        return None
+
+    assert found("one", "car", 2.0 + 0.74) is found("one", "car", 2.0 - 0.74) is None
+    assert found("one", "car", 2.0 + 0.76) is not None
+    assert found("one", "car", 2.0 + math.pi) is not None
+    assert found("one", "pedestrian", 2.0 + math.pi) is None
+    assert found("two", "car", 2.0 + math.pi) is None
+
+
+@pytest.mark.parametrize(
     ("std_m", "stood_std_m", "first"),
     [
         (0.25, 0.0, 3),

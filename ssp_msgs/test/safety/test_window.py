@@ -79,6 +79,13 @@ def test_the_excess_of_a_speed_is_that_of_its_amount_over_the_way() -> None:
         (math.pi, 10.0, -10.0, math.pi, MAP_AXES),
         # North-east, at the share of the speed that lies along x.
         (1.2, 10.0, 10.0 * math.cos(1.2), 1.2, MAP_AXES),
+        # Its speed lies nearer to x than to the way along its yaw, by half.
+        (1.0, 10.0, 7.4, -1.0, MAP_AXES),
+        (0.2, 10.0, 5.0, -1.0, OTHER_SPEED),
+        # It goes forwards, if only just, and states the opposite.
+        (2.5, 10.0, 10.0 * math.cos(2.5), 1.3, MAP_AXES),
+        (1.0, 1.0, 0.54, 2.0, OTHER_YAW),
+        (0.0, 10.0, 7.5, 0.6, OTHER_YAW),
         (0.0, 10.0, 5.0, 0.0, OTHER_SPEED),
         (0.0, 10.0, 36.0, 0.0, OTHER_SPEED),
         (0.0, 10.0, 7.6, 0.6, OTHER_YAW),
@@ -190,6 +197,7 @@ def kind_after(*rounds: tuple[list[tuple[float, float]], float]) -> str:
 def test_the_unit_is_one_that_all_windows_with_one_delay_allow() -> None:
     assert kind_after(([(10.0, -36.0)], 0.0)) == "speed in km/h"
     assert kind_after(([(10.0, 36.0)], 0.0), ([(10.0, 37.0)], 0.0)) == "speed in km/h"
+    assert kind_after(([(0.5, 1.8)], 0.0)) == "speed in km/h"
     # Two that lie apart by more than twice the scale of a sound source are one of no unit.
     assert kind_after(([(10.0, 36.0)], 0.0), ([(10.0, 40.0)], 0.0)) == OTHER_SPEED
     assert kind_after(([(10.0, 40.0)], 0.0), ([(10.0, 36.0)], 0.0)) == OTHER_SPEED
