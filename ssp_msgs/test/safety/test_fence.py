@@ -71,6 +71,56 @@ def test_a_wall_that_passes_through_the_box_counts(wall_m: float) -> None:
     assert box_excess_m(box(48.0, 19.1), fence) == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize("mirrored", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("yaw_rad", [0.0, 2.0])
+def test_an_edge_that_cuts_off_one_corner_counts_wherever_it_begins_and_ends(
+    mirrored: tuple[int, int], order: int, yaw_rad: float
+) -> None:
+    """Its ends lie ahead of and beside the box, whose front left corner is 2.5 m and 1 m away."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+
+    def fence(wider: float) -> list[tuple[float, float]]:
+        cut = [(20.0, -5.0), (3.5 * wider, 0.0), (0.0, 2.0 * wider), (-5.0, 20.0)]
+        around = [(-20.0, -20.0), (20.0, -20.0), *cut, (-20.0, 20.0)][::order]
+        turned = [(mirrored[0] * u, mirrored[1] * v) for u, v in around]
+        return [(7.0 + c * u - s * v, -3.0 + s * u + c * v) for u, v in turned]
+
+    # The middle of the box lies 1.5 m ahead of its reference point.
+    here = box(7.0 - 1.5 * c, -3.0 - 1.5 * s, yaw_rad)
+    assert box_excess_m(here, fence(1.0)) > 0.1
+    assert box_excess_m(here, fence(1.3)) == 0.0
+    assert moved_excess_m(here.pose, here, fence(1.0)) > 0.1
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("first", [0, 1, 2])
+def test_a_corner_that_is_level_with_a_box_outside_makes_it_no_inside(
+    first: int, order: int
+) -> None:
+    for side in (1.0, -1.0):
+        corners = [(side * 10.0, 5.0), (side * 30.0, -15.0), (side * 30.0, 25.0)][::order]
+        fence = corners[first:] + corners[:first]
+        for yaw_rad in (0.0, math.pi):
+            assert box_excess_m(box(-side * 5.0, 5.0, yaw_rad), fence) > 10.0
+        assert box_excess_m(box(side * 25.0, 5.0), fence) == 0.0
+
+
+@pytest.mark.parametrize("step_m", [100.0, 0.4])
+@pytest.mark.parametrize("out_m", [0.3, 0.6, 0.9, 1.5])
+def test_a_small_box_right_outside_is_outside_whichever_way_it_faces(
+    out_m: float, step_m: float
+) -> None:
+    fence = with_corners_each(step_m, SQUARE)
+    middles = [(50.0, -out_m), (100.0 + out_m, 25.0), (50.0, 50.0 + out_m), (-out_m, 25.0)]
+    for x_m, y_m in middles:
+        for turn in range(4):
+            walker = Box(Pose2(x_m, y_m, turn * math.pi / 2.0), 0.25, 0.25, 0.5)
+            assert box_excess_m(walker, fence) == pytest.approx(out_m + 0.25)
+            inside = Box(Pose2(50.0, 0.3, turn * math.pi / 2.0), 0.25, 0.25, 0.5)
+            assert box_excess_m(inside, fence) == 0.0
+
+
 def drive(*poses: tuple[float, float, float]) -> list[float]:
     x, y, yaw = np.array(poses).T
     return [float(one) for one in way_excess_m(x, y, yaw, SIZE, WALLED)]
