@@ -137,6 +137,15 @@ def test_what_lies_between_two_poses_counts() -> None:
     assert drive((48.0, 22.0, 1.9), (48.0, 22.0, 1.0))[1] > 0.5
 
 
+def test_a_way_that_turns_a_little_counts_from_its_beginning_to_its_end() -> None:
+    """It is cut into parts, here two, and each part lies where it belongs."""
+    assert drive((40.0, 30.0, 0.0), (70.0, 30.0, 0.03))[1] > 0.9
+    assert drive((30.0, 30.0, 0.0), (60.0, 30.0, 0.03))[1] > 0.9
+    # What lies before the beginning, or behind the end, is no part of it.
+    assert drive((52.0, 30.0, 0.0), (90.0, 30.0, 0.03)) == [0.0, 0.0]
+    assert drive((8.0, 30.0, 0.0), (45.0, 30.0, 0.03)) == [0.0, 0.0]
+
+
 def test_a_way_counts_from_pose_to_pose() -> None:
     x, yaw = np.array([[30.0, 40.0, 60.0, 70.0], [70.0, 80.0, 90.0, 98.0]]), np.zeros((2, 4))
     excess = way_excess_m(x, np.full((2, 4), 30.0), yaw, SIZE, WALLED)
@@ -172,7 +181,7 @@ def test_one_box_that_came_through_a_wall_was_outside_wherever_it_is_now(
     swept = drive(before, after)[1]
     assert swept > 0.0
     # Around the origin too, where places before and after have other signs.
-    for x_m, y_m in ((0.0, 0.0), (50.0, 23.0), (200.0, 200.0)):
+    for x_m, y_m in ((0.0, 0.0), (50.0, 23.0), (50.0, 30.0), (200.0, 200.0)):
         fence = [(x - x_m, y - y_m) for x, y in WALLED]
         came = Pose2(before[0] - x_m, before[1] - y_m, before[2])
         here = box(after[0] - x_m, after[1] - y_m, after[2])
