@@ -13,6 +13,7 @@ from ssp_core.geometry import Box, Pose2
 from ssp_core.motion.state import Size
 from ssp_core.safety.fence import (
     KnownRoom,
+    _deepest_m,
     _is_inside,
     _is_inside_few,
     box_excess_m,
@@ -121,6 +122,29 @@ def test_a_small_box_right_outside_is_outside_whichever_way_it_faces(
             assert box_excess_m(inside, fence) == 0.0
 
 
+@pytest.mark.parametrize(("half_x", "half_y"), [(2.5, 1.0), (0.3, 1.0), (1.0, 1.0)])
+def test_a_segment_is_as_deep_in_a_rectangle_as_its_deepest_point(
+    half_x: float, half_y: float
+) -> None:
+    random = np.random.default_rng(10)
+    ends = random.uniform(-3.0, 3.0, (2, 400, 1, 2))
+    ends[1, :60, 0, 0] = ends[0, :60, 0, 0]  # along one axis, along the other, and of no length
+    ends[1, 40:100, 0, 1] = ends[0, 40:100, 0, 1]
+    found = _deepest_m(ends[0], ends[1], half_x, half_y)
+    t = np.linspace(0.0, 1.0, 2001)[:, None]
+    x, y = np.moveaxis(ends[0, :, 0] + t[..., None] * (ends[1] - ends[0])[:, 0], -1, 0)
+    depth = np.minimum(half_x - np.abs(x), half_y - np.abs(y)).max(axis=0)
+    assert found == pytest.approx(np.maximum(depth, 0.0), abs=0.01)
+    assert np.count_nonzero(found) > 100
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, math.pi / 2.0])
+def test_a_wall_through_a_box_that_is_wider_than_long_counts(yaw_rad: float) -> None:
+    wide = Box(Pose2(50.1, 30.0, yaw_rad), 0.3, 0.3, 2.0)
+    sideways_m = 0.3 if yaw_rad else 0.3 - 0.095
+    assert box_excess_m(wide, WALLED) == pytest.approx(sideways_m)
+
+
 def drive(*poses: tuple[float, float, float]) -> list[float]:
     x, y, yaw = np.array(poses).T
     return [float(one) for one in way_excess_m(x, y, yaw, SIZE, WALLED)]
@@ -135,6 +159,15 @@ def test_what_lies_between_two_poses_counts() -> None:
     # A turn on the spot into the wall and on beyond it.
     assert drive((48.0, 22.0, 2.0), (48.0, 22.0, -2.0)) == [0.0, 0.0]
     assert drive((48.0, 22.0, 1.9), (48.0, 22.0, 1.0))[1] > 0.5
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, math.pi])
+def test_a_way_that_is_level_with_the_end_of_a_wall_counts_where_it_meets_it(
+    yaw_rad: float,
+) -> None:
+    for x_m, to_m in ((20.0, 40.0), (40.0, 20.0), (60.0, 80.0), (80.0, 60.0)):
+        assert drive((x_m, 20.0, yaw_rad), (to_m, 20.0, yaw_rad)) == [0.0, 0.0]
+    assert drive((20.0, 20.0, yaw_rad), (80.0, 20.0, yaw_rad))[1] > 0.9
 
 
 def test_a_way_that_turns_a_little_counts_from_its_beginning_to_its_end() -> None:
