@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -414,6 +415,21 @@ def test_boxes_that_are_too_near_are_found_whichever_way_they_face(
         assert found is not None
         assert (found.code, found.limit) == (SafetyCode.SEPARATION, 0.5)
         assert found.measured == pytest.approx(0.4)
+
+
+def test_of_no_pair_the_cheap_gap_is_wider_than_the_distance() -> None:
+    """What it rules out is measured no closer."""
+    random = np.random.default_rng(11)
+    apart = 0
+    for _ in range(1500):
+        x_m, y_m, *yaws = random.uniform((-9.0, -9.0, -7.0, -7.0), (9.0, 9.0, 7.0, 7.0)).tolist()
+        extents = random.uniform(0.1, 5.0, (2, 3)).tolist()
+        a = state(-4.0, 6.0, yaws[0], *extents[0])
+        b = state(-4.0 + x_m, 6.0 + y_m, yaws[1], *extents[1])
+        gap_m, distance_m = judge._least_gap_m(a, b), box_distance(a.box, b.box)
+        assert gap_m <= distance_m + 1e-9
+        apart += gap_m > 0.0
+    assert apart > 300
 
 
 @given(

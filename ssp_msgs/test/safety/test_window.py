@@ -85,6 +85,7 @@ def test_the_excess_of_a_speed_is_that_of_its_amount_over_the_way() -> None:
         # It goes forwards, if only just, and states the opposite.
         (2.5, 10.0, 10.0 * math.cos(2.5), 1.3, MAP_AXES),
         (1.0, 1.0, 0.54, 2.0, OTHER_YAW),
+        (1.0, 1.0, 0.54, 0.3, OTHER_YAW),
         (0.0, 10.0, 7.5, 0.6, OTHER_YAW),
         (0.0, 10.0, 5.0, 0.0, OTHER_SPEED),
         (0.0, 10.0, 36.0, 0.0, OTHER_SPEED),
