@@ -17,6 +17,7 @@ from ssp_core.safety.consistency import Bounds, ConsistencyWatch, WindowCounts
 from ssp_core.safety.contradiction import Contradiction
 from ssp_core.safety.limits import LimitViolation, net_way_m, state_contradicts
 from ssp_core.vocabulary import ObjectClass
+from tests.support.states import object_state
 from tests.support.tracks import (
     MANOEUVRES,
     RATES_HZ,
@@ -335,6 +336,22 @@ def test_a_stamp_far_before_the_newest_forgets_it_and_one_a_little_before_has_no
     assert watch.net_way_m(1.0) == ((0.0, 0.0) if is_forgotten else (8.0, 1.0))
     assert watch.position_std_m == (0.25 if is_forgotten else 0.0)
     assert watch.counts.judged == 13
+
+
+def test_a_state_is_taken_by_its_stamp_its_place_and_its_motion() -> None:
+    seen, taken = ConsistencyWatch(Bounds()), ConsistencyWatch(Bounds())
+    for k in range(30):
+        # It drives north, and states that it faces south: the numbers are those of one mistake.
+        values = 8 * S + k * S // 20, 3.0, 0.5 * k, -math.pi / 2.0, 10.0, 0.01
+        taken.take(*values)
+        stamp_ns, x_m, y_m, yaw_rad, speed_mps, std_m = values
+        state = object_state(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad, speed_mps=speed_mps)
+        seen.see(replace(state, stamp_ns=stamp_ns, position_std_m=std_m))
+    assert seen.contradiction == taken.contradiction
+    assert seen.contradiction is not None
+    assert seen.contradiction.kind == window.TURNED
+    assert seen.net_way_m(1.0) == pytest.approx((10.0, 1.0))
+    assert (seen.position_std_m, seen.counts) == (0.01, taken.counts)
 
 
 def test_shares_of_a_bound_count_from_four_fifths_on() -> None:
