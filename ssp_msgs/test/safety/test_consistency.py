@@ -354,6 +354,80 @@ def test_a_state_is_taken_by_its_stamp_its_place_and_its_motion() -> None:
     assert (seen.position_std_m, seen.counts) == (0.01, taken.counts)
 
 
+def nearest(rows: Iterable[Row], by: Bounds) -> float:
+    """The share of its bound that the one window of three states reaches, where it is above 0.8."""
+    *_, watch = watched(rows, by)
+    assert watch.counts.judged == 1
+    return watch.counts.nearest
+
+
+NOISE_MPS = 0.2 * 3.0 * math.sqrt(2.0) / 0.5
+
+
+@pytest.mark.parametrize(
+    ("places_m", "speeds_mps", "stds_m", "share"),
+    [
+        ((0.0, 2.5, 5.0), (7.6, 7.6, 7.6), (0.0, 0.0, 0.0), 2.4 / 2.5),
+        ((0.0, 1.9, 3.8), (10.0, 10.0, 10.0), (0.0, 0.0, 0.0), 2.4 / 2.5),
+        ((0.0, -1.9, -3.8), (-10.0, -10.0, -10.0), (0.0, 0.0, 0.0), 2.4 / 2.5),
+        # The chord of the places, and the mean of the speeds.
+        ((0.0, 0.5, 4.6), (14.0, 10.0, 14.0), (0.0, 0.0, 0.0), 2.8 / 3.0),
+        ((0.0, 4.5, 4.6), (10.0, 14.0, 10.0), (0.0, 0.0, 0.0), 2.8 / 3.0),
+        ((0.0, 0.25, 0.5), (1.45, 1.45, 1.45), (0.0, 0.0, 0.0), 0.9),
+        # The less certain of both ends counts.
+        ((0.0, 1.0, 2.0), (5.6, 5.6, 5.6), (0.2, 0.0, 0.0), 1.6 / NOISE_MPS),
+        ((0.0, 1.0, 2.0), (5.6, 5.6, 5.6), (0.0, 0.0, 0.2), 1.6 / NOISE_MPS),
+        ((0.0, 1.0, 2.0), (5.3, 5.3, 5.3), (0.0, 0.2, 0.0), 1.3 / (0.25 * 5.3)),
+    ],
+)
+def test_a_speed_is_as_near_to_its_bound_as_the_larger_of_both_lets_it(
+    places_m: tuple[float, ...],
+    speeds_mps: tuple[float, ...],
+    stds_m: tuple[float, ...],
+    share: float,
+) -> None:
+    for c, s in ((1.0, 0.0), (0.0, -1.0)):
+        rows = [
+            (0.25 * k, 7.0 + c * way, 9.0 + s * way, math.atan2(s, c), speed, std)
+            for k, (way, speed, std) in enumerate(zip(places_m, speeds_mps, stds_m, strict=True))
+        ]
+        assert nearest(rows, Bounds()) == pytest.approx(share)
+
+
+@pytest.mark.parametrize(
+    ("turned_deg", "speed_mps", "signed", "share"),
+    [
+        (17.0, 10.0, True, 0.85),
+        (-17.0, 10.0, True, 0.85),
+        (15.0, 10.0, True, 0.0),
+        (25.0, 10.0, True, 1.25),
+        (180.0, 10.0, True, 9.0),
+        (0.0, -10.0, True, 9.0),
+        (180.0 - 17.0, -10.0, True, 0.85),
+        (180.0 + 17.0, -10.0, True, 0.85),
+        (17.0, -10.0, False, 0.85),
+        (180.0 - 17.0, 10.0, False, 0.85),
+        (90.0, 10.0, False, 4.5),
+    ],
+)
+@pytest.mark.parametrize("course_rad", [0.0, 2.0])
+def test_a_direction_is_as_near_to_its_bound_as_the_way_leads_off_the_yaw(
+    turned_deg: float, speed_mps: float, signed: bool, share: float, course_rad: float
+) -> None:
+    c, s = math.cos(course_rad), math.sin(course_rad)
+    yaw_rad = course_rad + math.radians(turned_deg)
+    rows = [(0.25 * k, 2.5 * k * c, 2.5 * k * s, yaw_rad, speed_mps, 0.0) for k in range(3)]
+    assert nearest(rows, Bounds(signed=signed)) == pytest.approx(share)
+    assert nearest(rows, Bounds(None, signed)) == 0.0
+    # So slow that it doesn't count, or so short that it isn't known.
+    slow = [(t, 0.09 * x, 0.09 * y, yaw, 0.09 * v, std) for t, x, y, yaw, v, std in rows]
+    assert nearest(slow, Bounds(signed=signed)) == 0.0
+    unsure = [(*row[:5], 0.5) for row in rows]
+    bound_deg = math.degrees(math.atan2(0.5 * 3.0 * math.sqrt(2.0), 5.0))
+    lower = share * 20.0 / bound_deg
+    assert nearest(unsure, Bounds(signed=signed)) == pytest.approx(lower if lower > 0.8 else 0.0)
+
+
 def test_shares_of_a_bound_count_from_four_fifths_on() -> None:
     counts = WindowCounts()
     for share in (0.3, 0.8):
