@@ -395,6 +395,33 @@ def test_a_speed_is_as_near_to_its_bound_as_the_larger_of_both_lets_it(
 
 
 @pytest.mark.parametrize(
+    ("way_mps", "stated_mps", "std_m", "moves", "off"),
+    [
+        (10.0, 11.1, 0.0, True, False),
+        (10.0, 11.2, 0.0, True, True),
+        (10.0, -11.2, 0.0, True, True),
+        (10.0, 8.9, 0.0, True, True),
+        (2.0, 2.45, 0.0, True, False),
+        (2.0, 2.55, 0.0, True, True),
+        (4.0, 5.6, 0.2, True, False),
+        (4.0, 5.75, 0.2, True, True),
+        (1.0, 1.0, 0.0, True, False),
+        (0.99, 0.99, 0.0, False, False),
+        (0.9, 0.2, 0.0, False, False),
+        (0.2, 1.0, 0.0, True, True),
+    ],
+)
+def test_a_twist_is_looked_at_in_map_axes_where_its_speed_is_off_by_a_tenth_and_more_than_noise(
+    way_mps: float, stated_mps: float, std_m: float, moves: bool, off: bool
+) -> None:
+    rows = [(0.25 * k, 0.0, 0.25 * k * way_mps, 0.0, stated_mps, std_m) for k in range(3)]
+    *_, watch = watched(rows, Bounds())
+    assert watch._share(0)[1:] == (moves, off)
+    *_, watch = watched(rows, Bounds(None))
+    assert watch._share(0)[1:] == (moves, False)
+
+
+@pytest.mark.parametrize(
     ("turned_deg", "speed_mps", "signed", "share"),
     [
         (17.0, 10.0, True, 0.85),
