@@ -230,7 +230,7 @@ def test_only_whose_heading_is_not_known_at_rest_is_turned_as_its_start_is() -> 
 
 
 def test_the_farther_of_both_boxes_counts_for_the_fence() -> None:
-    """As its start says it is 0.4 m outside, as it states itself 3 m."""
+    """It sticks out by 0.4 m as its start has it, and by 3.1 m as it states itself."""
     spec = run(
         limits={**LIMITS, "heading_by_course": ["ot1"]},
         geofence=[(0.0, -0.5), (400.0, -0.5), (400.0, 12.0), (0.0, 12.0)],

@@ -1,4 +1,4 @@
-"""The obstacles of arming in words, and what else is told of refusals and of the recorder."""
+"""Words of obstacles and refusals, and of what the recorder lacks."""
 
 from __future__ import annotations
 

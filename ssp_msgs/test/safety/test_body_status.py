@@ -1,4 +1,4 @@
-"""What is known of the bodies of a live run: what their processes said, or that they are silent."""
+"""Bodies of a live run: what their processes said of them, or that these are silent."""
 
 from __future__ import annotations
 

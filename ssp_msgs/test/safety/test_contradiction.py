@@ -1,4 +1,4 @@
-"""What windows on end find: a contradiction that holds, a doubt that it leaves, and a delay."""
+"""Contradictions of windows on end: which hold, which leave a doubt, and which a delay explains."""
 
 from __future__ import annotations
 

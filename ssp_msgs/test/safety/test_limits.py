@@ -418,7 +418,7 @@ def test_boxes_that_are_too_near_are_found_whichever_way_they_face(
 
 
 def test_of_no_pair_the_cheap_gap_is_wider_than_the_distance() -> None:
-    """What it rules out is measured no closer."""
+    """Pairs that it rules out are measured no closer."""
     random = np.random.default_rng(11)
     apart = 0
     for _ in range(1500):

@@ -110,7 +110,7 @@ def seen(
     stood_std_m: float | None = None,
     bounds: Bounds = BOUNDS,
 ) -> list[tuple[int, LimitViolation]]:
-    """What is found after each place, half a second apart; at the first two the object stands."""
+    """Tell what is found after each place, half a second apart; at the first the object stands."""
     heading = StartHeading(bounds, yaw_rad, math.radians(tolerance_deg))
     found = []
     for k, (x_m, y_m) in enumerate(((0.0, 0.0), *places)):
