@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -309,7 +310,7 @@ def test_a_contradiction_ends_a_session_once_it_has_held() -> None:
 
 
 def test_the_bounds_of_an_object_are_those_of_its_class_and_its_site() -> None:
-    site = {"jump_m": 0.75, "position_std_m": 0.25, "state_age_s": 0.25}
+    site: dict[str, Any] = {"jump_m": 0.75, "position_std_m": 0.25, "state_age_s": 0.25}
     site |= {"omnidirectional": ["two"]}
     limits, late = (
         LIMITS.model_copy(update={**site, **more}) for more in ({}, {"state_age_s": 0.5})
