@@ -24,7 +24,6 @@ from ssp_core.errors import InputError, PeerError
 from ssp_core.files.folders import make_folder
 from ssp_core.files.writing import write_json
 from ssp_core.hashing import sha256_bytes, sha256_json
-from ssp_core.host.environment import SIMULATED_IMPORTS
 from ssp_core.host.forked import ForkedProcess, node_server
 from ssp_core.host.locks import folder_of_locks
 from ssp_core.host.node_server import Request
@@ -255,7 +254,6 @@ def follow(
     """
     waiting = [step for step in steps if step.name not in kept]
     running, done, gaps = list[_Running](), set(kept), list[Gap]()
-    env = {**os.environ, **SIMULATED_IMPORTS}
     with on_stop_signals(_raise_interrupted):
         try:
             while waiting or running:
@@ -264,13 +262,10 @@ def follow(
                     waiting.remove(late)
                     gaps.append(Gap(late, f"needs {', '.join(sorted(failed & {*late.needs}))}"))
                 failed = {gap.step.name for gap in gaps}
-                begun = list[Step]()
                 while (step := _next(waiting, running, done, failed)) is not None:
                     waiting.remove(step)
                     on_start(step, len(steps) - len(waiting))
-                    running.append(_start(step, logs, env))
-                    begun.append(step)
-                _import_ahead(begun, waiting, env)
+                    running.append(_start(step, logs))
                 ended = [one for one in running if one.process.poll() is not None]
                 for one in ended:
                     running.remove(one)
@@ -305,7 +300,7 @@ def _next(
     return next((step for step in ready if not step.session), None)
 
 
-def _start(step: Step, logs: Path, env: dict[str, str]) -> _Running:
+def _start(step: Step, logs: Path) -> _Running:
     for path in step.makes:
         _remove(path)
     log = logs / f"{step.name.replace('/', '-')}.log"
@@ -314,17 +309,10 @@ def _start(step: Step, logs: Path, env: dict[str, str]) -> _Running:
         stream.write(f"$ ssp {' '.join(command)}\n".encode())
         stream.flush()
         module, *imports = step.modules
-        request = Request("ssp", module, command, env, os.getcwd(), imports, step.session)
+        env = dict(os.environ)
+        request = Request("ssp", module, command, env, os.getcwd(), imports)
         process = node_server(env).start(request, stream.fileno())
     return _Running(step, process, log)
-
-
-def _import_ahead(begun: Sequence[Step], waiting: Sequence[Step], env: dict[str, str]) -> None:
-    """Let the modules of the steps that come next be imported while these work."""
-    names = {step.name for step in begun}
-    for step in waiting:
-        if not names.isdisjoint((*step.needs, *step.after)):
-            node_server(env).prepare(step.modules)
 
 
 def _gap(one: _Running) -> Gap | None:

@@ -63,14 +63,9 @@ class Step:
 
     @property
     def modules(self) -> tuple[str, ...]:
-        """The module whose ``main`` its process calls, and those that its verb and nodes need."""
+        """The module whose ``main`` its process calls, and those that its verb needs."""
         verb = self.arguments[0]
-        found = ("ssp_core.cli", VERBS[verb][0].partition(":")[0], *LATE.get(verb, ()))
-        if not self.session:
-            return found
-        from ssp_scenario_manager.run.over_dds import NODE_MODULES  # takes a tenth of a second
-
-        return *found, *NODE_MODULES.values()
+        return "ssp_core.cli", VERBS[verb][0].partition(":")[0], *LATE.get(verb, ())
 
     @property
     def digest(self) -> str:

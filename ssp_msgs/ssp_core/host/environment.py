@@ -59,8 +59,6 @@ _ONE_HOST_UDP = _ONE_HOST.with_name("fastdds_one_host_udp.xml")
 # Matrices are small here. Threads for large ones cost each start 40 ms of a processor, and wait for
 # each other: in an audit for up to a tenth of its time, where processors are free.
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "1")
-# What nodes of simulated sessions have when they are imported; a server that has it can serve them.
-SIMULATED_IMPORTS = {"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", "PYTHONUNBUFFERED": "1"}
 
 
 def finds_sessions(name: str) -> bool:
@@ -303,7 +301,8 @@ def session_environment(domain_id: int, profile: Path | None = None) -> dict[str
     env = isolated(os.environ)
     env["ROS_DOMAIN_ID"] = str(domain_id)
     env["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    env.update(SIMULATED_IMPORTS)
+    env["RMW_IMPLEMENTATION"] = "rmw_fastrtps_cpp"
+    env["PYTHONUNBUFFERED"] = "1"
     env.setdefault(*ONE_THREAD)
     if has_room():
         env["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile or _ONE_HOST)

@@ -13,13 +13,12 @@ import sys
 import tempfile
 import threading
 import weakref
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping
 from typing import IO
 
 from ssp_core.errors import HostError
 from ssp_core.host.children import AS_MODULE
-from ssp_core.host.node_server import IMPORT, START, Request
+from ssp_core.host.node_server import Request
 
 # The server imports a node's module, and forks, in a second; what it imports ahead takes it five,
 # and ten times as long on a machine that is busy.
@@ -85,24 +84,30 @@ class NodeServer:
     when this object and all of its processes are dropped, or this process ends, however it does.
 
     Args:
-        channel: to the server.
-        process: of the server, if this process started it.
+        environment: of the server.
     """
 
-    def __init__(
-        self, channel: socket.socket, process: subprocess.Popen[bytes] | None = None
-    ) -> None:
-        channel.settimeout(_ANSWER_S)
-        self._channel = channel
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            module, number = "ssp_core.host.node_server", theirs.fileno()
+            self._process = subprocess.Popen(
+                [sys.executable, *AS_MODULE, module, str(number)],
+                env=environment,
+                pass_fds=(number,),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        ours.settimeout(_ANSWER_S)
+        self._channel = ours
         self._lock = threading.Lock()
         self._status_of: dict[int, int] = {}
-        weakref.finalize(self, _end, channel, process)
+        weakref.finalize(self, _end, ours, self._process)
 
     @property
     def is_there(self) -> bool:
-        waiting = select.poll()
-        waiting.register(self._channel, 0)  # its end is told all the same
-        return not waiting.poll(0.0)
+        return self._process.poll() is None
 
     def start(self, request: Request, output: int, *, pipe: bool = False) -> ForkedProcess:
         """Start a node.
@@ -118,8 +123,11 @@ class NodeServer:
         source, sink = os.pipe() if pipe else (None, None)
         handed = [output] if source is None else [output, source]
         try:
-            with self._lock:
-                self._send(START, dataclasses.asdict(request), *handed)
+            with tempfile.TemporaryFile() as file, self._lock:
+                file.write(json.dumps(dataclasses.asdict(request)).encode())
+                file.flush()
+                file.seek(0)
+                socket.send_fds(self._channel, [b"n"], [file.fileno(), *handed])
                 while not (started := self._hear())[1]:
                     pass
                 pid, (descriptor,) = started
@@ -134,11 +142,6 @@ class NodeServer:
         stdin = None if sink is None else os.fdopen(sink, "wb")
         return ForkedProcess(self, pid, descriptor, stdin)
 
-    def prepare(self, modules: Sequence[str]) -> None:
-        """Let the server import modules now, while this process goes on."""
-        with suppress(OSError), self._lock:  # a start says that the server doesn't answer
-            self._send(IMPORT, modules)
-
     def status_of(self, pid: int) -> int:
         """Return the exit status of a process that has ended, −N for signal N.
 
@@ -151,13 +154,6 @@ class NodeServer:
                 return os.waitstatus_to_exitcode(self._status_of[pid])
         except OSError:
             return -signal.SIGTERM
-
-    def _send(self, word: bytes, asked: object, *descriptors: int) -> None:
-        with tempfile.TemporaryFile() as file:
-            file.write(json.dumps(asked).encode())
-            file.flush()
-            file.seek(0)
-            socket.send_fds(self._channel, [word], [file.fileno(), *descriptors])
 
     def _hear(self) -> tuple[int, list[int]]:
         """Take in the next answer; raise OSError when there is none in time or any more.
@@ -177,53 +173,21 @@ class NodeServer:
         return pid, descriptors
 
 
-def _end(channel: socket.socket, process: subprocess.Popen[bytes] | None) -> None:
+def _end(channel: socket.socket, process: subprocess.Popen[bytes]) -> None:
     channel.close()
-    if process is not None:
-        process.wait()
-
-
-def start_server(environment: Mapping[str, str]) -> NodeServer:
-    """Start a server of nodes, which has these variables."""
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    with theirs:
-        module, number = "ssp_core.host.node_server", theirs.fileno()
-        process = subprocess.Popen(
-            [sys.executable, *AS_MODULE, module, str(number)],
-            env=environment,
-            pass_fds=(number,),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-    return NodeServer(ours, process)
+    process.wait()
 
 
 _current: tuple[object, NodeServer] | None = None
 _changing = threading.Lock()
 
 
-def _key(environment: Mapping[str, str]) -> object:
-    """Return what servers share that serve one process alike."""
-    counts = {k: v for k, v in environment.items() if not k.startswith(_READ_AT_START)}
-    return os.getpid(), counts
-
-
 def node_server(environment: Mapping[str, str]) -> NodeServer:
     """Return the server of nodes with these variables: the last one, where it would be alike."""
     global _current
-    key = _key(environment)
+    counts = {k: v for k, v in environment.items() if not k.startswith(_READ_AT_START)}
+    key = os.getpid(), counts
     with _changing:
         if _current is None or _current[0] != key or not _current[1].is_there:
-            _current = key, start_server(environment)
+            _current = key, NodeServer(environment)
         return _current[1]
-
-
-def take_over(channel: socket.socket) -> None:
-    """Start nodes by a server that was forked beside this process, with the same variables.
-
-    Args:
-        channel: to the server.
-    """
-    global _current
-    _current = _key(os.environ), NodeServer(channel)

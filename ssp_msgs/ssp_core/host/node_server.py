@@ -12,11 +12,8 @@ Requests and answers go over a socket that keeps messages whole (SOCK_SEQPACKET)
 byte, and with it the file descriptors of a file with a JSON of ``Request``, of the node's output
 and, where it has one, its standard input. An answer is a JSON: the ``pid`` of a node that was
 forked, and with it a file descriptor of the process; and its ``pid`` and ``status``, as waitpid has
-it, once it has ended. Another byte, with a JSON of modules, asks to import them ahead. The end of
-the other side ends this process, and with it, by SIGTERM, the nodes.
-
-A command that is forked here may start nodes itself. A second process like this one, with all that
-was imported, is forked for it (``starts_nodes``).
+it, once it has ended. The end of the other side ends this process, and with it, by SIGTERM, the
+nodes.
 """
 
 from __future__ import annotations
@@ -31,10 +28,8 @@ import signal
 import socket
 import sys
 import warnings
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from ssp_core.host.children import call_process, die_with_parent
 from ssp_core.host.terminal import end_at_once
@@ -51,7 +46,6 @@ class Request:
         environment: all variables that it has.
         folder: its working folder.
         imports: further modules, imported before the process is forked.
-        starts_nodes: it gets a server of nodes of its own (ssp_core.host.forked.take_over).
     """
 
     name: str
@@ -60,30 +54,18 @@ class Request:
     environment: dict[str, str]
     folder: str
     imports: list[str] = field(default_factory=list)
-    starts_nodes: bool = False
 
 
-# What asks for a process, and what asks for imports alone.
-START, IMPORT = b"n", b"i"
-
-
-class Forked(NamedTuple):
-    """The request of a forked process, and the channel to a server of its own, if it has one."""
-
-    request: Request
-    nodes: socket.socket | None
-
-
-def serve(channel: socket.socket, given: frozenset[str]) -> Forked | None:
+def serve(channel: socket.socket) -> Request | None:
     """Fork a process for each request, and say when each has ended.
 
     Args:
         channel: to whom asks.
-        given: names of the variables that this process started with.
 
     Returns:
         In a forked process: what it was asked for. In this one, once the other side is gone: None.
     """
+    given = set(os.environ)
     pid_of: dict[int, int] = {}  # by file descriptor of the process
     with selectors.DefaultSelector() as selector:
         selector.register(channel, selectors.EVENT_READ)
@@ -99,62 +81,32 @@ def serve(channel: socket.socket, given: frozenset[str]) -> Forked | None:
                 if not word:
                     return None
                 with open(handed[0], encoding="utf-8") as file:
-                    asked = json.load(file)
-                if word == IMPORT:
-                    _import(asked)
-                    continue
-                request = Request(**asked)
-                _import((request.module, *request.imports))
+                    request = Request(**json.load(file))
+                # One that can't be imported says so in its own log, where it is imported again.
+                for module in (request.module, *request.imports):
+                    with suppress(BaseException):
+                        importlib.import_module(module)
                 here = os.getpid()
-                ours = theirs = None
-                if request.starts_nodes:
-                    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-                    if not (pid := _fork()):
-                        os.setsid()
-                        _close(channel, ours, *pid_of, *handed[1:])
-                        return serve(theirs, given)
-                    theirs.close()
-                    _watch(selector, pid_of, pid)
-                if not (pid := _fork()):
-                    _close(channel, *pid_of)
+                gc.freeze()  # what is here stays, in pages that are shared as long as they are
+                with warnings.catch_warnings():
+                    # From Python 3.12 on, a fork beside any thread is warned of.
+                    warnings.simplefilter("ignore", DeprecationWarning)
+                    pid = os.fork()
+                if not pid:
+                    channel.close()
+                    for descriptor in pid_of:
+                        os.close(descriptor)
                     set_by_imports = {
                         name: value for name, value in os.environ.items() if name not in given
                     }
                     _become(request, set_by_imports, handed[1:], here)
-                    return Forked(request, ours)
-                _close(*handed[1:], *filter(None, [ours]))
-                _answer(channel, _watch(selector, pid_of, pid), pid=pid)
-
-
-def _import(modules: Iterable[str]) -> None:
-    """Import modules; one that can't be imported says so where it is needed, in its own log."""
-    for module in modules:
-        with suppress(BaseException):
-            importlib.import_module(module)
-
-
-def _fork() -> int:
-    gc.freeze()  # what is here stays, in pages that are shared as long as they are
-    with warnings.catch_warnings():
-        # From Python 3.12 on, a fork beside any thread is warned of.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        return os.fork()
-
-
-def _close(*files: socket.socket | int) -> None:
-    for one in files:
-        if isinstance(one, int):
-            os.close(one)
-        else:
-            one.close()
-
-
-def _watch(selector: selectors.BaseSelector, pid_of: dict[int, int], pid: int) -> int:
-    """Take in a forked process, whose end is to be seen; return its file descriptor."""
-    descriptor = os.pidfd_open(pid)
-    pid_of[descriptor] = pid
-    selector.register(descriptor, selectors.EVENT_READ)
-    return descriptor
+                    return request
+                for descriptor in handed[1:]:
+                    os.close(descriptor)
+                descriptor = os.pidfd_open(pid)
+                pid_of[descriptor] = pid
+                selector.register(descriptor, selectors.EVENT_READ)
+                _answer(channel, descriptor, pid=pid)
 
 
 def _answer(channel: socket.socket, *descriptors: int, **values: int) -> None:
@@ -183,15 +135,6 @@ def _become(
     sys.argv = [request.module, *request.arguments]
 
 
-def _call(forked: Forked) -> int | None:
-    if forked.nodes is not None:
-        from ssp_core.host.forked import take_over  # no node needs it
-
-        take_over(forked.nodes)
-    result: int | None = importlib.import_module(forked.request.module).main()
-    return result
-
-
 def main() -> None:
     """Serve on the socket whose file descriptor is this program's argument.
 
@@ -200,9 +143,9 @@ def main() -> None:
     """
     status = 1
     atexit.register(lambda: end_at_once(status))
-    forked = serve(socket.socket(fileno=int(sys.argv[1])), frozenset(os.environ))
+    request = serve(socket.socket(fileno=int(sys.argv[1])))
     try:
-        status = 0 if forked is None else _call(forked) or 0
+        status = 0 if request is None else importlib.import_module(request.module).main() or 0
     except SystemExit as stop:
         status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
         raise

@@ -12,7 +12,7 @@ import pytest
 
 from ssp_core.errors import HostError
 from ssp_core.host.environment import session_environment
-from ssp_core.host.forked import ForkedProcess, NodeServer, node_server, start_server
+from ssp_core.host.forked import ForkedProcess, NodeServer, node_server
 from ssp_core.host.node_server import Request
 from tests.support.processes import is_alive
 from tests.support.waiting import until
@@ -54,19 +54,6 @@ def main():
     print("up", flush=True)
     time.sleep(600)
 """
-LEADING = """
-import os, sys
-from ssp_core.host.forked import node_server
-from ssp_core.host.node_server import Request
-
-def main():
-    env = {**os.environ, **dict(word.split("=") for word in sys.argv[1:])}
-    with open("led.log", "wb") as stream:
-        led = Request("led", "ssp_waiting_node", [], env, os.getcwd())
-        node = node_server(env).start(led, stream.fileno())
-    print(node.pid, flush=True)
-    sys.stdin.read()
-"""
 
 
 @pytest.fixture
@@ -77,8 +64,6 @@ def environment(tmp_path: Path) -> dict[str, str]:
         "brief": BRIEF,
         "ending": ENDING,
         "broken": "import no_such\n",
-        "leading": LEADING,
-        "noting": f"from pathlib import Path\nPath({str(tmp_path)!r}, 'imported').touch()\n",
     }.items():
         (tmp_path / f"ssp_{name}_node.py").write_text(text)
     env = session_environment(199)
@@ -88,7 +73,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
 
 @pytest.fixture
 def server(environment: dict[str, str]) -> NodeServer:
-    return start_server(environment)
+    return NodeServer(environment)
 
 
 class Started:
@@ -112,10 +97,6 @@ class Started:
     def up(self) -> Started:
         until(lambda: "up" in self.log.read_text(), "the node's start")
         return self
-
-
-def parent_of(pid: int) -> int:
-    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
 
 
 def test_a_node_has_its_own_variables_folder_name_and_no_open_file_of_others(
@@ -202,7 +183,7 @@ def test_nodes_end_with_their_server_and_the_next_has_a_new_one(
     assert node_server({**environment, "RMW_IMPLEMENTATION": "another"}) is not server
     server = node_server(environment)
     node = Started(server, environment, tmp_path, "waiting").up()
-    parent = parent_of(node.process.pid)
+    parent = int(Path(f"/proc/{node.process.pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
     os.kill(parent, signal.SIGKILL)
     assert node.process.wait(600) == -signal.SIGTERM
     with pytest.raises(HostError, match="starts nodes doesn't answer"):
@@ -214,47 +195,10 @@ def test_nodes_end_with_their_server_and_the_next_has_a_new_one(
 def test_a_server_ends_when_nobody_holds_it_or_its_nodes(
     environment: dict[str, str], tmp_path: Path
 ) -> None:
-    node = Started(start_server(environment), environment, tmp_path, "waiting").up()
-    parent = parent_of(node.process.pid)
+    node = Started(NodeServer(environment), environment, tmp_path, "waiting").up()
+    parent = int(Path(f"/proc/{node.process.pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
     assert is_alive(parent)
     pid = node.process.pid
     del node
     until(lambda: not is_alive(parent), "the server's end")
     until(lambda: not is_alive(pid), "the node's end")
-
-
-@pytest.mark.parametrize(("given", "is_alike"), [([], True), (["OTHER=1"], False)])
-def test_a_forked_command_starts_nodes_by_a_server_that_was_forked_with_it(
-    server: NodeServer,
-    environment: dict[str, str],
-    tmp_path: Path,
-    given: list[str],
-    is_alike: bool,
-) -> None:
-    """Start another server where its variables differ; its nodes end with it in any case."""
-    log = tmp_path / "leading.log"
-    request = Request(
-        "leading", "ssp_leading_node", given, environment, str(tmp_path), ["ssp_waiting_node"], True
-    )
-    with log.open("wb") as stream:
-        command = server.start(request, stream.fileno(), pipe=True)
-    until(lambda: log.read_text().endswith("\n"), "the node that it starts")
-    node = int(log.read_text())
-    until(lambda: "up" in (tmp_path / "led.log").read_text(), "the node's start")
-    of_nodes = parent_of(node)
-    assert parent_of(of_nodes) == (parent_of(command.pid) if is_alike else command.pid)
-    # The first server goes on, and knows of the second one's end.
-    Started(server, environment, tmp_path, "waiting").up()
-    command.kill()
-    assert command.wait(600) == -signal.SIGKILL
-    until(lambda: not is_alive(node), "the node's end")
-    until(lambda: not is_alive(of_nodes), "the end of the server beside it")
-    assert Started(server, environment, tmp_path, "brief").process.wait(600) == 3
-
-
-def test_modules_are_imported_ahead_of_the_node_that_needs_them(
-    server: NodeServer, environment: dict[str, str], tmp_path: Path
-) -> None:
-    server.prepare(["no_such", "ssp_noting_node"])
-    until((tmp_path / "imported").exists, "the import")
-    Started(server, environment, tmp_path, "waiting").up()
