@@ -20,9 +20,8 @@ from ssp_core.errors import HostError
 from ssp_core.host.children import AS_MODULE
 from ssp_core.host.node_server import Request
 
-# The server imports a node's module, and forks, in a second; what it imports ahead takes it five,
-# and ten times as long on a machine that is busy.
-_ANSWER_S = 300.0
+# The server imports a node's module, and forks, in a second.
+_ANSWER_S = 60.0
 # Variables that a node reads when it starts: all others may count while its module is imported.
 _READ_AT_START = ("ROS_", "FASTRTPS_", "TMPDIR", "SSP_PAGE_TOKEN", "PYTEST_")
 
