@@ -20,7 +20,7 @@ from ssp_core.host.environment import session_environment
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import SessionPhase
 from ssp_msgs import msg
-from ssp_ot_controller.ros.sil_world import OVERRUN_S
+from ssp_ot_controller.sil.pacing import OVERRUN_S
 from ssp_ot_controller.sil.patience import HANG_LIMIT_S
 from support.processes import end
 from tests.support.patience import patient

@@ -47,6 +47,66 @@ def _ignore(_: StepReport) -> None:
 Fact = TypeVar("Fact", bound=outbox.Outgoing)
 
 
+class _PlantHeard:
+    """Times at which the plant's participants were heard, and the quality of their links."""
+
+    def __init__(self) -> None:
+        self.liveness = LivenessMonitor()
+        self._links: dict[str, LinkEstimate] = {}
+
+    def hear(self, report: StepReport, steady_ns: int) -> None:
+        self.liveness.hear(names.SIL_WORLD, steady_ns)
+        for state in (*report.vut_states, *report.target_states):
+            self.liveness.hear(state.object_id, steady_ns)
+        for link in report.links:
+            self._links[link.object_id] = LinkEstimate(
+                link.offset_s, link.delay_s, 0.0 if math.isfinite(link.delay_s) else math.inf
+            )
+
+    def facts(self, spec: RunSpec, steady_ns: int) -> Facts:
+        """Return ages as the node measures them, counted in holds."""
+        heard = self.liveness.facts(spec, steady_ns)
+        return replace(
+            Facts.of_one_process(spec),
+            ages_s={**heard.ages_s, names.MONITOR: 0.0, names.FRONT_CAMERA: 0.0},
+            links=dict(self._links),
+        )
+
+
+class _InjectedOperator:
+    """An operator whom the run file's faults have hold an armed session, or abort."""
+
+    def __init__(self, spec: RunSpec) -> None:
+        self._spec = spec
+        self._aborts = [fault for fault in spec.faults if fault.kind == "operator_abort"]
+        self._armed_ns: int | None = None
+
+    def holds_armed(self, session: Session, steady_ns: int) -> bool:
+        """Tell whether a session with a fault before its start is held, so that limits apply.
+
+        It counts from when every object says that it is armed, which is when the faults begin.
+        """
+        if not strikes_armed(self._spec):
+            return False
+        states = [session.targets.get(t.id) for t in self._spec.targets]
+        if self._armed_ns is None and all(
+            state is not None and state.control_state is ControlState.ARMED for state in states
+        ):
+            self._armed_ns = steady_ns
+        waited_ns = 0 if self._armed_ns is None else steady_ns - self._armed_ns
+        return waited_ns < seconds_to_ns(ARMED_HOLD_S)
+
+    def due_aborts(self, now_ns: int | None) -> int:
+        """Count the aborts that are due, once each: with None, those of the armed session."""
+        due = [
+            fault
+            for fault in self._aborts
+            if fault.at_s is None or (now_ns is not None and now_ns >= seconds_to_ns(fault.at_s))
+        ]
+        self._aborts = [fault for fault in self._aborts if fault not in due]
+        return len(due)
+
+
 class InProcessSession:
     """One run of one session. ``run`` may be called once.
 
@@ -71,7 +131,6 @@ class InProcessSession:
         self.session = Session()
         self.sent: list[outbox.Outgoing] = []
         self.faults: list[FaultFact] = []
-        self.problems: tuple[str, ...] = ()
         self._spec = spec
         self._plant = plant
         self._on_report = on_report
@@ -80,12 +139,10 @@ class InProcessSession:
         self._now_ns = 0
         self._steady_ns = 0
         self._abort = AbortWatch()
-        self._armed_ns: int | None = None
         self._script = RunScript("", 0)
-        self._liveness = LivenessMonitor()
-        self._links: dict[str, LinkEstimate] = {}
+        self._heard = _PlantHeard()
         self._fresh: list[Reference] = []
-        self._aborts = [fault for fault in spec.faults if fault.kind == "operator_abort"]
+        self._operator = _InjectedOperator(spec)
 
     def run(self) -> None:
         """Load, connect, arm, start, and step until everything is over."""
@@ -108,6 +165,11 @@ class InProcessSession:
         self.leave()
 
     @property
+    def problems(self) -> tuple[str, ...]:
+        """Why the session didn't come to run; empty where it did."""
+        return self._script.problems
+
+    @property
     def is_aborting(self) -> bool:
         """True after an abort, until everything is known to stand."""
         return self.session.state is SessionPhase.ABORTING
@@ -124,12 +186,12 @@ class InProcessSession:
         session, script = self.session, self._script
         while True:
             wish = script.next(session.state, self._steady_ns)
-            if wish is SessionEvent.START and self._holds_armed():
+            if wish is SessionEvent.START and self._operator.holds_armed(session, self._steady_ns):
                 wish = None
             if wish is SessionEvent.LOAD:
                 script.on_answer(session.load(self._spec, 0))
             elif wish is not None:
-                session.facts = self._facts()
+                session.facts = self._heard.facts(self._spec, self._steady_ns)
                 script.on_answer(session.command(wish, self._now_ns, WHO, ""))
             self._flush()
             if session.state is SessionPhase.ARMED:
@@ -146,31 +208,6 @@ class InProcessSession:
             self._answer()
             if session.state in _OVER or self._waits_in_vain():
                 break
-        self.problems = script.problems
-
-    def _holds_armed(self) -> bool:
-        """Tell whether a session with a fault before its start is held, so that limits apply.
-
-        It counts from when every object says that it is armed, which is when the faults begin.
-        """
-        states = [self.session.targets.get(t.id) for t in self._spec.targets]
-        if not strikes_armed(self._spec):
-            return False
-        if self._armed_ns is None and all(
-            state is not None and state.control_state is ControlState.ARMED for state in states
-        ):
-            self._armed_ns = self._steady_ns
-        waited_ns = 0 if self._armed_ns is None else self._steady_ns - self._armed_ns
-        return waited_ns < seconds_to_ns(ARMED_HOLD_S)
-
-    def _facts(self) -> Facts:
-        """Return ages as the node measures them, counted in holds."""
-        heard = self._liveness.facts(self._spec, self._steady_ns)
-        return replace(
-            Facts.of_one_process(self._spec),
-            ages_s={**heard.ages_s, names.MONITOR: 0.0, names.FRONT_CAMERA: 0.0},
-            links=dict(self._links),
-        )
 
     # -- while it runs -------------------------------------------------------------------------
 
@@ -199,7 +236,7 @@ class InProcessSession:
     def _waits_in_vain(self) -> bool:
         """Tell whether an abort's end can't be reported, as a silent object's standstill can't."""
         in_vain = self._abort.unconfirmed(
-            self.session, self._liveness, self._steady_ns, self._now_ns
+            self.session, self._heard.liveness, self._steady_ns, self._now_ns
         )
         if in_vain:
             self.session.give_up_on_standstill(self._now_ns)
@@ -222,17 +259,11 @@ class InProcessSession:
         session = self.session
         self._now_ns = report.now_ns
         self.faults += report.faults
-        self._liveness.hear(names.SIL_WORLD, self._steady_ns)
-        for state in (*report.vut_states, *report.target_states):
-            self._liveness.hear(state.object_id, self._steady_ns)
+        self._heard.hear(report, self._steady_ns)
         for state in report.vut_states:
             session.on_vut_state(state)
         for state in report.target_states:
             session.on_target_state(state)
-        for link in report.links:
-            self._links[link.object_id] = LinkEstimate(
-                link.offset_s, link.delay_s, 0.0 if math.isfinite(link.delay_s) else math.inf
-            )
         for ack in report.acks:
             session.on_ack(
                 ack.reference_id, ack.accepted, ack.error_code, ack.error_msg, ack.stamp_ns
@@ -256,12 +287,9 @@ class InProcessSession:
 
     def _abort_by_operator(self, now_ns: int | None) -> None:
         """Do the aborts that are due: with None, the ones of the armed session."""
-        for fault in list(self._aborts):
-            at_s = fault.at_s
-            if at_s is None or (now_ns is not None and now_ns >= seconds_to_ns(at_s)):
-                self._aborts.remove(fault)
-                self.session.command(SessionEvent.ABORT, self._now_ns, "operator", "injected fault")
-                self._flush()
+        for _ in range(self._operator.due_aborts(now_ns)):
+            self.session.command(SessionEvent.ABORT, self._now_ns, "operator", "injected fault")
+            self._flush()
 
     # -- sending -------------------------------------------------------------------------------
 
