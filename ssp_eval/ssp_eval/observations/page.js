@@ -412,7 +412,7 @@ function load(text) {
   } catch (error) {
     return tell("That file is no JSON: " + error.message);
   }
-  if (found.schema !== DATA.draft.schema) return tell("That file is no observation.");
+  if (found?.schema !== DATA.draft.schema) return tell("That file is no observation.");
   if (found.bag_sha256 !== DATA.draft.bag_sha256) return tell("That observation is of another recording.");
   const doc = { ...found, seal: null, who: null, role: null, when: null, remark: null };
   if (!same(shape(doc), shape(DATA.draft))) return tell("That observation names other participants.");

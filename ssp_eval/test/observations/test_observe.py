@@ -369,6 +369,8 @@ def test_answers_survive_the_page_and_a_draft_goes_on(run: Path, browser: Browse
     assert browser.text("#told") == "That observation is of another recording."
     browser.evaluate("load('no json')")
     assert browser.text("#told").startswith("That file is no JSON")
+    browser.evaluate("load('null')")
+    assert browser.text("#told") == "That file is no observation."
     browser.evaluate("setChanged(false)")
     browser.go(page.as_uri())
     browser.click("#drop")
