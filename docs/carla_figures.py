@@ -35,9 +35,9 @@ COLUMNS, PAGE_PX = 108, 900
 BLOCK = ("--choose", "road 1 forward [0-312 m]", "--who", "Your Name")
 
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT)]
-from support.carla_counterpart import Behaviour, Counterpart  # noqa: E402 - of the tests
-from support.carla_physics import Physics  # noqa: E402
-from tests.support.carla_tasks import MAP  # noqa: E402
+from tests.support.carla.counterpart import Behaviour, Counterpart  # noqa: E402 - of the tests
+from tests.support.carla.physics import Physics  # noqa: E402
+from tests.support.carla.tasks import MAP  # noqa: E402
 from tests.system.browser import Browser  # noqa: E402
 from tests.system.recordings import Recordings, succeed  # noqa: E402
 

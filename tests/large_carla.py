@@ -1,6 +1,6 @@
 """Ten thousand pictures of the CARLA counterpart: is each one the picture of its tick?
 
-Not a test, because it takes minutes: ``PYTHONPATH=tests .venv/bin/python tests/large_carla.py``.
+Not a test, because it takes minutes: ``PYTHONPATH=. .venv/bin/python tests/large_carla.py``.
 Of each hundred pictures one is lost, one comes one to three pictures late, behind others. Prints
 how many came, how many of them hold another frame or pose than their tick's, and the rate.
 """
@@ -11,8 +11,8 @@ import json
 import sys
 import time
 
-from support.carla_commands import client
-from support.carla_counterpart import Behaviour, Counterpart
+from tests.support.carla.commands import client
+from tests.support.carla.counterpart import Behaviour, Counterpart
 
 PICTURES = 10_000
 
@@ -22,7 +22,7 @@ def main() -> int:
     lost = frozenset(range(120, PICTURES, 100))
     with Counterpart(Behaviour(late=late, lost=lost), seed=9) as server:
         began_s = time.monotonic()
-        said = client("-m", "support.carla_driver", server.address, str(PICTURES))
+        said = client("-m", "tests.support.carla.driver", server.address, str(PICTURES))
         took_s = time.monotonic() - began_s
     told = json.loads(said.splitlines()[-1])
     print(

@@ -42,7 +42,7 @@ from ssp_eval.audit.history import find_switches
 from ssp_eval.importers.contradictions import Course, contradictions
 from ssp_eval.recordings.states import Sighting
 from ssp_scenario_manager.run.in_process import Record, run_in_process
-from tests.support.adaptation import base
+from tests.support.events.adaptation import base
 
 MEASURED = LinkDisturbance(
     position_noise_m=0.02,

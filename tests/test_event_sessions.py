@@ -14,8 +14,8 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.run_file.road import CurvePiece
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.run.sweep import for_one_process, run_one
-from tests.support.bags import messages
-from tests.support.event_bags import check_event
+from tests.support.bags.messages import messages
+from tests.support.bags.of_events import check_event
 from tests.support.runs import small_run
 
 # The other sites' sessions run over DDS (system/test_session_runs.py).

@@ -9,16 +9,16 @@ import sys
 
 import pytest
 
-from tests.support.patience import PATIENT_S, ROOT
+from tests.support.processes.patience import PATIENT_S, ROOT
 
 pytest.importorskip("rclpy")
 LIMITS = """
 import json
-import tests.support.patient_manager
+import tests.support.processes.patient_manager
 from ssp_core.run_file.model import RunSpec
 from ssp_core.safety import arming, liveness
 from ssp_scenario_manager.session import supervision
-from tests.support.patience import patient
+from tests.support.processes.patience import patient
 from tests.support.runs import cut_in_run
 
 found = {"recorder": arming.RECORDER_SIGN.limit_s, "world": supervision.WORLD_SILENT_LOCKSTEP_S}

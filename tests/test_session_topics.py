@@ -10,7 +10,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.publishers import ANYBODY, declarations, expected_publishers
 from ssp_monitor.recorder.topics import bag_topics
 from ssp_scenario_manager.sros2 import rights
-from support.runs import small_run
+from tests.support.runs import small_run
 
 OBJECTS = [{**small_run()["targets"][0], "id": f"ot{number}"} for number in range(1, 7)]
 # Nodes beside a session; what they publish isn't the session's.

@@ -8,7 +8,8 @@ thirty by ``tests/sound_recordings.py``.
 from __future__ import annotations
 
 import pytest
-from sound_recordings import KINDS, refusal
+
+from tests.sound_recordings import KINDS, refusal
 
 
 @pytest.mark.parametrize("seed", range(30))

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from ssp_core.cli import main
+from tests.support.processes.waiting import DEADLINE_S
 from tests.support.rows import check_rows
-from tests.support.waiting import DEADLINE_S
 
 # Longer than any refusal takes on a busy machine; what waits would do so for ever.
 COMMANDS = (

@@ -18,5 +18,5 @@ def test_at_most_200_tests_start_processes_of_ros(request: pytest.FixtureRequest
     ]
     assert len(starting) <= MOST, (
         f"{len(starting)} tests start ROS nodes or sessions; show in one process what shows there "
-        "as well (ssp_scenario_manager.run.in_process, tests/support/worlds.py)"
+        "as well (ssp_scenario_manager.run.in_process, tests/support/bags/worlds.py)"
     )

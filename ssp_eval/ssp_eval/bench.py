@@ -98,7 +98,7 @@ def run_benchmark(folder: Path, name: str, long: bool) -> list[dict[str, Any]]:
     Raises:
         PeerError: it failed; the message ends with its last lines.
     """
-    path = os.pathsep.join(filter(None, (str(folder.parent), os.environ.get("PYTHONPATH"))))
+    path = os.pathsep.join(filter(None, (str(folder.parents[1]), os.environ.get("PYTHONPATH"))))
     done = subprocess.run(
         [sys.executable, file_of(name)],
         cwd=folder,

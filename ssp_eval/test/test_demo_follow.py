@@ -16,7 +16,7 @@ import pytest
 from ssp_core.errors import PeerError
 from ssp_eval.demo import Progress, follow
 from ssp_eval.demo_plan import AT_ONCE, Step
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 
 class Script(Step):

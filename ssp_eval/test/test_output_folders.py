@@ -14,7 +14,7 @@ from ssp_core.errors import InputError
 from ssp_core.files.folders import make_folder
 from ssp_eval.importers import target
 from ssp_eval.statistics.rows import COLUMNS
-from support.full_disk import largest_file
+from tests.support.bags.full_disk import largest_file
 
 
 @pytest.fixture

@@ -11,9 +11,9 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.host.domains import free_domain
 from ssp_core.host.shared_memory import remove_stale_shared_memory
 from ssp_monitor.page.server import PageServer
-from support.bags import clock
-from support.runs import small_run
+from tests.support.bags.messages import clock
 from tests.support.page_clients import TOKEN, Manager
+from tests.support.runs import small_run
 
 START = {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0}
 

@@ -11,8 +11,8 @@ import pytest
 from ssp_core import names
 from ssp_core.host.domains import free_domain
 from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
-from support.runs import small_run
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
+from tests.support.runs import small_run
 
 
 @pytest.fixture

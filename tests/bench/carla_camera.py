@@ -20,7 +20,7 @@ from typing import Any
 
 from measure import report
 
-TESTS = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 SIZE, TICKS, ROUNDS = (1280, 720), 300, 3
 BLUEPRINT = "vehicle.tesla.model3"
 
@@ -95,7 +95,7 @@ def bare(address: str) -> float:
 
 def rate(which: str) -> float:
     """Ticks a second, measured in a process of its own."""
-    from support.carla_counterpart import Counterpart
+    from tests.support.carla.counterpart import Counterpart
 
     with Counterpart() as server:
         return float(_output(__file__, which, server.address))
@@ -120,7 +120,7 @@ def session(task: Path, camera: str, out: Path) -> float:
 
 
 def _output(*arguments: str) -> str:
-    path = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
     done = subprocess.run(
         [sys.executable, *arguments],
         capture_output=True,
@@ -133,7 +133,7 @@ def _output(*arguments: str) -> str:
 
 def main() -> None:
     from ssp_scenario_manager.maps.site import LIBRARY
-    from support.carla_counterpart import Behaviour, Counterpart
+    from tests.support.carla.counterpart import Behaviour, Counterpart
 
     rates = {which: [rate(which) for _ in range(ROUNDS)] for which in ("ours", "bare")}
     report(

@@ -10,7 +10,7 @@ import numpy as np
 from measure import report
 
 from ssp_core.safety.consistency import Bounds, ConsistencyWatch
-from support.tracks import Row, measured, motion
+from tests.support.tracks import Row, measured, motion
 
 RATE_HZ = 50.0
 REPEATS = 5

@@ -43,7 +43,7 @@ from ssp_core.vocabulary import ControlState, Role, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
 from ssp_ot_controller.bodies.iso22133.units import QUARTER_MS_NS
-from tests.support.patience import WAITS
+from tests.support.processes.patience import WAITS
 from tests.system.test_page import run_of_many
 
 MEASURED_S = 10.0

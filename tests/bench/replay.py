@@ -23,8 +23,8 @@ from ssp_eval.evaluate.campaign import run_campaign
 from ssp_eval.evaluate.clients.model_client import InProcessClients
 from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conversation import CellOptions
-from support.bags import picture
-from support.states import object_state
+from tests.support.bags.messages import picture
+from tests.support.states import object_state
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 STATE = "/ssp/vut/state"

@@ -14,7 +14,7 @@ from ssp_core.cdr.messages import object_state
 from ssp_core.motion.state import DEFAULT_SIZES, ObjectState
 from ssp_core.vocabulary import ControlState, ObjectClass, Role
 from ssp_msgs.msg import ObjectState as ObjectStateMsg
-from support.messages import state_to_msg
+from tests.support.bags.rclpy_messages import state_to_msg
 
 OBJECTS = 20
 REPEATS = 7

@@ -25,11 +25,11 @@ from ssp_core.motion.state import ObjectState
 from ssp_eval.audit.doubles import _shared
 from ssp_eval.data.provenance import COUNTERPART, read_provenance
 from ssp_eval.draw.cli import default_out
-from support.carla_catalogue import BODIES
-from support.carla_commands import PATIENCE_S, left_as_found, refused, ssp
-from support.carla_counterpart import EMPTY_XODR, Actor, Behaviour, Counterpart
-from support.carla_picture import Written, read_picture
-from tests.support.worlds import CAMERA, IMAGE, TICK, record_world, small_world
+from tests.support.bags.worlds import CAMERA, IMAGE, TICK, record_world, small_world
+from tests.support.carla.catalogue import BODIES
+from tests.support.carla.commands import PATIENCE_S, left_as_found, refused, ssp
+from tests.support.carla.counterpart import EMPTY_XODR, Actor, Behaviour, Counterpart
+from tests.support.carla.picture import Written, read_picture
 
 pytestmark = pytest.mark.carla
 RENDERER = "/ssp/vut/front_camera/renderer"

@@ -1,7 +1,7 @@
 """CARLA's vehicle physics as the plant: pedals, and sessions that a counterpart's vehicles drive.
 
-The counterpart's vehicles (``support.carla_physics``) have another gain, lag and steering than
-ours, drawn anew for each case from a seed.
+The counterpart's vehicles (``tests.support.carla.physics``) have another gain, lag and steering
+than ours, drawn anew for each case from a seed.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from ssp_core.world.plant import make_camera
 from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
 from ssp_ot_controller.control.pedals import Pedals, Response, first_order, response_problems
 from ssp_scenario_manager.run.sweep import for_one_process
-from support.carla_catalogue import BODIES
-from support.carla_commands import client, left_as_found
-from support.carla_counterpart import EMPTY_XODR, Behaviour, Counterpart
-from support.carla_physics import Drive, Physics
-from support.carla_picture import Pose
-from tests.support.worlds import CAMERA, small_world
+from tests.support.bags.worlds import CAMERA, small_world
+from tests.support.carla.catalogue import BODIES
+from tests.support.carla.commands import client, left_as_found
+from tests.support.carla.counterpart import EMPTY_XODR, Behaviour, Counterpart
+from tests.support.carla.physics import Drive, Physics
+from tests.support.carla.picture import Pose
 
 CAR, DT = ObjectClass.CAR, 0.02
 SEEDS = range(20)
@@ -198,7 +198,7 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
         asked = [
             (event, str(chart), one.address) for (event, _), one in zip(CASES, found, strict=True)
         ]
-        told = client("-m", "support.carla_session", str(folder), given=json.dumps(asked))
+        told = client("-m", "tests.support.carla.session", str(folder), given=json.dumps(asked))
         for server in found:
             if not server.behaviour.exit_at and not server.behaviour.stall_at:
                 left_as_found(server)

@@ -13,9 +13,9 @@ import pytest
 
 from ssp_core.carla.probe_report import load_report
 from ssp_core.cli import main
-from support.carla_catalogue import BODIES, Body
-from support.carla_commands import client, left_as_found, refused, ssp
-from support.carla_counterpart import EMPTY_XODR, Behaviour, Counterpart
+from tests.support.carla.catalogue import BODIES, Body
+from tests.support.carla.commands import client, left_as_found, refused, ssp
+from tests.support.carla.counterpart import EMPTY_XODR, Behaviour, Counterpart
 
 pytestmark = pytest.mark.carla
 
@@ -178,7 +178,7 @@ def test_the_picture_of_a_tick_is_the_picture_of_that_tick() -> None:
     late = {k: 1 + k % 3 for k in range(25, 400, 23)}
     lost = frozenset(range(30, 400, 41)) - frozenset(late)
     with Counterpart(Behaviour(late=late, lost=lost), seed=5) as server:
-        said = client("-m", "support.carla_driver", server.address, "400")
+        said = client("-m", "tests.support.carla.driver", server.address, "400")
         left_as_found(server)
         pictures = server.pictures
     told: dict[str, Any] = json.loads(said.splitlines()[-1])

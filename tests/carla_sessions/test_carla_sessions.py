@@ -18,10 +18,10 @@ from ssp_core import names
 from ssp_core.bag.operations.check import check_bag
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cli import main
-from support.carla_catalogue import BODIES
-from support.carla_commands import left_as_found, ssp
-from support.carla_counterpart import EMPTY_XODR, Behaviour, Counterpart
-from tests.support.carla_tasks import MAP, compiled, with_small_pictures
+from tests.support.carla.catalogue import BODIES
+from tests.support.carla.commands import left_as_found, ssp
+from tests.support.carla.counterpart import EMPTY_XODR, Behaviour, Counterpart
+from tests.support.carla.tasks import MAP, compiled, with_small_pictures
 
 IMAGE = names.absolute(names.CAMERA_IMAGE)
 # Before the first frame that counts the camera warms up; the event is some 160 frames long.

@@ -53,7 +53,7 @@ class Target:
 
 
 _MANAGER = "ssp_scenario_manager/ssp_scenario_manager"
-_FIXTURES = ("ssp_scenario_manager/test/conftest.py", "tests/support/*.py")
+_FIXTURES = ("ssp_scenario_manager/test/conftest.py", "tests/support/**/*.py")
 _OF_SESSIONS = ("ssp_scenario_manager/test/session/test_*.py", *_FIXTURES)
 TARGETS = {
     "score": Target(

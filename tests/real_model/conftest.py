@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from real_model.install import PACKAGES, WEIGHTS
 
 from ssp_eval.checkout import MODEL_VARIABLE
+from tests.real_model.install import PACKAGES, WEIGHTS
 
 HERE = Path(__file__).parent
 MARKER = "real_model"

@@ -1,1 +1,1 @@
-"""Builders that the tests of all packages share; imported as ``support``."""
+"""Builders and counterparts that the tests of all packages share; imported as ``tests.support``."""

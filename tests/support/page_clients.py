@@ -14,7 +14,7 @@ import aiohttp
 
 from ssp_monitor.page.server import PageServer
 from ssp_monitor.status.board import Answer, StateOnPage
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 TOKEN = "the-right-token-of-this-test"
 Work = Callable[[aiohttp.ClientSession], Awaitable[Any]]

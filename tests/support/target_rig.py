@@ -15,8 +15,8 @@ from ssp_ot_controller.bodies.dynamics import BodyState, step_body
 from ssp_ot_controller.objects.references import Refusal
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.objects.target import Target, TargetStep
-from support.runs import small_run
-from support.states import make_reference, state_of_body
+from tests.support.runs import small_run
+from tests.support.states import make_reference, state_of_body
 
 S = 1_000_000_000
 STEP_NS = 20_000_000

@@ -22,7 +22,7 @@ from typing import Any
 import pytest
 
 from ssp_core import names
-from tests.support.bags import last_speeds
+from tests.support.bags.messages import last_speeds
 from tests.system.recordings import Recordings
 
 START_DEADLINE_S = 300.0

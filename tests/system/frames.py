@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ssp_core.run_file.model import RunSpec
-from tests.support.bags import messages
+from tests.support.bags.messages import messages
 
 TF = "/tf"
 

@@ -21,8 +21,8 @@ from ssp_scenario_manager.compile.changes import value_at, with_value
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import Record, append_record
 from ssp_scenario_manager.maps.site import LIBRARY
-from tests.support.patience import SILENCE_S
-from tests.support.places import site_of
+from tests.support.events.places import site_of
+from tests.support.processes.patience import SILENCE_S
 
 # Of sessions whose pictures aren't looked at.
 SMALL = {"camera.width_px": 240, "camera.height_px": 136}

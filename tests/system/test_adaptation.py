@@ -12,7 +12,7 @@ from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.run.in_process_session import InProcessSession
 from ssp_scenario_manager.session import outbox
-from tests.support.adaptation import (
+from tests.support.events.adaptation import (
     NOISE,
     TOLERANCE_S,
     Case,

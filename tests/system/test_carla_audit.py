@@ -26,9 +26,9 @@ from ssp_eval.audit.server import server_disclosures
 from ssp_eval.data.audit import AUDIT_FILE, load_audit
 from ssp_eval.data.provenance import CARLA, read_provenance
 from ssp_eval.data.server import PROBE_FILE
-from support.carla_commands import left_as_found, ssp
-from support.carla_counterpart import Behaviour, Counterpart
-from tests.support.carla_tasks import MAP, compiled, equal_states
+from tests.support.carla.commands import left_as_found, ssp
+from tests.support.carla.counterpart import Behaviour, Counterpart
+from tests.support.carla.tasks import MAP, compiled, equal_states
 from tests.system import recordings as made
 from tests.system.recordings import Recordings, succeed
 

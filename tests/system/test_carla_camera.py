@@ -20,10 +20,10 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.cdr.images import COMPRESSED_TYPE, read_image
 from ssp_core.cdr.steps import decode_tick
 from ssp_core.run_file.model import load_run
-from support.carla_commands import left_as_found, ssp
-from support.carla_counterpart import Actor, Behaviour, Counterpart
-from support.carla_picture import read_picture
-from tests.support.carla_tasks import MAP, compiled, equal_states, with_small_pictures
+from tests.support.carla.commands import left_as_found, ssp
+from tests.support.carla.counterpart import Actor, Behaviour, Counterpart
+from tests.support.carla.picture import read_picture
+from tests.support.carla.tasks import MAP, compiled, equal_states, with_small_pictures
 from tests.system.conftest import LONG, START_DEADLINE_S
 from tests.system.recordings import succeed
 

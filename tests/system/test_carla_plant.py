@@ -14,10 +14,10 @@ from ssp_core.cli import main
 from ssp_core.run_file.model import load_run
 from ssp_eval.audit.server import CODE, server_disclosures, server_findings
 from ssp_eval.data.provenance import read_provenance
-from support.carla_commands import left_as_found
-from support.carla_counterpart import Behaviour, Counterpart
-from support.carla_physics import Physics
-from tests.support.carla_tasks import MAP, compiled, with_small_pictures
+from tests.support.carla.commands import left_as_found
+from tests.support.carla.counterpart import Behaviour, Counterpart
+from tests.support.carla.physics import Physics
+from tests.support.carla.tasks import MAP, compiled, with_small_pictures
 
 pytestmark = [pytest.mark.ros, pytest.mark.system, pytest.mark.carla]
 # None of its numbers is one of ours.

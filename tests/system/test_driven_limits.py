@@ -15,9 +15,9 @@ from ssp_core.run_file.model import Camera
 from ssp_scenario_manager.closed_loop.starts.start import make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
-from tests.support.bags import last_speeds
-from tests.support.processes import is_alive
-from tests.support.waiting import until
+from tests.support.bags.messages import last_speeds
+from tests.support.processes.children import is_alive
+from tests.support.processes.waiting import until
 from tests.system.conftest import Beside
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
@@ -67,7 +67,7 @@ import sys
 import rclpy
 from ssp_core import ros
 from ssp_msgs.srv import SessionCommand
-from tests.support.waiting import answer_of
+from tests.support.processes.waiting import answer_of
 rclpy.init()
 node = ros.make_node("operator")
 abort = node.create_client(SessionCommand, "abort")

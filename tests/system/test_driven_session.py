@@ -21,7 +21,7 @@ from ssp_core.world.driver import driver_options
 from ssp_scenario_manager.closed_loop.starts.start import make_start
 from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
-from tests.support.walls import with_wall
+from tests.support.events.walls import with_wall
 from tests.system.conftest import Beside
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

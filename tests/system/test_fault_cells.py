@@ -18,7 +18,7 @@ from ssp_scenario_manager.faults.campaign import (
     run_cells,
 )
 from ssp_scenario_manager.faults.matrix import MATRIX, ExpectedOutcome, Stage
-from tests.support.patience import SILENCE_S
+from tests.support.processes.patience import SILENCE_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 

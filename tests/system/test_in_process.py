@@ -29,7 +29,7 @@ from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.run import over_dds as runner
 from ssp_scenario_manager.run.in_process import Record, result_json, run_in_process
 from ssp_scenario_manager.run.sweep import for_one_process
-from tests.support.bags import messages
+from tests.support.bags.messages import messages
 from tests.system.conftest import processes_of
 from tests.system.frames import check_frames
 from tests.system.recordings import Recordings

@@ -11,7 +11,7 @@ import pytest
 
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import live_environment, session_environment
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
 

@@ -21,9 +21,9 @@ import pytest
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
 from ssp_core.run_file.model import RunSpec
-from tests.support.patience import patient, start_manager
+from tests.support.processes.patience import patient, start_manager
+from tests.support.processes.waiting import DEADLINE_S, until
 from tests.support.runs import small_run
-from tests.support.waiting import DEADLINE_S, until
 from tests.system.browser import Browser
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

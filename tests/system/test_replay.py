@@ -44,10 +44,10 @@ from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.topics import Profile, TopicSpec
 from ssp_monitor.ros.recording_subscriptions import RecordingSubscriptions
 from ssp_msgs.msg import SessionState
-from support.processes import end
-from tests.support.bags import header, message, picture, text
+from tests.support.bags.messages import header, message, picture, text
+from tests.support.processes.children import end
+from tests.support.processes.waiting import DEADLINE_S, answer_of, until
 from tests.support.states import make_reference
-from tests.support.waiting import DEADLINE_S, answer_of, until
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from rosbags.highlevel import AnyReader
 
-from tests.support.bags import last_speeds, messages
-from tests.support.waiting import until
+from tests.support.bags.messages import last_speeds, messages
+from tests.support.processes.waiting import until
 from tests.system.conftest import aborted_by
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

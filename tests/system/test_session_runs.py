@@ -16,8 +16,8 @@ from rosbags.highlevel import AnyReader
 from ssp_core.files.folders import TAKEN_FILE, taken_folder
 from ssp_core.run_file.model import RunSpec, load_run
 from ssp_core.safety.object_rules import rules_of
-from tests.support.bags import messages
-from tests.support.event_bags import check_event
+from tests.support.bags.messages import messages
+from tests.support.bags.of_events import check_event
 from tests.system.recordings import SAID_FILE, Recordings, ssp
 
 

@@ -17,7 +17,7 @@ from ssp_scenario_manager.compile.targets.task_sheet import sheet
 from ssp_scenario_manager.compile.task import load_task
 from ssp_scenario_manager.event_spec.load import write_event
 from ssp_scenario_manager.event_spec.model import Event
-from tests.support.several import behind_a_parked_truck, several
+from tests.support.events.several import behind_a_parked_truck, several
 from tests.system.browser import Browser
 
 pytestmark = pytest.mark.programs

@@ -52,8 +52,8 @@ from ssp_scenario_manager.compile.compiler import checked_event, load_area
 from ssp_scenario_manager.compile.place import Order, realise
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.feasibility import driven
-from tests.support.audit_scenes import cut_out, slow_lead
-from tests.support.several import several
+from tests.support.events.audit_scenes import cut_out, slow_lead
+from tests.support.events.several import several
 
 KINDS = ("cut_in", "vru_crossing", "lead_braking", "occluded_crossing")
 

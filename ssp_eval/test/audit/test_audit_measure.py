@@ -24,7 +24,7 @@ from ssp_eval.data.audit import CONFLICT, FIELDS, MOTION, ORDER, ROLES, TOPOLOGY
 from ssp_eval.recordings.sight import Moment, Optics, object_sight
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event
-from tests.support.audit_scenes import (
+from tests.support.events.audit_scenes import (
     BOTH,
     STEP_S,
     TTC_ONLY,

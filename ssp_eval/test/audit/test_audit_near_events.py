@@ -10,7 +10,7 @@ import pytest
 from ssp_core.vocabulary import ObjectClass
 from ssp_eval.audit.measure import Scene, measure
 from ssp_ot_controller.camera.ring import VUT_ARM
-from tests.support.audit_scenes import (
+from tests.support.events.audit_scenes import (
     as_turn,
     braking,
     codes,

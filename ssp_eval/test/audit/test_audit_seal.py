@@ -19,7 +19,7 @@ from ssp_core.errors import InputError
 from ssp_core.vocabulary import Verdict
 from ssp_eval.audit.recording import read_recording
 from ssp_eval.labels.truth import read_source
-from support.seals import with_checksums
+from tests.support.bags.seals import with_checksums
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ from ssp_eval.data.provenance import (
 )
 from ssp_eval.data.server import PROBE_FILE, ServerProbe, read_probe
 from ssp_scenario_manager.event_spec.load import load_event
-from tests.support.worlds import CAMERA, record_world, small_world
+from tests.support.bags.worlds import CAMERA, record_world, small_world
 
 TRUCK_BOX = {
     "length_m": 8.47,

@@ -32,8 +32,14 @@ from ssp_scenario_manager.compile.place import Order, realise
 from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.scenarios.further import further_ids
-from tests.support.junctions import ground, made
-from tests.support.several import EXAMPLES, LEAD, behind_a_parked_truck, several, with_further
+from tests.support.events.junctions import ground, made
+from tests.support.events.several import (
+    EXAMPLES,
+    LEAD,
+    behind_a_parked_truck,
+    several,
+    with_further,
+)
 
 States = dict[str, ObjectState]
 # The lead's state at a clip time beside the VUT's; None: it isn't there.

@@ -22,7 +22,7 @@ from ssp_eval.report.render import render
 from ssp_eval.statistics.table import to_csv
 from ssp_eval.twins.changes import usual_changes
 from ssp_vla_bridge.trajectory import Trajectory
-from support.answerers import (
+from tests.support.models.answerers import (
     ANSWERERS,
     CONDITIONS,
     GIVEN_BACK,

@@ -19,8 +19,8 @@ from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.twins.files import bag_of
 from ssp_vla_bridge.messages import Request, Response
-from support.answering import Answering
-from support.twin_sets import audit_of_twin, write_twin_set
+from tests.support.events.twin_sets import audit_of_twin, write_twin_set
+from tests.support.models.answering import Answering
 
 BagMaker = Callable[..., Path]
 TWINS = ("without.ot1", "control.car", "camera.0500")

@@ -15,7 +15,7 @@ from ssp_eval.data.drawn import DRAWN_ATTACHMENT, Redrawing
 from ssp_eval.data.provenance import CARLA, Provenance, read_provenance
 from ssp_eval.draw.scenes import DrawableRecording, read_recorded, scenes
 from ssp_ot_controller.camera.renderer.scene import Scene
-from tests.support.worlds import (
+from tests.support.bags.worlds import (
     CAMERA,
     STEP_NS,
     STEPS_PER_FRAME,

@@ -19,7 +19,7 @@ import pytest
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
 from ssp_eval.evaluate.bridges import PROFILE
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 

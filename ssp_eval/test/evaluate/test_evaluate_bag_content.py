@@ -19,8 +19,8 @@ from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.recordings import clip as bag_content
 from ssp_eval.recordings.clip import BagContent
 from ssp_vla_bridge.messages import Request
-from support.answering import Answering
-from tests.support.waiting import DEADLINE_S
+from tests.support.models.answering import Answering
+from tests.support.processes.waiting import DEADLINE_S
 
 BagMaker = Callable[..., Path]
 MODELS = [bridge_spec("constant_velocity")]

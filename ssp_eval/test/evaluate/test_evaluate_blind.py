@@ -33,8 +33,8 @@ from ssp_eval.statistics.rows import entering, rows_from_cells
 from ssp_eval.statistics.table import by_column
 from ssp_eval.statistics.tables import all_tables
 from ssp_vla_bridge.messages import Request, Response
-from support.answering import Answering
-from support.llm_server import completion, serving
+from tests.support.models.answering import Answering
+from tests.support.models.llm_server import completion, serving
 
 BagMaker = Callable[..., Path]
 SEEN = (

@@ -28,7 +28,7 @@ from ssp_eval.report.page import write_report
 from ssp_eval.score.cell import score_cell
 from ssp_vla_bridge.backends import phrases
 from ssp_vla_bridge.messages import ErrorCode, Request, Response, response_from_json
-from support.answering import Answering
+from tests.support.models.answering import Answering
 
 BagMaker = Callable[..., Path]
 ONES = (

@@ -40,7 +40,7 @@ from ssp_eval.recordings.clip import NoQuestion, Question
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.rows import entering, rows_from_cells
 from ssp_vla_bridge.messages import Frame, Request, Response
-from support.answering import Answering
+from tests.support.models.answering import Answering
 
 BagMaker = Callable[..., Path]
 

@@ -41,7 +41,7 @@ from ssp_eval.recordings.clip import Clip, NoQuestion, Question
 from ssp_eval.report.page import write_report
 from ssp_eval.statistics.rows import entering, rows_from_cells
 from ssp_vla_bridge.messages import Frame, Request, Response
-from support.answering import Answering
+from tests.support.models.answering import Answering
 
 BagMaker = Callable[..., Path]
 STAMP_NS = 1_200_000_000

@@ -11,7 +11,14 @@ import pytest
 from ssp_eval.causes.findings import Finding, Word, moved_by
 from ssp_eval.evaluate.clients.models import ModelSpec, with_repeats, with_twin_conditions
 from ssp_eval.evaluate.conditions.design import balanced_rows, series_of, stages_of
-from support.answerers import ANSWERERS, LABELS, Answerer, cells_of, flipping, switching
+from tests.support.models.answerers import (
+    ANSWERERS,
+    LABELS,
+    Answerer,
+    cells_of,
+    flipping,
+    switching,
+)
 
 FEW = ("twin.without.ot1", "twin.control.car", "repeat")
 MANY = (

@@ -19,7 +19,7 @@ from ssp_eval.evaluate.store.cell_file import CellResult
 from ssp_eval.evaluate.store.raw_store import EARLIER_FILE, RawStore
 from ssp_eval.evaluate.store.requests import RAW_FILE
 from ssp_vla_bridge.messages import ErrorCode, Request, Response
-from support.answering import Answering
+from tests.support.models.answering import Answering
 
 BagMaker = Callable[..., Path]
 MODEL = ModelSpec(

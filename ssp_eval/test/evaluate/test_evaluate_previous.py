@@ -22,7 +22,7 @@ from ssp_eval.evaluate.store.results import load_cells
 from ssp_eval.statistics.notices import OUTAGE, notices
 from ssp_eval.statistics.rows import rows_from_cells
 from ssp_vla_bridge.messages import ErrorCode, Request, Response, response_from_json
-from support.answering import Answering
+from tests.support.models.answering import Answering
 
 BagMaker = Callable[..., Path]
 STATEFUL = ModelSpec("m", backend="openai", interface="openemma", adapter="waypoints")

@@ -32,8 +32,8 @@ from ssp_eval.report.page import write_report
 from ssp_eval.statistics.rows import entering, rows_from_cells
 from ssp_eval.twins.files import SET_FILE, bag_of, twins_folder
 from ssp_vla_bridge.messages import Request, Response
-from support.answering import Answering
-from support.twin_sets import audit_of_twin, bag_sha256, write_twin_set
+from tests.support.events.twin_sets import audit_of_twin, bag_sha256, write_twin_set
+from tests.support.models.answering import Answering
 
 BagMaker = Callable[..., Path]
 WITHOUT, OTHER = "without.ot1", "control.car"

@@ -21,7 +21,7 @@ from ssp_eval.extract import extractor_hash
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.extract.reader.reader import reader_hash
 from ssp_vla_bridge.messages import Request
-from support.llm_server import GOOD, TEXT, answering, extractor, serving
+from tests.support.models.llm_server import GOOD, TEXT, answering, extractor, serving
 
 
 class Worded:

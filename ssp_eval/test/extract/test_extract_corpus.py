@@ -22,7 +22,7 @@ from ssp_eval.extract.llm.prompt import NOBODY, labels_of
 from ssp_eval.extract.llm.reply import Proposal, read_reply
 from ssp_eval.extract.llm.support import FILE, count, load_support, written
 from ssp_eval.extract.measure import Example, load_corpus, measure
-from support.llm_server import completion
+from tests.support.models.llm_server import completion
 
 CORPUS = Path(__file__).parents[1] / "corpus"
 DEVELOPMENT, TEST = (load_corpus(CORPUS / f"{name}.jsonl") for name in ("development", "test"))

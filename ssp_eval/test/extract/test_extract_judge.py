@@ -9,7 +9,7 @@ import pytest
 from ssp_eval.data.records import SLOT_NAMES, Slot, Slots
 from ssp_eval.extract.llm.judge import judge
 from ssp_eval.extract.llm.reply import Proposal, read_reply
-from support.llm_server import GOOD
+from tests.support.models.llm_server import GOOD
 
 
 # What the rules can't read by themselves, in places where it counts and where it doesn't.

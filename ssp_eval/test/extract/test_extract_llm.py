@@ -14,7 +14,16 @@ from ssp_eval.data.records import SLOT_NAMES, VOCABULARIES
 from ssp_eval.extract import extract, extractor_hash
 from ssp_eval.extract.combined.extractor import MAX_CHARACTERS, MAX_FAILURES, Extractor
 from ssp_eval.extract.llm.prompt import build_request, labels_of, prompt_hash
-from support.llm_server import GOOD, KEY, TEXT, answering, completion, extractor, one, serving
+from tests.support.models.llm_server import (
+    GOOD,
+    KEY,
+    TEXT,
+    answering,
+    completion,
+    extractor,
+    one,
+    serving,
+)
 
 
 def test_a_good_answer_fills_what_the_rules_left_empty() -> None:

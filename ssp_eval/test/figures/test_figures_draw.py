@@ -31,7 +31,7 @@ from ssp_eval.figures.style import (
 from ssp_eval.score.aggregate import ranking
 from ssp_eval.score.metrics import ivcs_weights
 from ssp_eval.statistics.rows import CellRow
-from support.score_rows import MANY, MODELS, rows_of
+from tests.support.score_rows import MANY, MODELS, rows_of
 
 KINDS = {
     "matrix": matrix,

@@ -13,7 +13,7 @@ from matplotlib.transforms import Bbox
 from ssp_eval.figures.cloud import around, place_labels, spread
 from ssp_eval.figures.scores import pareto_front
 from ssp_eval.figures.style import names_in, pages_of, text_width_in
-from support.score_rows import MANY
+from tests.support.score_rows import MANY
 
 coarse = st.integers(0, 6).map(lambda k: k / 6)
 

@@ -20,7 +20,7 @@ from ssp_eval.figures.write import DPI, write_figures
 from ssp_eval.report.cli import report
 from ssp_eval.score.cli import DISCLAIMER
 from ssp_eval.statistics.rows import COLUMNS
-from support.score_rows import rows_of
+from tests.support.score_rows import rows_of
 
 HEAD = ",".join(COLUMNS)
 LINES = (

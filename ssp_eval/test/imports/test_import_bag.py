@@ -47,8 +47,8 @@ from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.log import read_log
 from ssp_scenario_manager.maps.site import find_shipped
 from ssp_vla_bridge.window import mounting_of
-from support.bags import without_index
-from support.seals import with_checksums
+from tests.support.bags.messages import without_index
+from tests.support.bags.seals import with_checksums
 
 IMAGE = "/ssp/vut/front_camera/image/compressed"
 

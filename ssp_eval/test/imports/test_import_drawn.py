@@ -19,9 +19,9 @@ from ssp_core.cli import main
 from ssp_core.names import CAMERA_IMAGE, absolute
 from ssp_eval.audit.server import server_disclosures
 from ssp_eval.data.provenance import COUNTERPART, read_provenance
-from support.carla_commands import left_as_found, refused, ssp
-from support.carla_counterpart import EMPTY_XODR, Counterpart
-from support.carla_picture import read_picture
+from tests.support.carla.commands import left_as_found, refused, ssp
+from tests.support.carla.counterpart import EMPTY_XODR, Counterpart
+from tests.support.carla.picture import read_picture
 
 pytestmark = pytest.mark.carla
 IMAGE = absolute(CAMERA_IMAGE)

@@ -19,7 +19,7 @@ from ssp_scenario_manager.compile.area import OperatingArea
 from ssp_scenario_manager.compile.place import road_of
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.site import find_shipped
-from tests.support.junctions import LEFT_TURN, STRAIGHT, ground, route
+from tests.support.events.junctions import LEFT_TURN, STRAIGHT, ground, route
 
 TURN = "junction tee: west_in > west_north lanes[0] > north_out"
 ENTRY = "junction entry: west_in > west_east lanes[0] > east_out"

@@ -28,8 +28,8 @@ from ssp_vla_bridge.backends.baselines import CopyHistory
 from ssp_vla_bridge.backends.phrases import point_times
 from ssp_vla_bridge.messages import EgoSample, Request
 from ssp_vla_bridge.trajectory import Trajectory
-from tests.support.junctions import ground
-from tests.support.places import site_of
+from tests.support.events.junctions import ground
+from tests.support.events.places import site_of
 
 # The demonstration has cut_in and vru_crossing in all three domains.
 KINDS = (

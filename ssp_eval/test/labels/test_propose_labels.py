@@ -32,7 +32,7 @@ from ssp_eval.recordings.event import TurnWord
 from ssp_eval.recordings.geometry import motion_word, position_word
 from ssp_scenario_manager.event_spec.load import load_event, seal_event, write_event
 from ssp_scenario_manager.event_spec.model import Interval
-from tests.support.audit_scenes import vut_turn
+from tests.support.events.audit_scenes import vut_turn
 from tests.support.states import object_state as state
 
 LANE_M = 3.5

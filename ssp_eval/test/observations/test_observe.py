@@ -21,7 +21,7 @@ from ssp_eval.observations.page import chosen
 from ssp_eval.observations.questions import Card, blank, cards
 from ssp_scenario_manager.event_spec.log import read_log
 from ssp_scenario_manager.event_spec.model import SegmentWord
-from tests.support.waiting import until
+from tests.support.processes.waiting import until
 from tests.system.browser import Browser
 
 Bags = Callable[..., Path]

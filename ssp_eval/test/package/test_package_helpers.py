@@ -10,8 +10,8 @@ import pytest
 
 from ssp_core.errors import HostError
 from ssp_eval.package.helpers import Helpers, results
-from tests.support.calls import meet, stay
-from tests.support.waiting import until
+from tests.support.processes.calls import meet, stay
+from tests.support.processes.waiting import until
 
 
 def test_without_helpers_each_call_is_done_here_and_only_when_its_result_is_asked_for() -> None:

@@ -23,7 +23,7 @@ from ssp_eval.package.make import make_package
 from ssp_eval.package.model import load_table
 from ssp_eval.package.verify import verify_package
 from ssp_eval.twins.files import bag_of, twins_folder
-from support.twin_sets import audit_of_twin, bag_sha256, write_twin_set
+from tests.support.events.twin_sets import audit_of_twin, bag_sha256, write_twin_set
 
 NAME = "without.ot1"
 CELL = f"cells/cut_in__simulation__constant_velocity+twin.{NAME}/cell.json"

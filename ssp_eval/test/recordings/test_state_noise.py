@@ -12,7 +12,7 @@ from scipy.signal import savgol_filter  # type: ignore[import-untyped]  # scipy 
 from ssp_eval.recordings.noise import NONE_M, noise_text, step_noises_m
 from ssp_eval.recordings.states import Sighting
 from ssp_scenario_manager.run.in_process import run_in_process
-from tests.support.adaptation import base
+from tests.support.events.adaptation import base
 
 Places = np.ndarray
 

@@ -26,7 +26,7 @@ from ssp_eval.statistics.notices import domain_text, everywhere, lead, notices
 from ssp_eval.statistics.rows import entering, rows_from_campaign, rows_from_csv
 from ssp_eval.statistics.table import write_tables
 from ssp_eval.statistics.tables import all_tables, matrix_table
-from support.score_rows import row
+from tests.support.score_rows import row
 
 BagMaker = Callable[..., Path]
 MODELS = ("constant_velocity", "opencv_baseline")

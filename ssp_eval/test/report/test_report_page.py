@@ -33,7 +33,7 @@ from ssp_eval.report.page import write_report
 from ssp_eval.report.render import matrix, shade
 from ssp_vla_bridge.messages import Request, Response
 from ssp_vla_bridge.trajectory import Trajectory
-from support.answering import Answering
+from tests.support.models.answering import Answering
 from tests.system.browser import Browser
 
 BagMaker = Callable[..., Path]

@@ -37,7 +37,7 @@ from ssp_eval.statistics.tables import (
     condition_of,
     control_tables,
 )
-from support.score_rows import row
+from tests.support.score_rows import row
 
 BagMaker = Callable[..., Path]
 PAGE_TABLES = (

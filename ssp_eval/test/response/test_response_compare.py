@@ -16,8 +16,8 @@ from ssp_core.motion.state import ObjectState
 from ssp_eval.data.response import PairEntry
 from ssp_eval.response.compare import DEFAULT_LIMITS, compare, grade, load_limits, respond
 from ssp_eval.response.drive import Drive, braking, drive_of, no_drive, strong
-from support.braking import drive, pulse, stand_in_drive
-from support.states import object_state
+from tests.support.braking import drive, pulse, stand_in_drive
+from tests.support.states import object_state
 
 LIMITS = load_limits()
 T_S = 0.02 * np.arange(250)

@@ -13,8 +13,8 @@ import pytest
 
 from ssp_core.geometry import FloatArray
 from ssp_eval.response.iso18571 import rate
-from support.braking import pulse
-from support.iso18571 import rating
+from tests.support.braking import pulse
+from tests.support.iso18571 import rating
 
 FIGURES = Path(__file__).with_name("iso18571_figures.json")
 # Name of a case: seconds late, gain, noise in m/s², length in s, step in s.

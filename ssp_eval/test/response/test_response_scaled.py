@@ -9,7 +9,7 @@ from ssp_core.geometry import FloatArray
 from ssp_eval.response.compare import braking_starts, compare, load_limits
 from ssp_eval.response.drive import STEP_S, Drive, sampled
 from ssp_eval.response.iso18571 import rate
-from support.braking import drive, pulse, stand_in_drive
+from tests.support.braking import drive, pulse, stand_in_drive
 
 LIMITS = load_limits()
 T_S = 0.02 * np.arange(220)

@@ -28,7 +28,7 @@ from ssp_eval.response.drive import no_drive
 from ssp_eval.response.page import curve_plot, section
 from ssp_eval.statistics.responses import response_table
 from ssp_eval.statistics.table import by_column
-from support.braking import drive, pulse
+from tests.support.braking import drive, pulse
 
 T_S = 0.02 * np.arange(250)
 BRAKES = drive(T_S, pulse(T_S, start_s=1.6), gap_m=50.0)

@@ -13,7 +13,7 @@ from ssp_eval.statistics.comparisons import Comparison, compare, holm, sign_flip
 from ssp_eval.statistics.resampling import NO_INTERVAL, generator
 from ssp_eval.statistics.sensitivity import kendall_tau, sample_weights, signs
 from ssp_eval.statistics.statistics import stability
-from support.score_rows import row
+from tests.support.score_rows import row
 
 SEED = 5
 

@@ -13,7 +13,7 @@ from ssp_eval.statistics.notices import OUTAGE, caption_text, everywhere, notice
 from ssp_eval.statistics.rows import COLUMNS, MACRO, entering, merged, repeated, rows_from_csv
 from ssp_eval.statistics.table import to_csv, write_tables
 from ssp_eval.statistics.tables import all_tables, matrix_table
-from support.score_rows import row
+from tests.support.score_rows import row
 
 HEAD = ",".join(COLUMNS)
 OWN = HEAD.replace("risk", "rsr") + ",rl_s"

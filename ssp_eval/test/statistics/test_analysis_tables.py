@@ -30,7 +30,7 @@ from ssp_eval.statistics.table import (
     to_notes,
 )
 from ssp_eval.statistics.tables import all_tables, sd
-from support.score_rows import row
+from tests.support.score_rows import row
 
 THIRD = 1 / 3
 

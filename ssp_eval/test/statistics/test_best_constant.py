@@ -28,7 +28,7 @@ from ssp_eval.statistics.statistics import compute
 from ssp_eval.statistics.statistics_tables import comparison_table
 from ssp_eval.statistics.table import by_column, write_tables
 from ssp_eval.statistics.tables import all_tables, matrix_table
-from support.score_rows import row
+from tests.support.score_rows import row
 
 
 def labels_of(*said: tuple[str, str, str, str], domain="synthetic", lon=("decelerate",)) -> Labels:

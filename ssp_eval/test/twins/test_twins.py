@@ -25,8 +25,8 @@ from ssp_eval.recordings.clip import Clip, Question
 from ssp_eval.twins.audit import Pixels, audit_of
 from ssp_eval.twins.changes import parse_change
 from ssp_eval.twins.files import TwinRecord, bag_of, read_set, usable_twins
-from tests.support.seals import with_checksums
-from tests.support.worlds import HELD, IMAGE, TICK, cutting_in, record_world, small_world
+from tests.support.bags.seals import with_checksums
+from tests.support.bags.worlds import HELD, IMAGE, TICK, cutting_in, record_world, small_world
 
 ALL = {
     "camera.0500",

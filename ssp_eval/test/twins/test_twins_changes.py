@@ -22,8 +22,8 @@ from ssp_eval.twins.changes import (
     slowed,
     usual_changes,
 )
+from tests.support.bags.worlds import STEP_NS, cutting_in, small_world
 from tests.support.states import object_state
-from tests.support.worlds import STEP_NS, cutting_in, small_world
 
 
 def series_of(name: str, steps: int = 150) -> list[ObjectState]:

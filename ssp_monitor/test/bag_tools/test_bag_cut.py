@@ -24,7 +24,7 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_monitor.bag_tools.selection import parse_time
 from ssp_monitor.recorder.video_encoder import VideoEncoder
-from support.bags import picture, text, without_index
+from tests.support.bags.messages import picture, text, without_index
 
 CLOCK = "rosgraph_msgs/msg/Clock"
 STRING = "std_msgs/msg/String"

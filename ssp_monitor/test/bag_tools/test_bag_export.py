@@ -29,7 +29,7 @@ from ssp_core.clock import NS_PER_S
 from ssp_monitor.bag_tools.export import FileNames
 from ssp_monitor.bag_tools.tables import CsvFile
 from ssp_monitor.recorder.video_encoder import VideoEncoder
-from support.bags import header, message, picture
+from tests.support.bags.messages import header, message, picture
 
 START_NS = 1_700_000_000 * NS_PER_S
 IMAGE = "/ssp/cam/image"

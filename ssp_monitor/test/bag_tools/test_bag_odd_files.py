@@ -18,7 +18,7 @@ from ssp_core.cli import main
 from ssp_core.clock import NS_PER_S
 from ssp_monitor.bag_tools.info import summarise_bag
 from ssp_monitor.replay.player import Leap, Pause, Playback, Rest, Send, Timeline
-from support.bags import text
+from tests.support.bags.messages import text
 
 STRING = "std_msgs/msg/String"
 TYPES = get_typestore(Stores.ROS2_JAZZY)

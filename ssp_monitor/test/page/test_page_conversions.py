@@ -15,7 +15,7 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.safety.codes import SafetyCode
 from ssp_monitor.status import messages
 from ssp_monitor.status.board import Newest
-from support.bags import picture
+from tests.support.bags.messages import picture
 
 JPEG = b"\xff\xd8 and the rest"
 types = typestore().types

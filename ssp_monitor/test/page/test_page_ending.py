@@ -11,7 +11,7 @@ from ssp_core.vocabulary import ControlState, SessionPhase, Verdict
 from ssp_monitor.page.ending import NEXT, NEXT_BY_HAND, end_of
 from ssp_monitor.page.snapshot import Snapshots
 from ssp_monitor.status.board import Board, Event, EventList, SessionFact
-from support.states import object_state
+from tests.support.states import object_state
 
 S = 1_000_000_000
 BY_HAND = "abort by operator page at 127.0.0.1 at 5.00 s"

@@ -52,7 +52,7 @@ from ssp_monitor.status.board import (
     SessionFact,
 )
 from ssp_monitor.status.health import ClockWatch, health, standing_in_the_way
-from support.states import object_state
+from tests.support.states import object_state
 
 S = 1_000_000_000
 NOT_MEASURED = "clock offset and link delay of ot1 are not measured: no answer to heartbeats"

@@ -15,7 +15,7 @@ from ssp_monitor.page import server
 from ssp_monitor.page.server import FOLDER, PageServer, load_assets
 from ssp_monitor.status.board import StateOnPage
 from tests.support.page_clients import TOKEN, do, get, hello, live, post, shown_now
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 
 def test_every_file_of_the_page_is_served_with_its_policy(page):

@@ -14,7 +14,7 @@ import pytest
 from ssp_monitor.page import viewers
 from ssp_monitor.page.server import PageServer
 from tests.support.page_clients import TOKEN, do, echo, hello, live, take
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 
 @pytest.mark.parametrize(

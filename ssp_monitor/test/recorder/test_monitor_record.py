@@ -29,9 +29,9 @@ from ssp_core.bag.operations.check import check_bag
 from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.seals.seal import REPORT_NAME
 from ssp_core.cli import main
-from support.processes import end
-from tests.support.recorder_said import line_with, without_a_busy_disk
-from tests.support.waiting import DEADLINE_S, until
+from tests.support.bags.recorder_said import line_with, without_a_busy_disk
+from tests.support.processes.children import end
+from tests.support.processes.waiting import DEADLINE_S, until
 
 
 @pytest.fixture

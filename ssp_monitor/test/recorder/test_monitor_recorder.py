@@ -39,7 +39,7 @@ from ssp_monitor.recorder.topics import (
     uses_simulated_time,
 )
 from ssp_monitor.ros.parameters import topic_rules
-from support.waiting import DEADLINE_S, until
+from tests.support.processes.waiting import DEADLINE_S, until
 
 CLOCK = TopicSpec("/clock", CLOCK_TYPE, Profile.STATE)
 IMAGE = TopicSpec("/camera", "sensor_msgs/msg/CompressedImage", Profile.ADAPTED)

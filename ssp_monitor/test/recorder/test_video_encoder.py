@@ -18,7 +18,7 @@ from ssp_core.cdr.images import COMPRESSED_TYPE, RAW_TYPE, VIDEO_TYPE, read_imag
 from ssp_core.clock import NS_PER_S
 from ssp_core.errors import InputError
 from ssp_monitor.recorder.video_encoder import VideoEncoder
-from support.bags import header, message, picture
+from tests.support.bags.messages import header, message, picture
 
 TOPIC = "/ssp/vut/front_camera/image/compressed"
 FRAME_NS = NS_PER_S // 25

@@ -48,8 +48,8 @@ from ssp_monitor.ros.recording_subscriptions import (
     SerializedTaker,
 )
 from ssp_msgs import msg
-from support.bags import text
-from support.waiting import DEADLINE_S, until
+from tests.support.bags.messages import text
+from tests.support.processes.waiting import DEADLINE_S, until
 
 STRING = "std_msgs/msg/String"
 BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT

@@ -41,9 +41,9 @@ from ssp_msgs.msg import (
     TriggerEvent,
     WorldTick,
 )
-from support.processes import end
-from tests.support.recorder_said import without_a_busy_disk
-from tests.support.waiting import DEADLINE_S, until
+from tests.support.bags.recorder_said import without_a_busy_disk
+from tests.support.processes.children import end
+from tests.support.processes.waiting import DEADLINE_S, until
 
 pytestmark = pytest.mark.ros
 STEP_NS = 10_000_000

@@ -21,7 +21,7 @@ from ssp_core.vocabulary import ObjectClass, Role
 from ssp_monitor.ros.view_node import ViewNode
 from ssp_msgs.msg import ObjectState as ObjectStateMsg
 from ssp_msgs.msg import RecorderStatus, SessionState
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 
 def _state(x_m: float) -> bytes:

@@ -40,7 +40,7 @@ from ssp_monitor.status.board import (
     SessionFact,
 )
 from ssp_monitor.status.health import ClockWatch, health
-from support.states import object_state
+from tests.support.states import object_state
 
 NOW_NS = 100 * NS_PER_S
 

@@ -24,7 +24,7 @@ from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writing.split import Split
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
-from support.bags import CLOCK, STRING, clock, text
+from tests.support.bags.messages import CLOCK, STRING, clock, text
 
 CHUNKS, PER_CHUNK = 4, 5
 

@@ -21,7 +21,7 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage, definition
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
-from support.bags import text
+from tests.support.bags.messages import text
 
 STRING = "std_msgs/msg/String"
 BUDGET = UnpackBudget(1 << 30)

@@ -28,7 +28,7 @@ from ssp_core.cdr.images import (
     encode_video_message,
     read_image,
 )
-from support.bags import header, picture
+from tests.support.bags.messages import header, picture
 
 PICTURE = np.arange(30 * 20 * 3, dtype=np.uint8).reshape(20, 30, 3)
 

@@ -15,7 +15,7 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.writing.latched import KEPT_BYTES, MOST_KEPT, UNTOLD_DEPTH
 from ssp_core.bag.writing.split import Split
 from ssp_core.bag.writing.writer import BagWriter
-from support.bags import text
+from tests.support.bags.messages import text
 
 STRING = "std_msgs/msg/String"
 ENTRY_BYTES = 73 + 10  # of a chunk with one channel

@@ -19,7 +19,7 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writing.split import Split
 from ssp_core.bag.writing.writer import BagWriter
-from support.bags import text
+from tests.support.bags.messages import text
 
 STRING = "std_msgs/msg/String"
 TOPICS = ("/a", "/b", "/c")

@@ -15,7 +15,7 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import definition, serialize, typestore
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import HostError, InputError
-from support.bags import header
+from tests.support.bags.messages import header
 
 STATE = "ssp_msgs/msg/ObjectState"
 TICK = "ssp_msgs/msg/WorldTick"

@@ -14,7 +14,7 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import TypeDefinition, definition, store_from
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from support.bags import STRING, text
+from tests.support.bags.messages import STRING, text
 
 LINE = "=" * 80 + "\n"
 IDL = (

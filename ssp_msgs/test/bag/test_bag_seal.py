@@ -32,7 +32,7 @@ from ssp_core.bag.writing.split import Split
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
 from ssp_core.vocabulary import Verdict
-from support.seals import with_checksums
+from tests.support.bags.seals import with_checksums
 
 S = 10**9
 CHUNKS = 6

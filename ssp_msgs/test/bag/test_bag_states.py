@@ -12,7 +12,7 @@ from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cdr.states import StateArray, encode_state, encode_states
 from ssp_core.errors import InputError
 from ssp_core.motion.state import ObjectState
-from support.states import object_state
+from tests.support.states import object_state
 
 STATE, ARRAY = "ssp_msgs/msg/ObjectState", "ssp_msgs/msg/ObjectStates"
 TEN_MS = 10_000_000

@@ -20,7 +20,7 @@ from ssp_core.world.transforms import (
     decode_transforms,
     encode_transforms,
 )
-from support.bags import STRING, text
+from tests.support.bags.messages import STRING, text
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 QOS = {

@@ -43,8 +43,8 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.writing.chain import record_bytes
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
-from support.bags import STRING
-from tests.support.untrusted_bags import (
+from tests.support.bags.messages import STRING
+from tests.support.bags.untrusted import (
     CHANNEL,
     MESSAGE,
     SCHEMA,

@@ -21,7 +21,7 @@ from ssp_core.bag.types import (
 )
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import InputError
-from tests.support.untrusted_bags import (
+from tests.support.bags.untrusted import (
     use,
 )
 

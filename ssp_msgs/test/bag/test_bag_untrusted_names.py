@@ -19,8 +19,8 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.cli import main
 from ssp_core.errors import InputError
-from support.bags import STRING
-from tests.support.untrusted_bags import (
+from tests.support.bags.messages import STRING
+from tests.support.bags.untrusted import (
     MESSAGE,
     SCHEMA,
     TEXT,

@@ -30,7 +30,7 @@ from ssp_core.bag.writing.mcap_output import (
 from ssp_core.bag.writing.split import Split
 from ssp_core.bag.writing.writer import BagWriter
 from ssp_core.errors import HostError, InputError
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 STRING = "std_msgs/msg/String"
 

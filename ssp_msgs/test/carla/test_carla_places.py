@@ -28,7 +28,7 @@ from ssp_core.motion.state import DEFAULT_SIZES, Size
 from ssp_core.run_file.model import Camera
 from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.camera import project, shown_box, view_from
-from support.states import object_state
+from tests.support.states import object_state
 
 CAR = DEFAULT_SIZES[ObjectClass.CAR]
 BUS_BOX = BodyBox(10.27, 3.94, 4.25, -0.45, 0.12, 2.12)

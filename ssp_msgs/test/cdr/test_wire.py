@@ -21,8 +21,8 @@ from ssp_core.motion.reference import Points, Reference
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.ros import stamp_from_ns
 from ssp_core.vocabulary import ControlState, ObjectClass, Role, SessionPhase
-from support.messages import reference_to_msg, state_to_msg
-from support.states import object_state
+from tests.support.bags.rclpy_messages import reference_to_msg, state_to_msg
+from tests.support.states import object_state
 
 TEXTS = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=40)
 FLOATS = st.floats(width=64)

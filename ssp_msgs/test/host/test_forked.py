@@ -14,8 +14,8 @@ from ssp_core.errors import HostError
 from ssp_core.host.environment import session_environment
 from ssp_core.host.forked import ForkedProcess, NodeServer, node_server
 from ssp_core.host.node_server import Request
-from tests.support.processes import is_alive
-from tests.support.waiting import until
+from tests.support.processes.children import is_alive
+from tests.support.processes.waiting import until
 
 TELLING = """
 import os, sys

@@ -16,8 +16,8 @@ import pytest
 from ssp_core.host import shared_memory
 from ssp_core.host.environment import session_environment
 from ssp_core.host.processes import ProcessGroup
-from tests.support.processes import is_alive
-from tests.support.waiting import DEADLINE_S, until
+from tests.support.processes.children import is_alive
+from tests.support.processes.waiting import DEADLINE_S, until
 
 # A stand-in for a node: says that it is up, and does what the first word of its name says.
 NODE = """

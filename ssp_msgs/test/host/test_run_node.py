@@ -16,7 +16,7 @@ from ssp_core.cdr.steps import StepDone, decode_done, encode_done
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
 from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
 

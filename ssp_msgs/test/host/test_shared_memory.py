@@ -15,7 +15,7 @@ from ssp_core.host.environment import session_environment
 from ssp_core.host.ports import domain_ports
 from ssp_core.host.processes import ProcessGroup
 from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
-from tests.support.waiting import until
+from tests.support.processes.waiting import until
 
 
 @pytest.fixture

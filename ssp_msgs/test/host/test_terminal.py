@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from ssp_core.host.terminal import LineWriter
-from tests.support.waiting import DEADLINE_S, until
+from tests.support.processes.waiting import DEADLINE_S, until
 
 PROGRAM = """
 import os, signal, sys

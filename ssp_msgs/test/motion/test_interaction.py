@@ -14,7 +14,7 @@ from ssp_core.geometry import Polyline, Pose2
 from ssp_core.motion.encounter import Encounter, encounter, is_conflict, is_crossing, swept_stations
 from ssp_core.motion.state import ObjectState, Size
 from ssp_core.vocabulary import Role
-from support.states import object_state
+from tests.support.states import object_state
 
 # Round numbers: 3 m ahead of and 1 m behind the reference point, 2 m wide.
 SIZE = Size(3.0, 1.0, 2.0, 1.5)

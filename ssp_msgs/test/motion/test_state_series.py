@@ -14,7 +14,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.motion.state_series import Packed, StateSeries, between, states_of, times_of
 from ssp_core.run_file.model import ConflictThresholds
 from ssp_core.vocabulary import ControlState
-from support.states import object_state
+from tests.support.states import object_state
 
 
 def drive(count: int) -> list[tuple[float, list[ObjectState]]]:

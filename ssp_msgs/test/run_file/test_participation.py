@@ -11,7 +11,7 @@ from ssp_core.run_file.participation import (
     Standing,
     declaring,
 )
-from support.runs import cut_in_run
+from tests.support.runs import cut_in_run
 
 RUN = RunSpec.model_validate({**cut_in_run(), "camera": {"width_px": 240, "height_px": 135}})
 EVERYBODY = declaring(RUN)

@@ -17,8 +17,8 @@ from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.link_quality import LinkEstimate
 from ssp_core.safety.object_rules import RulesCheck
 from ssp_core.vocabulary import ControlState
-from support.runs import small_run
-from support.states import object_state
+from tests.support.runs import small_run
+from tests.support.states import object_state
 
 S = 1_000_000_000
 NOW_NS = 50 * S

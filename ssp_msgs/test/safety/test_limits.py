@@ -22,7 +22,7 @@ from ssp_core.safety.consistency import Bounds, ConsistencyWatch
 from ssp_core.safety.fence import box_excess_m
 from ssp_core.safety.limits import Continuity, LimitViolation, follow, near_pairs
 from ssp_core.vocabulary import ControlState, ObjectClass, Role
-from support.states import object_state
+from tests.support.states import object_state
 
 S = 1_000_000_000
 FENCE = [(-10.0, -5.0), (110.0, -5.0), (110.0, 5.0), (-10.0, 5.0)]

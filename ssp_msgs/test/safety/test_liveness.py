@@ -11,7 +11,7 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.safety.liveness import SignOfLife, lockstep_participants, signs_of_life
 from ssp_core.vocabulary import SessionPhase
-from support.runs import small_run
+from tests.support.runs import small_run
 
 EXTERNAL = {"cruise_mps": 10.0, "external": True}
 

@@ -28,7 +28,7 @@ from ssp_core.safety.object_rules import (
     software_here,
 )
 from ssp_core.vocabulary import ObjectClass
-from support.runs import small_run
+from tests.support.runs import small_run
 
 
 def run(**changes: Any) -> RunSpec:

@@ -19,7 +19,7 @@ from ssp_core.safety.publishers import (
     known_strangers,
     whence,
 )
-from support.runs import small_run
+from tests.support.runs import small_run
 
 MANAGER = Publisher("/ssp/scenario_manager", b"manager")
 OBJECTS = Publisher("/ssp/object_target", b"objects")

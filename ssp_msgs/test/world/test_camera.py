@@ -17,7 +17,7 @@ from ssp_core.world.camera import (
     shown_box,
     view_from,
 )
-from support.states import object_state
+from tests.support.states import object_state
 
 # 90 degrees over 640 px: focal length 320 px, principal point (319.5, 239.5).
 LEVEL = Camera(

@@ -28,8 +28,8 @@ from ssp_core.world.gap_acceptance import (
     decide,
     places_of,
 )
-from support.runs import cut_in_run
-from support.states import object_state
+from tests.support.runs import cut_in_run
+from tests.support.states import object_state
 
 CAR = ObjectClass.CAR
 SIZE = DEFAULT_SIZES[CAR]

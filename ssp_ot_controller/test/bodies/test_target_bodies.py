@@ -38,8 +38,8 @@ from ssp_ot_controller.bodies.protocol import (
 )
 from ssp_ot_controller.bodies.simulated import WATCHDOG_S, BodyServer
 from ssp_ot_controller.objects.live import LiveObjects, parse_bodies
+from tests.support.processes.waiting import until
 from tests.support.runs import small_run
-from tests.support.waiting import until
 
 S = 1_000_000_000
 MS = 1_000_000

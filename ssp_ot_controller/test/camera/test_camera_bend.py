@@ -22,7 +22,7 @@ from ssp_ot_controller.camera.kernels.palettes import PALETTES
 from ssp_ot_controller.camera.renderer.render import Scene, render
 from ssp_ot_controller.camera.renderer.scenery import build_scenery
 from ssp_ot_controller.camera.renderer.stage import Detail
-from support.states import object_state
+from tests.support.states import object_state
 
 Image = NDArray[np.uint8]
 Floats = NDArray[np.float64]

@@ -22,7 +22,7 @@ from ssp_ot_controller.camera.renderer.bodies import bodies_of
 from ssp_ot_controller.camera.renderer.render import exposed, render, subframes
 from ssp_ot_controller.camera.renderer.scene import Indicator, Scene
 from ssp_ot_controller.camera.renderer.stage import FULL, Detail, stage_for
-from support.states import object_state
+from tests.support.states import object_state
 
 Image = NDArray[np.uint8]
 

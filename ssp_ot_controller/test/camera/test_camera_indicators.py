@@ -13,7 +13,7 @@ from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass
 from ssp_core.world.reference_line import ReferenceLine
 from ssp_ot_controller.camera.renderer.scene import Indicator, Indicators, is_lit, sideways_mps
-from support.states import object_state
+from tests.support.states import object_state
 
 LANES = [Lane(y_m=0.0, width_m=3.5, direction="forward")]
 ROAD = Road(origin=Start(x_m=0.0, y_m=0.0, yaw_rad=0.5), length_m=200.0, lanes=LANES)

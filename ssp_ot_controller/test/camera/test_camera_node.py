@@ -20,11 +20,11 @@ from sensor_msgs.msg import CameraInfo, CompressedImage
 from ssp_core import names, ros
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_msgs.msg import StepDone, WorldTick
-from support.messages import state_to_msg
-from support.processes import end
-from support.runs import small_run
-from support.states import object_state
-from tests.support.waiting import DEADLINE_S
+from tests.support.bags.rclpy_messages import state_to_msg
+from tests.support.processes.children import end
+from tests.support.processes.waiting import DEADLINE_S
+from tests.support.runs import small_run
+from tests.support.states import object_state
 
 pytestmark = pytest.mark.ros
 START_DEADLINE_S = DEADLINE_S  # the first start on a machine compiles the kernels

@@ -11,8 +11,8 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Look, RunSpec
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.camera.redraw import Picture, Redrawing
-from support.runs import cut_in_run
-from support.states import object_state
+from tests.support.runs import cut_in_run
+from tests.support.states import object_state
 
 RUN = RunSpec.model_validate({**cut_in_run(), "camera": {"width_px": 240, "height_px": 135}})
 VUT = object_state("vut", x_m=50.0)

@@ -25,7 +25,7 @@ from ssp_core.world.camera import shown_box, view_from
 from ssp_ot_controller.camera.renderer.render import Scene, render
 from ssp_ot_controller.camera.renderer.stage import Detail
 from ssp_ot_controller.camera.storyboards import storyboard
-from support.states import object_state
+from tests.support.states import object_state
 
 Image = NDArray[np.uint8]
 

@@ -21,7 +21,7 @@ from ssp_ot_controller.camera.renderer.render import Scene, render
 from ssp_ot_controller.camera.renderer.scenery import Prop, build_scenery
 from ssp_ot_controller.camera.renderer.stage import stage_for
 from ssp_ot_controller.camera.storyboards import LaneCounts, clip_junction, clip_road, storyboard
-from support.states import object_state
+from tests.support.states import object_state
 
 Image = NDArray[np.uint8]
 LOOK = Look(noise_sigma=0.0, fog_per_m=0.0)

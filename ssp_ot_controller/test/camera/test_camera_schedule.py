@@ -10,7 +10,7 @@ from ssp_core.clock import NS_PER_S
 from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.camera.frames import Odometer, Schedule, steps_per_frame
-from support.states import object_state
+from tests.support.states import object_state
 
 
 def walker(x_m: float, y_m: float, yaw_rad: float = 0.0) -> ObjectState:

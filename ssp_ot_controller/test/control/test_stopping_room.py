@@ -17,7 +17,7 @@ from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS as BODIES
 from ssp_ot_controller.control.stopping import StoppingRoom
 from ssp_ot_controller.control.tracker import Track
-from support.states import object_state
+from tests.support.states import object_state
 
 S = 1_000_000_000
 CAR, WALKER = ObjectClass.CAR, ObjectClass.PEDESTRIAN

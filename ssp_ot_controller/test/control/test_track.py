@@ -13,7 +13,7 @@ from ssp_core.geometry import Polyline
 from ssp_core.motion.manoeuvre import drive_along, lane_change
 from ssp_core.motion.reference import Reference, ReferencePoint, sample
 from ssp_ot_controller.control.tracker import Track
-from support.states import make_reference
+from tests.support.states import make_reference
 
 S = 1_000_000_000
 PATH = Polyline([(0.0, 0.0), (120.0, 0.0), (180.0, 60.0)])

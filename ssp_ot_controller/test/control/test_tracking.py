@@ -16,7 +16,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS, BodyState, Command, step_body
 from ssp_ot_controller.control.tracker import Tracker, lateral_gains, tracking_error
-from support.states import make_reference, state_of_body
+from tests.support.states import make_reference, state_of_body
 
 DT = 0.02
 DT_NS = 20_000_000

@@ -20,8 +20,8 @@ from ssp_scenario_manager.dispatch.references import (
     manoeuvre_reference,
 )
 from ssp_scenario_manager.scenarios.kinds import KINDS
-from support.states import object_state, state_of_body
-from tests.support.places import site_of
+from tests.support.events.places import site_of
+from tests.support.states import object_state, state_of_body
 
 LATERAL_RMS_M = 0.05
 LONGITUDINAL_RMS_M = 0.10

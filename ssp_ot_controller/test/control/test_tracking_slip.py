@@ -20,7 +20,7 @@ from ssp_core.motion.manoeuvre import lane_change
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS, Command
 from ssp_ot_controller.control.tracker import Tracker
-from support.states import make_reference, state_of_body
+from tests.support.states import make_reference, state_of_body
 
 CAR = ObjectClass.CAR
 DT_S, DT_NS = 0.01, 10_000_000

@@ -57,7 +57,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     encode,
 )
 from ssp_ot_controller.bodies.iso22133.units import QUARTER_MS_NS
-from support.iso22133 import (
+from tests.support.iso22133.messages import (
     CLASSES,
     MONR,
     framed,

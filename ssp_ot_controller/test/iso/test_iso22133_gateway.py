@@ -29,9 +29,9 @@ from ssp_ot_controller.bodies.iso22133.messages import (
 from ssp_ot_controller.bodies.iso22133.units import to_gps
 from ssp_ot_controller.bodies.odometry import LeverArm
 from ssp_ot_controller.objects.live import LiveObjects, parse_bodies
-from tests.support.iso22133 import ObjectSockets, monr
+from tests.support.iso22133.messages import ObjectSockets, monr
+from tests.support.processes.waiting import DEADLINE_S, until
 from tests.support.runs import small_run
-from tests.support.waiting import DEADLINE_S, until
 
 DATUM = {"latitude_deg": 57.0, "longitude_deg": 12.0}
 FAR_LEFT = IsoAddress("10.0.0.5", 9001, Path("a.json"), "Ada", LeverArm(1.5, -0.2))

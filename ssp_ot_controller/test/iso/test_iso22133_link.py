@@ -22,8 +22,8 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Ostm,
     encode,
 )
-from tests.support.iso22133 import MONR, ObjectSockets, message_of
-from tests.support.waiting import until
+from tests.support.iso22133.messages import MONR, ObjectSockets, message_of
+from tests.support.processes.waiting import until
 
 ANSWER = Grem(0, 7, 2, 1)
 GREM = encode(ANSWER, transmitter_id=5)

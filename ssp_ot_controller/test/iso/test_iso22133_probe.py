@@ -39,9 +39,9 @@ from ssp_ot_controller.bodies.iso22133.probe_report import (
 )
 from ssp_ot_controller.rehearsal.iso import iso
 from ssp_ot_controller.rehearsal.iso_probe import load_fence, load_motion
-from tests.support.iso22133 import ObjectSockets
-from tests.support.iso_centre import FENCE, PLACE, S
-from tests.support.iso_probed import SIZE, STAGES, Probed, ReorderingLink, with_verdict
+from tests.support.iso22133.centre import FENCE, PLACE, S
+from tests.support.iso22133.messages import ObjectSockets
+from tests.support.iso22133.probed import SIZE, STAGES, Probed, ReorderingLink, with_verdict
 
 C = ControlState
 LIMITS = Limits(speed_mps=15.0, acceleration_mps2=4.0)

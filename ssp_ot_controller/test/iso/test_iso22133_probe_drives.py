@@ -33,8 +33,8 @@ from ssp_ot_controller.bodies.iso22133.probe_report import (
     ProbeReport,
     cannot_arm,
 )
-from tests.support.iso_centre import HOST, T0, S
-from tests.support.iso_probed import STAGES, Probed, ReorderingLink, with_verdict
+from tests.support.iso22133.centre import HOST, T0, S
+from tests.support.iso22133.probed import STAGES, Probed, ReorderingLink, with_verdict
 
 LIMITS = Limits(speed_mps=20.0, acceleration_mps2=4.0)
 DRIVES = ("normal_stop", "abort", "loss")

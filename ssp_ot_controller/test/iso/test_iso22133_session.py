@@ -28,8 +28,8 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     encode,
 )
 from ssp_ot_controller.objects.state_machine import REFUSED_LASTING, ObjectEvent
-from tests.support.iso22133 import message_of
-from tests.support.iso_loop import MS, Loop
+from tests.support.iso22133.loop import MS, Loop
+from tests.support.iso22133.messages import message_of
 
 
 def test_a_whole_session() -> None:

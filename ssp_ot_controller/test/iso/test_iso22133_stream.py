@@ -41,7 +41,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     decode,
     encode,
 )
-from support.iso22133 import (
+from tests.support.iso22133.messages import (
     MONR,
     messages,
     osem_at,

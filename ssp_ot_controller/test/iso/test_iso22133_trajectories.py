@@ -36,7 +36,7 @@ from ssp_ot_controller.bodies.iso22133.trajectories import (
     trajectory_of,
 )
 from ssp_ot_controller.objects.references import contradiction
-from support.states import make_reference
+from tests.support.states import make_reference
 
 MS = 1_000_000
 T0 = 1_790_000_000 * NS_PER_S

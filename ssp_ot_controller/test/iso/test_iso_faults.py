@@ -12,7 +12,7 @@ from ssp_core.motion.manoeuvre import drive_along
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.bodies.iso22133.messages import CentreStatus, Dreq, Dres, Grem, Strt
 from ssp_ot_controller.rehearsal.iso_faults import FaultyObject, IsoFault
-from support.iso_centre import Centre, played_object, trajectory, way_m
+from tests.support.iso22133.centre import Centre, played_object, trajectory, way_m
 
 TRAJ = trajectory(drive_along(Polyline([(0.0, 0.0), (200.0, 0.0)]), 0.0, 0.0, 8.0, 2.0, 2.0))
 

@@ -30,7 +30,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     TrajectoryInfo,
 )
 from ssp_ot_controller.rehearsal.iso_object import HEAB_LAG_S, STEP_S, IsoObject
-from support.iso_centre import (
+from tests.support.iso22133.centre import (
     PLACE,
     T0,
     Centre,
@@ -41,7 +41,7 @@ from support.iso_centre import (
     trajectory,
     way_m,
 )
-from support.iso_driving import STRAIGHT, TRAJ, driving, stop_way_m
+from tests.support.iso22133.driving import STRAIGHT, TRAJ, driving, stop_way_m
 
 OK = ResponseCode.OK
 STANDING = [ReferencePoint(t, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) for t in (0.0, 1.0)]

@@ -17,9 +17,9 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     ResponseCode,
 )
 from ssp_ot_controller.rehearsal.played import PUT_BACK_S
-from support.iso22133 import messages
-from support.iso_centre import Centre, S, played_object, rules_of, way_m
-from support.iso_driving import TRAJ, bound_m, driving, stop_way_m
+from tests.support.iso22133.centre import Centre, S, played_object, rules_of, way_m
+from tests.support.iso22133.driving import TRAJ, bound_m, driving, stop_way_m
+from tests.support.iso22133.messages import messages
 
 OK = ResponseCode.OK
 

@@ -34,8 +34,8 @@ from ssp_ot_controller.objects.own_states import OWN_STANDSTILL_MPS
 from ssp_ot_controller.rehearsal.iso_object import IsoObject
 from ssp_ot_controller.rehearsal.iso_server import IsoServer, serve
 from ssp_ot_controller.rehearsal.played import StateLog
-from support.iso_centre import osem, rules_of, trajectory
-from tests.support.waiting import DEADLINE_S
+from tests.support.iso22133.centre import osem, rules_of, trajectory
+from tests.support.processes.waiting import DEADLINE_S
 
 TRAJ = trajectory(drive_along(Polyline([(0.0, 0.0), (60.0, 0.0)]), 0.0, 0.0, 8.0, 2.0, 2.0))
 

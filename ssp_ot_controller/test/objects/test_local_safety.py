@@ -19,7 +19,7 @@ from ssp_core.safety.limits import LimitViolation
 from ssp_core.vocabulary import ControlState
 from ssp_ot_controller.control.tracker import TrackingError
 from ssp_ot_controller.objects import local_safety
-from support.states import object_state
+from tests.support.states import object_state
 
 S = 1_000_000_000
 NOW = 20 * S

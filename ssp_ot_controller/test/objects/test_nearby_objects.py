@@ -12,7 +12,7 @@ from ssp_core.run_file.model import Limits
 from ssp_core.vocabulary import SessionPhase
 from ssp_ot_controller.objects.messages import HeartbeatResponder, ManagerArbiter, NearbyObjects
 from ssp_ot_controller.sil.disturbance import LinkSizes
-from support.states import object_state
+from tests.support.states import object_state
 
 S = 1_000_000_000
 MS = 1_000_000

@@ -18,7 +18,7 @@ from ssp_core.vocabulary import ControlState, ObjectClass
 from ssp_ot_controller.bodies.dynamics import LIMITS
 from ssp_ot_controller.control.stopping import StoppingRoom
 from ssp_ot_controller.objects.references import Refusal, RefusalCode, check_reference
-from support.states import object_state
+from tests.support.states import object_state
 
 S = 1_000_000_000
 PATH = Polyline([(0.0, 0.0), (200.0, 0.0)])

@@ -23,11 +23,11 @@ from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
 from ssp_ot_controller.objects.pool import TICK_SILENCE_S
-from support.messages import reference_to_msg, state_to_msg
-from support.processes import end
-from support.states import object_state
-from tests.support.patience import PATIENT_S, SILENCE_S, patient
-from tests.support.waiting import DEADLINE_S, answer_of, pause, until
+from tests.support.bags.rclpy_messages import reference_to_msg, state_to_msg
+from tests.support.processes.children import end
+from tests.support.processes.patience import PATIENT_S, SILENCE_S, patient
+from tests.support.processes.waiting import DEADLINE_S, answer_of, pause, until
+from tests.support.states import object_state
 
 pytestmark = pytest.mark.ros
 # A reader may be found by this side before it has found this side.

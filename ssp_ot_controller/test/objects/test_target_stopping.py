@@ -32,8 +32,8 @@ from ssp_ot_controller.objects.pool import (
 )
 from ssp_ot_controller.objects.state_machine import ObjectEvent
 from ssp_ot_controller.sil.disturbance import Actuator
-from support.runs import small_run
-from support.states import state_of_body
+from tests.support.runs import small_run
+from tests.support.states import state_of_body
 
 S = 1_000_000_000
 STEP_S = 0.02

@@ -18,8 +18,8 @@ from ssp_ot_controller.bodies.protocol import CommandDatagram, Envelope, encode_
 from ssp_ot_controller.bodies.simulated import BodyServer
 from ssp_ot_controller.rehearsal import played as rehearsal
 from ssp_ot_controller.rehearsal.played import PUT_BACK_S, PlayedBodies, PlayedVehicle
-from support.runs import small_run
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
+from tests.support.runs import small_run
 
 S = 1_000_000_000
 EPOCH = 1_700_000_000 * S

@@ -13,8 +13,8 @@ from ssp_core.host.environment import session_environment
 from ssp_core.run_file.driven import Driven
 from ssp_core.run_file.model import Camera, RunSpec
 from ssp_core.world.driver import driver_options
+from tests.support.processes.waiting import DEADLINE_S
 from tests.support.runs import cut_in_run
-from tests.support.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
 

@@ -19,7 +19,7 @@ from ssp_ot_controller.sil.pacing import DRIVER_FRESH_S, HOLD_TOLD_S, OVERRUN_S,
 from ssp_ot_controller.sil.patience import BUSY_LIMIT_S, HANG_LIMIT_S
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S
 from ssp_ot_controller.sil.world import World
-from support.runs import small_run
+from tests.support.runs import small_run
 
 START = {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0}
 VUT = {

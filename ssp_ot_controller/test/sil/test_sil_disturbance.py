@@ -16,7 +16,7 @@ from ssp_core.motion.state import ObjectState
 from ssp_core.run_file.model import Fault, LinkDisturbance, RunSpec
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.sil.disturbance import Actuator, Channel
-from support.states import object_state
+from tests.support.states import object_state
 
 STEP_NS = 20_000_000
 NOISY = LinkDisturbance(

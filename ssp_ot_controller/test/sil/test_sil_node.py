@@ -22,9 +22,9 @@ from ssp_core.vocabulary import SessionPhase
 from ssp_msgs import msg
 from ssp_ot_controller.sil.pacing import OVERRUN_S
 from ssp_ot_controller.sil.patience import HANG_LIMIT_S
-from support.processes import end
-from tests.support.patience import patient
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.children import end
+from tests.support.processes.patience import patient
+from tests.support.processes.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
 START = {"x_m": 10.0, "y_m": 0.0, "yaw_rad": 0.0}

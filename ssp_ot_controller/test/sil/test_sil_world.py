@@ -13,8 +13,8 @@ from ssp_core.run_file.model import RunSpec
 from ssp_core.vocabulary import ObjectClass, Role
 from ssp_ot_controller.bodies.dynamics import Command
 from ssp_ot_controller.sil.world import BODY_TIMEOUT_S, World
-from support.runs import small_run
-from support.states import object_state
+from tests.support.runs import small_run
+from tests.support.states import object_state
 
 GO = Command(2.0, 0.0, 0.0)
 

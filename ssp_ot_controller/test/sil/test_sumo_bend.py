@@ -17,7 +17,7 @@ from ssp_core.world.reference_line import ReferenceLine
 from ssp_core.world.sumo_network import OVERHANG_M, write_network
 from ssp_ot_controller.sil.sumo_world import SumoWorld
 from ssp_ot_controller.sil.world import World
-from support.runs import small_run
+from tests.support.runs import small_run
 
 ORIGIN = Pose2(40.0, -25.0, -0.7)
 K = 1.0 / 60.0

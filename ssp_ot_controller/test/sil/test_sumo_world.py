@@ -20,8 +20,8 @@ from ssp_core.run_file.participants import ParticipantSpec
 from ssp_core.vocabulary import Role
 from ssp_core.world.sumo_network import OVERHANG_M, find_netconvert, write_network
 from ssp_ot_controller.sil.sumo_world import SumoWorld, to_sumo
-from support.runs import small_run
-from support.states import object_state
+from tests.support.runs import small_run
+from tests.support.states import object_state
 
 ORIGIN = Pose2(-120.5, -33.25, 0.4)
 STEP_S = 0.02

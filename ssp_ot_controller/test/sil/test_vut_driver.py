@@ -16,7 +16,7 @@ from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import BodyState, Command, step_body
 from ssp_ot_controller.sil.vut_driver import DRIVER_TIMEOUT_S, VutDriver
-from support.states import object_state, state_of_body
+from tests.support.states import object_state, state_of_body
 
 STEP_NS = 20_000_000
 STOP = 4.0

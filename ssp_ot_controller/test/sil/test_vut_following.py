@@ -16,7 +16,7 @@ from ssp_core.world.car_following import following_acceleration
 from ssp_core.world.obstacles import find_obstacles
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
 from ssp_ot_controller.sil.vut_driver import drive
-from support.states import object_state, state_of_body
+from tests.support.states import object_state, state_of_body
 
 DT = 0.02
 PATH = Polyline([(0.0, 0.0), (250.0, 0.0)])

@@ -16,7 +16,7 @@ from ssp_core.run_file.values import Start
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.bodies.dynamics import BodyState, step_body
 from ssp_ot_controller.sil.vut_driver import VutDriver
-from support.states import object_state, state_of_body
+from tests.support.states import object_state, state_of_body
 
 DT = 0.05
 CAR = ObjectClass.CAR

@@ -17,8 +17,8 @@ from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import Record, run_recorded
 from ssp_scenario_manager.run.sweep import for_one_process
-from tests.support.chat_service import chat_service
-from tests.support.egodrivers import SMALL
+from tests.support.models.chat_service import chat_service
+from tests.support.models.egodrivers import SMALL
 
 SEED = 1
 STAGES = ("A car in the left lane.", "The car cuts in.", "I brake for it.")

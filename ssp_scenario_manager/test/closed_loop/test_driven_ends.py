@@ -21,7 +21,7 @@ from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import InProcessResult, run_in_process
 from ssp_scenario_manager.session import outbox
-from tests.support.walls import with_wall
+from tests.support.events.walls import with_wall
 
 SEED = 1
 

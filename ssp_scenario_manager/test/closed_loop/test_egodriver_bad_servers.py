@@ -28,9 +28,9 @@ from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_vla_bridge.egodriver import client, exact, wire
 from ssp_vla_bridge.egodriver.client import EgodriverDriver
 from ssp_vla_bridge.egodriver.options import read_options
-from tests.support.egodrivers import SMALL, Straight, question, serving
+from tests.support.models.egodrivers import SMALL, Straight, question, serving
+from tests.support.processes.waiting import DEADLINE_S
 from tests.support.self_signed import CERTIFICATE, KEY
-from tests.support.waiting import DEADLINE_S
 
 CALLS = (
     "get_version",

@@ -34,7 +34,7 @@ from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_
 from ssp_vla_bridge.egodriver.policy import BridgePolicy
 from ssp_vla_bridge.egodriver.server import Listening
 from ssp_vla_bridge.egodriver.server import serving as serving_bridge
-from tests.support.egodrivers import SMALL, Straight, nobody, serving
+from tests.support.models.egodrivers import SMALL, Straight, nobody, serving
 
 SEED = 1
 

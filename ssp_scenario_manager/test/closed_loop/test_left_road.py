@@ -21,7 +21,7 @@ from ssp_scenario_manager.closed_loop.outcomes.outcome import Drove, left_road
 from ssp_scenario_manager.closed_loop.single_run.single import next_start
 from ssp_scenario_manager.closed_loop.starts.start import Start
 from ssp_scenario_manager.event_spec.load import load_event
-from tests.support.junctions import LEFT_TURN, ground, made
+from tests.support.events.junctions import LEFT_TURN, ground, made
 
 LEFT_TURNS = {
     "crossroads": LEFT_TURN,

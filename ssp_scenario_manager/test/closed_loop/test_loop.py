@@ -46,7 +46,7 @@ from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts
 from ssp_scenario_manager.closed_loop.outcomes.rates import rates_of, rising
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, read_row, rows_there
 from ssp_scenario_manager.run.ordered_map import Engine, cluster, ordered_map
-from tests.support.killed_campaigns import Moment, RecordedRows, kill_campaign
+from tests.support.processes.killed_campaigns import Moment, RecordedRows, kill_campaign
 
 PLAN = {
     "schema": "ssp.loop/1",

@@ -26,7 +26,7 @@ from ssp_scenario_manager.compile.task import EVENT_FILE, TASK_FOLDER, Task, loa
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.scenarios.kinds import KINDS
-from tests.support.places import site_of
+from tests.support.events.places import site_of
 
 LINE, KERB = (f"constraints.manoeuvre.{name}_distance" for name in ("line", "kerb"))
 SPEED = "triggers.0.manoeuvre.motion.cruise_mps"

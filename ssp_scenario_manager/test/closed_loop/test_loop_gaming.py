@@ -36,7 +36,7 @@ from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.compile.task import TASK_FOLDER, load_task
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.run.in_process import Record
-from tests.support.places import site_of
+from tests.support.events.places import site_of
 
 # Seeds from which on the first start with a contact is taken.
 EVENTS = {

@@ -42,7 +42,7 @@ from ssp_scenario_manager.closed_loop.outcomes.outcome import HARNESS, Outcome
 from ssp_scenario_manager.closed_loop.outcomes.tables import RUN_COLUMNS, rows_there
 from ssp_scenario_manager.closed_loop.single_run.single import kept_answers
 from ssp_scenario_manager.closed_loop.starts.start import Start, make_start
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 SMALL = Camera(width_px=64, height_px=64)
 # It never answers alike twice: what comes again was kept.

@@ -23,8 +23,8 @@ from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_scenario_manager.event_spec.model import Event, Interval
 from ssp_scenario_manager.scenarios.crossing import is_hidden
-from tests.support.junctions import ground, made
-from tests.support.places import site_of
+from tests.support.events.junctions import ground, made
+from tests.support.events.places import site_of
 
 LATENCY_S = 0.5
 # Of a start of crossing_car whose twin has no contact.

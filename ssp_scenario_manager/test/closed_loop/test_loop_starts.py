@@ -18,7 +18,7 @@ from ssp_scenario_manager.closed_loop.campaigns.plan_file import (
     LoopPlan,
 )
 from ssp_scenario_manager.closed_loop.campaigns.seal import draw_starts
-from tests.support.full_disk import largest_file
+from tests.support.bags.full_disk import largest_file
 from tests.support.runs import START_FACTS
 
 PLAN = {

@@ -25,7 +25,7 @@ from ssp_scenario_manager.compile.targets.folder import prepare_run
 from ssp_scenario_manager.event_spec.load import load_event
 from ssp_vla_bridge.backend import DeclinedError, make_backend
 from ssp_vla_bridge.backends.node import error_of
-from support.processes import end
+from tests.support.processes.children import end
 
 BACKENDS = """
 import os

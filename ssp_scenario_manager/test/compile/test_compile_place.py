@@ -31,7 +31,7 @@ from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.scenarios.values import quantity_at
 from ssp_scenario_manager.triggers.fireability import cannot_fire
-from tests.support.blocks import block_of
+from tests.support.events.blocks import block_of
 
 # Where roads cross: test_maps_crossing_car.py.
 EVENTS = sorted(name for name, kind in KINDS.items() if not kind.at_junction)

@@ -34,10 +34,10 @@ from ssp_scenario_manager.run.sweep import warn_of_late_conflict
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.session import outbox
-from tests.support.junctions import ground
-from tests.support.places import site_of
+from tests.support.events.junctions import ground
+from tests.support.events.places import site_of
+from tests.support.events.slow_leads import SPEEDS_MPS, slow_lead
 from tests.support.simulated_once import run_once
-from tests.support.slow_leads import SPEEDS_MPS, slow_lead
 
 Simulate = Callable[[RunSpec], tuple[InProcessResult, Record]]
 SITES = ("boulevard", "north_track", "south_loop")

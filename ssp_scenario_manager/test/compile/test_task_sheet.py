@@ -14,7 +14,7 @@ from ssp_scenario_manager.compile.targets.task_picture import lies_on, speed_lin
 from ssp_scenario_manager.compile.targets.task_sheet import limit_rows, sheet, start_row
 from ssp_scenario_manager.compile.task import Task, load_task
 from ssp_scenario_manager.scenarios.kinds import KINDS
-from tests.support.places import site_of
+from tests.support.events.places import site_of
 
 EVENTS = tuple(sorted(KINDS))
 

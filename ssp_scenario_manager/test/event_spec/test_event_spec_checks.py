@@ -13,8 +13,8 @@ from ssp_scenario_manager.checks.check import PREDICATES, check_event
 from ssp_scenario_manager.event_spec.fields import split
 from ssp_scenario_manager.event_spec.load import read_event_file
 from ssp_scenario_manager.event_spec.model import Event
-from tests.support.event_faults import GONE, SCENE_CASES
-from tests.support.event_faults_conflict import CONFLICT_CASES
+from tests.support.events.faults import GONE, SCENE_CASES
+from tests.support.events.faults_conflict import CONFLICT_CASES
 
 
 @cache

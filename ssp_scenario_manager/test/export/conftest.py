@@ -41,7 +41,7 @@ from ssp_scenario_manager.scenarios.base import (
 from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.scenarios.motions import motions
 from ssp_scenario_manager.scenarios.values import classes_of
-from tests.support.blocks import block_of as made_block
+from tests.support.events.blocks import block_of as made_block
 
 # Where roads cross: test_maps_crossing_car.py.
 EVENTS = tuple(sorted(name for name, kind in KINDS.items() if not kind.at_junction))

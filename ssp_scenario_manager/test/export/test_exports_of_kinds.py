@@ -12,8 +12,8 @@ from ssp_core.motion.corridor import Corridor
 from ssp_scenario_manager.compile.compiler import Request, compile_task
 from ssp_scenario_manager.compile.targets.carla import export_carla
 from ssp_scenario_manager.scenarios.kinds import KINDS
-from tests.support.places import site_of
-from tests.support.played import shown
+from tests.support.events.places import site_of
+from tests.support.events.played import shown
 
 # test_maps_vut_turn.py and test_maps_roundabout.py have the others.
 PLAYED = ("crossing_car", "cut_out", "merge", "oncoming_turn", "slow_lead")

@@ -11,7 +11,7 @@ import pytest
 
 from ssp_core.chat.client import OpenAIChat
 from ssp_scenario_manager.cli import spec_extract as extract_cli
-from tests.support.extraction import Extraction, Server, make_video
+from tests.support.models.extraction import Extraction, Server, make_video
 
 
 @pytest.fixture

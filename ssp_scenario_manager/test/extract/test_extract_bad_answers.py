@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.extraction import GOOD, KEYS, Extraction, Reply, field, status
+from tests.support.models.extraction import GOOD, KEYS, Extraction, Reply, field, status
 
 # The server answers badly.
 

@@ -20,7 +20,16 @@ from ssp_scenario_manager.event_spec.log import Record, append_record, read_log
 from ssp_scenario_manager.event_spec.model import UNRESOLVED, Interval
 from ssp_scenario_manager.extract.questions import DEFINITION_SHA256
 from ssp_scenario_manager.review.session import to_decide
-from tests.support.extraction import FPS, KEYS, SHOWN, Extraction, cells, field, question_of, status
+from tests.support.models.extraction import (
+    FPS,
+    KEYS,
+    SHOWN,
+    Extraction,
+    cells,
+    field,
+    question_of,
+    status,
+)
 
 # The server answers well.
 

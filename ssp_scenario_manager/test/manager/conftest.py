@@ -31,10 +31,10 @@ from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
 from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, ObjectCommand, SessionCommand
-from support.messages import state_to_msg
-from support.processes import end
-from tests.support.patience import patient, start_manager
-from tests.support.waiting import DEADLINE_S, answer_of, until
+from tests.support.bags.rclpy_messages import state_to_msg
+from tests.support.processes.children import end
+from tests.support.processes.patience import patient, start_manager
+from tests.support.processes.waiting import DEADLINE_S, answer_of, until
 
 DISARMED, ARMED = ControlState.DISARMED, ControlState.ARMED
 # The state that a command leads to.

@@ -15,7 +15,7 @@ from ssp_core import names, ros
 from ssp_core.safety.codes import SafetyCode
 from ssp_core.vocabulary import ControlState, SessionPhase
 from ssp_msgs import msg
-from tests.support.patience import SILENCE_S, patient
+from tests.support.processes.patience import SILENCE_S, patient
 
 pytestmark = pytest.mark.ros
 S = 1_000_000_000

@@ -23,9 +23,9 @@ from ssp_core.safety.publishers import NAMELESS
 from ssp_core.vocabulary import ControlState, ObjectClass, SessionPhase, Verdict
 from ssp_msgs import msg
 from ssp_msgs.srv import ObjectCommand
-from support.messages import state_to_msg
-from tests.support.patience import patient
-from tests.support.waiting import DEADLINE_S
+from tests.support.bags.rclpy_messages import state_to_msg
+from tests.support.processes.patience import patient
+from tests.support.processes.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
 Peers = Any  # see conftest.py

@@ -15,8 +15,8 @@ from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.action import RunScenario
 from ssp_msgs.srv import LoadScenario, SessionCommand
 from ssp_scenario_manager.session.run_script import PATIENCE_S
-from tests.support.patience import patient
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.patience import patient
+from tests.support.processes.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
 

@@ -18,7 +18,7 @@ from ssp_core.vocabulary import SessionPhase
 from ssp_msgs.srv import LoadScenario
 from ssp_scenario_manager.ros import runner_client
 from ssp_scenario_manager.ros.runner_client import RunClient
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 if TYPE_CHECKING:
     from .conftest import Peers

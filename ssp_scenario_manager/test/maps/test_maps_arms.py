@@ -22,7 +22,7 @@ from ssp_scenario_manager.maps.arms import junction_roads
 from ssp_scenario_manager.maps.block import Block
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.routes import routes_of, with_routes
-from tests.support.junctions import made as realised
+from tests.support.events.junctions import made as realised
 
 SHORT_M, FAR_M = 3.0, 90.0
 # The lanes of a road shift by 1 m, over 20 m of it.

@@ -45,7 +45,7 @@ from ssp_scenario_manager.scenarios.block_places import END_MARGIN_M, bend_speed
 from ssp_scenario_manager.scenarios.crossing import is_hidden
 from ssp_scenario_manager.scenarios.crossing_car import crossings
 from ssp_scenario_manager.triggers.on_route import off_route
-from tests.support.junctions import (
+from tests.support.events.junctions import (
     RIGHT_TURN,
     STRAIGHT,
     ground,
@@ -54,7 +54,7 @@ from tests.support.junctions import (
     site_without_junction,
     way_of,
 )
-from tests.support.several import behind_a_parked_truck
+from tests.support.events.several import behind_a_parked_truck
 from tests.support.simulated_once import run_once
 
 # The connecting road that the car takes, by the side that it comes from.

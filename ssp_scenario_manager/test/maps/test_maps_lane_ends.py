@@ -19,8 +19,8 @@ from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.routes import routes_of, with_routes
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
-from tests.support.junctions import made as realised
-from tests.support.junctions import way_of
+from tests.support.events.junctions import made as realised
+from tests.support.events.junctions import way_of
 
 Made = Any
 Words = Any

@@ -25,7 +25,7 @@ from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.arms import junction_roads
 from ssp_scenario_manager.run.in_process import InProcessResult, Record, run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
-from tests.support.junctions import (
+from tests.support.events.junctions import (
     LEFT_TURN,
     RIGHT_TURN,
     STRAIGHT,

@@ -14,7 +14,7 @@ from ssp_core.world.reference_line import ReferenceLine
 from ssp_scenario_manager.maps.block import Library
 from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.routes import routes_of
-from tests.support.map_blocks import blocks, only
+from tests.support.events.map_blocks import blocks, only
 
 Made = Any
 Words = Any

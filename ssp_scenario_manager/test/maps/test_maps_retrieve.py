@@ -29,8 +29,8 @@ from ssp_scenario_manager.maps.load import load_library
 from ssp_scenario_manager.maps.routes import with_routes
 from ssp_scenario_manager.maps.site import find_shipped, load_site, site_library
 from ssp_scenario_manager.scenarios.kinds import KINDS
-from tests.support.blocks import block_of
-from tests.support.places import site_of
+from tests.support.events.blocks import block_of
+from tests.support.events.places import site_of
 
 Made = Any
 Words = Any

@@ -31,8 +31,15 @@ from ssp_scenario_manager.scenarios.motions import motions
 from ssp_scenario_manager.scenarios.planning import wrong_order
 from ssp_scenario_manager.scenarios.prediction import predict
 from ssp_scenario_manager.scenarios.values import classes_of, thresholds_of
-from tests.support.junctions import LEFT_TURN, ground, made, route, site_without_junction, way_of
-from tests.support.played import shown
+from tests.support.events.junctions import (
+    LEFT_TURN,
+    ground,
+    made,
+    route,
+    site_without_junction,
+    way_of,
+)
+from tests.support.events.played import shown
 from tests.support.simulated_once import run_once
 
 AROUND = (

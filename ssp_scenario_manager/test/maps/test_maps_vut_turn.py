@@ -28,8 +28,8 @@ from ssp_scenario_manager.event_spec.model import Event
 from ssp_scenario_manager.maps.site import find_shipped
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
-from tests.support.junctions import LEFT_TURN, STRAIGHT, ground, made, site_without_junction
-from tests.support.played import shown
+from tests.support.events.junctions import LEFT_TURN, STRAIGHT, ground, made, site_without_junction
+from tests.support.events.played import shown
 from tests.support.simulated_once import run_once
 
 TEE = "junction tee: west_in > west_north lanes[0] > north_out"

@@ -20,7 +20,7 @@ from ssp_core.run_file.verdict import EndWord
 from ssp_core.vocabulary import Verdict
 from ssp_scenario_manager.cli.run import run
 from ssp_scenario_manager.run import companions
-from tests.support.waiting import until
+from tests.support.processes.waiting import until
 
 STAND_IN = """
 import os, sys, time

@@ -10,7 +10,7 @@ from ssp_core.cli import main
 from ssp_core.errors import HostError
 from ssp_core.host import locks
 from ssp_scenario_manager.cli import run as run_module
-from tests.support.full_disk import largest_file
+from tests.support.bags.full_disk import largest_file
 
 
 def test_a_host_without_shared_memory_keeps_the_folder_free(

@@ -18,7 +18,7 @@ from ssp_core.run_file.participation import declaring
 from ssp_scenario_manager.run import over_dds
 from ssp_scenario_manager.run.companions import RECORDED, Companion, shadow_model
 from ssp_scenario_manager.run.live import LiveSetup
-from support.runs import cut_in_run
+from tests.support.runs import cut_in_run
 
 
 def test_a_name_alone_follows_twice_a_second() -> None:

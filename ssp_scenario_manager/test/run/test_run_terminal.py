@@ -14,8 +14,8 @@ import pytest
 from ssp_core.run_file.model import RunSpec
 from ssp_scenario_manager.run import over_dds
 from ssp_scenario_manager.run.live import LiveSetup
-from support.runs import cut_in_run
-from tests.support.waiting import DEADLINE_S, until
+from tests.support.processes.waiting import DEADLINE_S, until
+from tests.support.runs import cut_in_run
 
 LINES = ("phase approach", "trigger crossed")
 

@@ -13,7 +13,7 @@ import pytest
 
 from ssp_core.clock import seconds_to_ns
 from ssp_scenario_manager.run.word import HOLDS_S, PASTE_S, TypedWords, Word, word_of
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 S = 1_000_000_000
 LATER = int(PASTE_S * S) + 1

@@ -35,7 +35,7 @@ from ssp_scenario_manager.scenarios.kinds import KINDS
 from ssp_scenario_manager.scenarios.motions import motions
 from ssp_scenario_manager.scenarios.prediction import Prediction, predict
 from ssp_scenario_manager.scenarios.values import classes_of, quantity_at, size_of, thresholds_of
-from tests.support.blocks import block_of
+from tests.support.events.blocks import block_of
 
 # Where roads cross: test_maps_crossing_car.py.
 SHIPPED = sorted(name for name, kind in KINDS.items() if not kind.at_junction)

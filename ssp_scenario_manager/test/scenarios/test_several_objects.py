@@ -32,7 +32,7 @@ from ssp_scenario_manager.run.feasibility import driven
 from ssp_scenario_manager.run.in_process import run_in_process
 from ssp_scenario_manager.scenarios.base import CannotPlace
 from ssp_scenario_manager.scenarios.further import further_ids
-from tests.support.several import EXAMPLES, LEAD, ONCOMING, WAITING, several, with_further
+from tests.support.events.several import EXAMPLES, LEAD, ONCOMING, WAITING, several, with_further
 
 SITES = ("boulevard", "south_loop")
 # esmini plays an export as the session does (docs/exports.md).

@@ -15,7 +15,7 @@ from ssp_vla_bridge.adapters.registry import adapt
 from ssp_vla_bridge.backend import interface_of, make_backend, respond
 from ssp_vla_bridge.backends.http import make
 from ssp_vla_bridge.messages import ErrorCode
-from support import scripted_service as wire
+from tests.support.models import scripted_service as wire
 
 KEY = "sk-0123456789abcdef"
 # On a busy machine the first time may be over before the service was asked.

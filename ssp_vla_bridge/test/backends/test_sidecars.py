@@ -22,7 +22,7 @@ from ssp_vla_bridge.adapters.registry import adapt
 from ssp_vla_bridge.backend import make_backend, respond
 from ssp_vla_bridge.http_messages import request_to_json
 from ssp_vla_bridge.messages import Frame
-from tests.support.waiting import DEADLINE_S, until
+from tests.support.processes.waiting import DEADLINE_S, until
 
 HERE = Path(__file__).resolve().parents[1]
 SIDECARS = HERE.parent / "sidecars"

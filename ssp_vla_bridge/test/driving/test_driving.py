@@ -24,8 +24,8 @@ from ssp_vla_bridge.driving.process import measured_answer
 from ssp_vla_bridge.http_messages import HTTP_SCHEMA
 from ssp_vla_bridge.messages import TASK, Answer, Request
 from ssp_vla_bridge.window import find_interface
-from tests.support.processes import is_alive
-from tests.support.waiting import until
+from tests.support.processes.children import is_alive
+from tests.support.processes.waiting import until
 
 WAY = [(5.0 * k, 0.0) for k in range(11)]
 

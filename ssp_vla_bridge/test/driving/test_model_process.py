@@ -20,8 +20,8 @@ from ssp_core.world.driver import GivenAnswer
 from ssp_vla_bridge.backend import make_backend
 from ssp_vla_bridge.driving.process import ModelProcess, measured_answer, measured_to_bytes
 from ssp_vla_bridge.messages import Frame, Request
-from tests.support.processes import is_alive
-from tests.support.waiting import until
+from tests.support.processes.children import is_alive
+from tests.support.processes.waiting import until
 
 
 def small_request() -> Request:

@@ -16,7 +16,7 @@ from ssp_core.errors import InputError
 from ssp_eval.evaluate.drivers_cli import driver
 from ssp_vla_bridge.egodriver import check
 from ssp_vla_bridge.egodriver.options import read_options
-from tests.support.egodrivers import Straight, nobody, serving
+from tests.support.models.egodrivers import Straight, nobody, serving
 from tests.support.self_signed import KEY
 
 

@@ -26,7 +26,7 @@ from ssp_core.world.driver import ROUTE_STEP_M, GivenAnswer
 from ssp_vla_bridge.egodriver import client, wire
 from ssp_vla_bridge.egodriver.client import EgodriverDriver
 from ssp_vla_bridge.egodriver.options import read_options
-from tests.support.egodrivers import Straight, question, serving
+from tests.support.models.egodrivers import Straight, question, serving
 
 # Pitched and yawed, and off the middle: each wrong convention moves a point by many pixels.
 TURNED = Camera(

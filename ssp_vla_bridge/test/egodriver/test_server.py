@@ -29,7 +29,7 @@ from ssp_vla_bridge.egodriver.policy import BridgePolicy
 from ssp_vla_bridge.egodriver.server import Listening, serving
 from ssp_vla_bridge.egodriver.tls import read_certificates
 from ssp_vla_bridge.window import find_interface
-from tests.support.egodrivers import question
+from tests.support.models.egodrivers import question
 from tests.support.self_signed import CERTIFICATE, ENCRYPTED_KEY, KEY, OTHER_KEY
 
 MODEL = '''

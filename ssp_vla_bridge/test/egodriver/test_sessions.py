@@ -24,8 +24,8 @@ from ssp_vla_bridge.egodriver import policy as policies
 from ssp_vla_bridge.egodriver.policy import BridgePolicy, Seat
 from ssp_vla_bridge.egodriver.server import Listening, serving
 from ssp_vla_bridge.window import find_interface
-from tests.support.egodrivers import grey
-from tests.support.waiting import DEADLINE_S
+from tests.support.models.egodrivers import grey
+from tests.support.processes.waiting import DEADLINE_S
 
 # It says that it is there, and waits for a word, while it is loaded or asked.
 MODEL = """

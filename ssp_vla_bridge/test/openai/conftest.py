@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from ssp_vla_bridge.backends.openai_chat import OpenAIBackend, read_options
-from tests.support.chat_service import chat_service
+from tests.support.models.chat_service import chat_service
 
 
 @pytest.fixture

@@ -26,8 +26,8 @@ from ssp_msgs.msg import VlaRequest, VlaResponse
 from ssp_vla_bridge.backends.recorded import response_of_message
 from ssp_vla_bridge.messages import CameraGeometry
 from ssp_vla_bridge.ros.conversions import request_from_msg, request_to_msg, response_to_msg
-from support.processes import end
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.children import end
+from tests.support.processes.waiting import DEADLINE_S
 
 pytestmark = pytest.mark.ros
 

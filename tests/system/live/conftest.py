@@ -26,7 +26,7 @@ from ssp_scenario_manager.compile.targets.folder import write_task_files
 from ssp_scenario_manager.compile.task import RUN_FILE
 from ssp_scenario_manager.event_spec.log import LOG_FILE, Record, append_record
 from ssp_scenario_manager.maps.site import find_shipped
-from tests.support.patience import SILENCE_S, WAITS
+from tests.support.processes.patience import SILENCE_S, WAITS
 from tests.system.live.hosts import MANAGERS, Network, on
 
 DEADLINE_S = 300.0

@@ -17,7 +17,7 @@ import pytest
 from ssp_core.cdr.messages import stamp_ns
 from ssp_core.host.domains import free_domain
 from ssp_core.safety.codes import MEANINGS, SafetyCode
-from tests.support.bags import messages
+from tests.support.bags.messages import messages
 from tests.system.live.test_live_session import start_driving
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]

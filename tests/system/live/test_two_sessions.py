@@ -14,7 +14,7 @@ import pytest
 from ssp_core import names
 from ssp_core.host.domains import free_domain
 from ssp_core.vocabulary import ControlState, SessionPhase
-from tests.support.bags import messages
+from tests.support.bags.messages import messages
 from tests.system.conftest import ssp_command
 from tests.system.live.conftest import ASKS, ODOMETRY
 from tests.system.recordings import Recordings

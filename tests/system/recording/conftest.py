@@ -19,7 +19,7 @@ from ssp_core.host.children import die_with_parent
 from ssp_core.host.domains import free_domain
 from ssp_core.host.environment import session_environment
 from ssp_core.host.shared_memory import remove_shared_ports, remove_stale_shared_memory
-from tests.support.waiting import DEADLINE_S, until
+from tests.support.processes.waiting import DEADLINE_S, until
 
 from .disks import Disk
 from .load import LoadTopic, Sent, heard_file, read_log, sent_count, write_spec

@@ -16,7 +16,7 @@ import pytest
 from ssp_core.bag.operations.check import check_bag
 from ssp_core.bag.operations.repair import recover
 from ssp_core.bag.reading.reader import BagReader
-from tests.support.waiting import DEADLINE_S, until
+from tests.support.processes.waiting import DEADLINE_S, until
 
 from .checks import kept_until_ns, missing
 from .conftest import Field

@@ -8,7 +8,7 @@ import pytest
 
 from ssp_core.bag.operations.check import check_bag
 from ssp_core.bag.reading.reader import BagReader
-from tests.support.waiting import until
+from tests.support.processes.waiting import until
 
 from .checks import held, missing
 from .conftest import Field, Recording

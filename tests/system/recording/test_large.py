@@ -13,7 +13,7 @@ from ssp_core.bag.reading.reader import BagReader
 from ssp_core.bag.types import BagMessage
 from ssp_monitor.recorder.recorder import OVERHEAD_BYTES, Recorder
 from ssp_monitor.recorder.topics import MOST_TOPICS, Profile, TopicSpec
-from tests.support.waiting import until
+from tests.support.processes.waiting import until
 
 from .checks import held, missing
 from .conftest import Field

@@ -25,7 +25,7 @@ from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writing import mcap_output
 from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.topics import Profile, TopicSpec
-from tests.support.waiting import until
+from tests.support.processes.waiting import until
 
 from .checks import LATE_FACTOR, kept_until_ns, missing
 from .conftest import Field

@@ -14,7 +14,7 @@ from ssp_core.bag.types import BagMessage
 from ssp_core.bag.writing import mcap_output
 from ssp_monitor.recorder.recorder import Recorder
 from ssp_monitor.recorder.topics import Importance, Profile, TopicSpec, importance
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 from .checks import held
 from .load import IMAGE, TEXT, LoadTopic, encode

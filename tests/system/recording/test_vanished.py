@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.waiting import until
+from tests.support.processes.waiting import until
 
 from .conftest import Field
 from .load import LoadTopic

@@ -16,7 +16,7 @@ from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.cell_file import CellResult, decodings, short_list
 from ssp_vla_bridge.messages import Request, Response
-from support.answering import Answering
+from tests.support.models.answering import Answering
 
 BagMaker = Callable[..., Path]
 MIB = 1 << 20

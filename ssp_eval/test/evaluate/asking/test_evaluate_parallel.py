@@ -31,7 +31,7 @@ from ssp_eval.evaluate.run import run_parallel
 from ssp_eval.extract.combined.extractor import Extractor
 from ssp_eval.recordings.clip import Clip
 from ssp_eval.report.page import write_report
-from tests.support.waiting import DEADLINE_S, until
+from tests.support.processes.waiting import DEADLINE_S, until
 
 BagMaker = Callable[..., Path]
 MODELS = ("constant_velocity", "perfect")

@@ -26,7 +26,7 @@ from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.results import load_cells
 from ssp_vla_bridge.backends.given_back import FACTS
 from ssp_vla_bridge.messages import Request, Response
-from support.answering import Answering
+from tests.support.models.answering import Answering
 
 BagMaker = Callable[..., Path]
 OPTIONS = {"base_url": "http://127.0.0.1:9/v1", "model": "seer-7b", "interface": "waypoints"}

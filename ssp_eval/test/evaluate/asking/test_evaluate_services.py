@@ -23,7 +23,7 @@ from ssp_eval.evaluate.clients.model_client import ModelClient
 from ssp_eval.evaluate.clients.models import ModelSpec
 from ssp_eval.evaluate.conversation import CellOptions
 from ssp_eval.evaluate.store.cell_file import CellResult
-from support.waiting import until
+from tests.support.processes.waiting import until
 
 pytestmark = [pytest.mark.ros, pytest.mark.system]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ssp_core.run_file.model import load_run
-from tests.support.bags import messages
+from tests.support.bags.messages import messages
 
 
 def check_event(folder: Path, result: dict[str, Any]) -> None:

@@ -10,9 +10,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from support.carla_counterpart import Counterpart
+from tests.support.carla.counterpart import Counterpart
 
-TESTS = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[3]
 # Far more than any of these processes takes on a busy machine.
 PATIENCE_S = 300.0
 
@@ -42,7 +42,7 @@ def client(*arguments: str, given: str = "", starts: int = 1) -> str:
             some hundred starts on a busy machine it calls a null pointer, or closes a socket twice
             and boost ends the process.
     """
-    path = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
     for _ in range(starts):
         done = subprocess.run(
             [sys.executable, *arguments],

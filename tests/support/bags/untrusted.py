@@ -27,7 +27,7 @@ from ssp_core.bag.types import (
     definition,
 )
 from ssp_core.bag.writing.chain import record_bytes
-from support.bags import STRING, text
+from tests.support.bags.messages import STRING, text
 
 SCHEMA = Schema(1, definition(STRING).text.encode(), "ros2msg", STRING)
 CHANNEL = Channel(1, "/text", "cdr", {}, 1)

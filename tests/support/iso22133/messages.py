@@ -42,7 +42,7 @@ from ssp_ot_controller.bodies.iso22133.messages import (
     Treo,
     decode,
 )
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 CLASSES: tuple[type, ...] = (
     Traj,

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import IO, Any
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PATIENT_S = 60.0
 # Of sessions that drive, where a stop after so long a silence must end inside the fence, and of
 # tests that wait for a silence to be noticed.
@@ -37,7 +37,7 @@ def start_manager(
     env: dict[str, str], out: int | IO[Any] = subprocess.PIPE
 ) -> subprocess.Popen[Any]:
     """Start a scenario_manager that waits a minute for recorder, camera and world in lockstep."""
-    command = [sys.executable, "-m", "tests.support.patient_manager"]
+    command = [sys.executable, "-m", "tests.support.processes.patient_manager"]
     return subprocess.Popen(
         command, env=env, stdout=out, stderr=subprocess.STDOUT, cwd=ROOT, text=True
     )

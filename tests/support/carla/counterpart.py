@@ -21,9 +21,9 @@ from typing import Any
 
 import msgpack
 
-from support.carla_catalogue import BODIES, INSTANCES, Body, definitions
-from support.carla_physics import Drive, Physics
-from support.carla_picture import Pose, Solid, draw
+from tests.support.carla.catalogue import BODIES, INSTANCES, Body, definitions
+from tests.support.carla.physics import Drive, Physics
+from tests.support.carla.picture import Pose, Solid, draw
 
 VERSION = "0.9.16"
 _WORLD_STREAM, _SENSOR_STREAMS = 1, 100

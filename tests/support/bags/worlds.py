@@ -21,7 +21,7 @@ from ssp_core.world.transforms import encode_transforms, of_state
 from ssp_ot_controller.camera.frames import Odometer, jpeg
 from ssp_ot_controller.camera.renderer.render import render
 from ssp_ot_controller.camera.renderer.scene import Indicators, Scene
-from tests.support.bags import header, message, picture
+from tests.support.bags.messages import header, message, picture
 from tests.support.runs import cut_in_run
 from tests.support.states import object_state
 

@@ -6,7 +6,7 @@ import subprocess
 import threading
 from collections.abc import Iterable
 
-from tests.support.waiting import DEADLINE_S
+from tests.support.processes.waiting import DEADLINE_S
 
 # Said, correctly, whenever a flush takes longer than the recorder promises.
 DISK_IS_BEHIND = "isn't on disk yet"

@@ -1,7 +1,7 @@
 """Pictures of a moving body, taken by SSP's connection in a process of its own.
 
-``python -m support.carla_driver HOST:PORT FRAMES`` prints JSON: how many pictures came, and those
-that hold another frame or pose than the tick's.
+``python -m tests.support.carla.driver HOST:PORT FRAMES`` prints JSON: how many pictures came,
+and those that hold another frame or pose than the tick's.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ssp_core.carla.frame import CarlaPose
 from ssp_core.carla.orders import Placement
 from ssp_core.carla.sensor import camera_attributes
 from ssp_core.run_file.model import Camera
-from support.carla_picture import read_picture
+from tests.support.carla.picture import read_picture
 
 # Longer than a picture takes on a busy machine, where none is lost.
 WAIT_S = 0.3

@@ -31,7 +31,7 @@ from ssp_ot_controller.bodies.iso22133.probe.stages import Clock, Probe, Wire, r
 from ssp_ot_controller.bodies.iso22133.probe_report import ObjectKind, Outcome, ProbeReport, Stage
 from ssp_ot_controller.rehearsal.iso_faults import FaultyObject, IsoFault
 from ssp_ot_controller.rehearsal.iso_object import IsoObject
-from tests.support.iso_centre import FENCE, HOST, MS, PLACE, T0, S, rules_of
+from tests.support.iso22133.centre import FENCE, HOST, MS, PLACE, T0, S, rules_of
 
 STAGES = tuple(Stage)
 SIZE = Size(2.5, 2.5, 2.0, 1.5)

@@ -11,7 +11,7 @@ import sys
 from dataclasses import replace
 
 from ssp_core.safety import liveness
-from tests.support.patience import PATIENT_S
+from tests.support.processes.patience import PATIENT_S
 
 _READERS = {"ssp_core.safety.arming", "ssp_scenario_manager.session.supervision"}
 if known := _READERS & sys.modules.keys():

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from support.carla_picture import Pose
+from tests.support.carla.picture import Pose
 
 _GRAVITY_MPS2 = 9.81
 

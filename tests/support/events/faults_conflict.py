@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.support.event_faults import GONE, OT1, C, Case, span
+from tests.support.events.faults import GONE, OT1, C, Case, span
 
 WEIGHTS = ("topology", "participant_roles", "dominant_motion", "conflict_type", "passing_order")
 

@@ -6,7 +6,7 @@ import os
 import time
 from pathlib import Path
 
-from tests.support.waiting import DEADLINE_S, until
+from tests.support.processes.waiting import DEADLINE_S, until
 
 
 def meet(own: Path, other: Path) -> int:

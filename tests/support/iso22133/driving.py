@@ -9,7 +9,7 @@ from ssp_core.motion.manoeuvre import drive_along
 from ssp_core.safety.stopping import stopping_of
 from ssp_core.vocabulary import ObjectClass
 from ssp_ot_controller.rehearsal.iso_object import STEP_S
-from support.iso_centre import Centre, played_object, rules_of, trajectory, way_m
+from tests.support.iso22133.centre import Centre, played_object, rules_of, trajectory, way_m
 
 STRAIGHT = drive_along(Polyline([(0.0, 0.0), (200.0, 0.0)]), 0.0, 0.0, 8.0, 2.0, 2.0)
 TRAJ = trajectory(STRAIGHT)

@@ -1,8 +1,8 @@
 """Sessions in one process whose bodies a CARLA server moves.
 
-``python -m support.carla_session FOLDER`` reads JSON from standard input: a list of event, map and
-address of a server. Events are compiled for the site boulevard, whose ground the map's stands for.
-It prints JSON: for each session its verdict and reasons, its record of the
+``python -m tests.support.carla.session FOLDER`` reads JSON from standard input: a list of
+event, map and address of a server. Events are compiled for the site boulevard, whose ground the
+map's stands for. It prints JSON: for each session its verdict and reasons, its record of the
 server, and the largest tracking error of each target, m along and beside; or the error that ended
 it.
 """

@@ -1,0 +1,1 @@
+"""Recordings: made, sealed, changed and damaged."""

@@ -1,0 +1,1 @@
+"""A counterpart of a CARLA server, and what tests do with it."""

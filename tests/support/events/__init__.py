@@ -1,0 +1,1 @@
+"""Events, their faults, and the roads that they take place on."""

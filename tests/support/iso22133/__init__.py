@@ -1,0 +1,1 @@
+"""Messages, objects, gateways and probes of ISO 22133."""

@@ -1,0 +1,1 @@
+"""Models, services of models, and answers of known cause."""

@@ -1,0 +1,1 @@
+"""Processes that tests start, wait for and end."""
