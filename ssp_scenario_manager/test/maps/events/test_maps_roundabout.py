@@ -286,7 +286,7 @@ def test_a_vehicle_may_come_a_long_way_before_it_shows() -> None:
 
 @pytest.mark.parametrize("name", ["roundabout", "oncoming_turn"])
 def test_the_intervals_for_places_of_maps_pass_the_checks(name: str) -> None:
-    page = (Path(__file__).parents[3] / "docs" / f"{name.replace('_', '-')}.md").read_text()
+    page = (Path(__file__).parents[4] / "docs" / f"{name.replace('_', '-')}.md").read_text()
     given = re.search(r"```yaml\n(.*?)```", page, re.DOTALL)
     assert given is not None
     whole = load_event(name)[0].model_dump(mode="json", by_alias=True)
